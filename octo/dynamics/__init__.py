@@ -1,0 +1,1 @@
+"""Floor 2: FD and its Jacobians (§4)."""

@@ -1,0 +1,70 @@
+"""One exception class per mistake, all under :class:`OctoError`.
+
+A message is one line: it names the field, the value found and what is allowed. The command line prints
+it and exits with code 2; nothing of octo raises a bare ``ValueError`` for bad input.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class OctoError(Exception):
+    """Anything octo refuses to do. Catch this to catch every refusal."""
+
+
+class ModelError(OctoError):
+    """The robot itself is not legal: masses, tree, joints, contacts."""
+
+
+class RobotFileError(ModelError):
+    """A robot file is missing, malformed or uses something that cannot be left out."""
+
+
+class UnsupportedFeatureError(RobotFileError):
+    """A robot file uses a feature octo does not model and cannot drop."""
+
+
+class UnknownNameError(OctoError):
+    """A name (robot, body, joint, goal, option) that does not exist; lists the nearest valid ones."""
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]):
+        names = sorted(str(v) for v in valid)
+        near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
+        super().__init__(f"{kind} {name!r} is not known; {hint}")
+
+
+class ShapeError(OctoError):
+    """An array has the wrong shape."""
+
+    def __init__(self, field: str, found: tuple[int, ...], expected: object):
+        super().__init__(f"{field} has shape {tuple(found)}, expected {expected}")
+
+
+class ValueRangeError(OctoError):
+    """A value is NaN, infinite or outside what is allowed."""
+
+
+class ProblemError(OctoError):
+    """A problem description contradicts itself."""
+
+
+class StaticPoseError(OctoError):
+    """No static pose was found to start from."""
+
+
+class OutputError(OctoError):
+    """A file or folder cannot be written."""
+
+
+class DeviceError(OctoError):
+    """The device asked for cannot be used."""
+
+
+class MissingExtraError(OctoError):
+    """An optional dependency is needed for what was asked."""
+
+    def __init__(self, what: str, extra: str):
+        super().__init__(f"{what} needs the extra '{extra}': pip install -e '.[{extra}]' in octo's folder")

@@ -1,0 +1,1 @@
+"""Floor 1: what moves and what it touches (§3)."""

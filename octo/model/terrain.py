@@ -1,0 +1,67 @@
+"""The ground as a signed distance φ(P), positive above it: a plane, or any CasADi expression.
+
+The outward normal of Eq. 6 is ∇φ, normalised. Terrain parameters are run-time parameters: changing them
+recompiles nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from octo.errors import ValueRangeError
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane through (0, 0, height) whose outward normal is tilted by ``slope`` rad.
+
+    ``direction`` (rad from the x axis) is the horizontal direction in which the plane rises.
+    """
+
+    slope: float = 0.0  # rad
+    direction: float = 0.0  # rad
+    height: float = 0.0  # m
+
+    def __post_init__(self) -> None:
+        if not abs(self.slope) < np.pi / 2:
+            raise ValueRangeError(f"terrain slope is {self.slope} rad, must be between -π/2 and π/2")
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        normal = (-np.sin(self.slope) * np.cos(self.direction), -np.sin(self.slope) * np.sin(self.direction), np.cos(self.slope))
+        return {"normal_x": normal[0], "normal_y": normal[1], "normal_z": normal[2], "height": self.height}
+
+    @staticmethod
+    def distance(point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Signed distance of ``point`` (3,) m."""
+        return p["normal_x"] * point[0] + p["normal_y"] * point[1] + p["normal_z"] * (point[2] - p["height"])
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """A user-written signed distance.
+
+    Parameters
+    ----------
+    expression: ``expression(point, p) -> SX``, with ``point`` (3,) in metres and ``p`` the named parameters below.
+        It must be twice continuously differentiable with a gradient of length near one close to the surface.
+    parameters: names and default values of the run-time parameters.
+    """
+
+    expression: Callable[[ca.SX, Mapping[str, ca.SX]], ca.SX]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        return self.expression(point, p)
+
+
+def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+    """Outward unit normal ∇φ/|∇φ| (3,) at ``point``."""
+    if isinstance(terrain, Plane):
+        return ca.vertcat(p["normal_x"], p["normal_y"], p["normal_z"])
+    gradient = ca.gradient(terrain.distance(point, p), point)
+    return gradient / ca.norm_2(gradient)

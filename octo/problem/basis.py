@@ -1,0 +1,187 @@
+"""How unknowns make a trajectory (§5.1): a node is a stencil S over control variables.
+
+The unknowns are K *units* v_k of nc numbers. Node j of the trajectory (x_{-1} … x_N, stored at j + 1) is
+
+    x_j = constant_j + Σ_slots coefficient · v_unit[part·n : (part + 1)·n]
+
+and residual i is tested on row block k with the coefficients of its middle node i (C = Σ_i S_iᵀ U_/ FD_i), so that row
+block k touches the units k, k−1, k−2 only: A is block-lower-triangular with three blocks a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import ProblemError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stencil:
+    """The tables of one basis for N steps: what the assembly, in C or NumPy, works from.
+
+    Attributes
+    ----------
+    unit: (N+2, slots) unit each slot of a node takes part of, -1 where it takes none.
+    part: (N+2, slots) which block of n numbers of that unit.
+    coefficient: (N+2, slots).
+    test_row, test_part, test_coefficient: (N, tests) the rows a residual is summed into, -1 where none.
+    """
+
+    units: int
+    parts: int
+    unit: NDArray[np.int32]
+    part: NDArray[np.int32]
+    coefficient: Array
+    test_row: NDArray[np.int32]
+    test_part: NDArray[np.int32]
+    test_coefficient: Array
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Every x_1 … x_N is an unknown (S is the identity); pairs of steps give SBT(2(2n−|u|))."""
+
+    name = "nodes"
+
+    def check(self, steps: int) -> None:
+        """Any number of steps is allowed."""
+
+    def units(self, steps: int) -> int:
+        return steps
+
+    def stencil(self, steps: int) -> Stencil:
+        j = np.arange(-1, steps + 1, dtype=np.int32)
+        unit = np.where(j >= 1, j - 1, -1).astype(np.int32)[:, None]
+        ones = np.ones((steps + 2, 1))
+        row = np.arange(steps, dtype=np.int32)[:, None]
+        zero = np.zeros((steps + 2, 1), dtype=np.int32)
+        return Stencil(steps, 1, unit, zero, ones * (unit >= 0), row, zero[:steps].copy(), np.ones((steps, 1)))
+
+    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
+        """(…, N+2, n) the part of the trajectory that no unknown moves."""
+        constant = np.zeros((*x0.shape[:-1], steps + 2, x0.shape[-1]))
+        constant[..., 0, :] = x_previous
+        constant[..., 1, :] = x0
+        return constant
+
+    def fit(self, nodes: Array, dt: float) -> Array:
+        """(…, K, nc) the unknowns of a trajectory (…, N+2, n)."""
+        del dt
+        return nodes[..., 2:, :].copy()
+
+    def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
+        """Units that a fixed last state (x_N, v_N) pins, with their values."""
+        if steps < 3:
+            raise ProblemError(f"steps is {steps}: a fixed end state needs at least 3 steps in the nodes basis")
+        return {steps - 1: x_end, steps - 2: x_end - dt * v_end}
+
+
+@dataclass(frozen=True)
+class Hermite:
+    """Cubic Hermite segments: control c_k = (x_k, τ ẋ_k), τ = q·dt; pairs of controls give SBT(4(2n−|u|)).
+
+    Unit k is c_{k+1}; c_0 is given by (x_0, v_0). The last unit is a dummy that carries the test row of c_Z.
+    """
+
+    steps_per_segment: int = 10
+    name = "hermite"
+
+    def check(self, steps: int) -> None:
+        q = self.steps_per_segment
+        if q < 2:
+            raise ProblemError(f"steps_per_segment is {q}, must be at least 2")
+        if steps % q:
+            near = max(q, q * round(steps / q))
+            raise ProblemError(f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for example {near})")
+
+    def units(self, steps: int) -> int:
+        return steps // self.steps_per_segment + 1
+
+    def _node_table(self, steps: int) -> tuple[NDArray[np.int32], Array]:
+        """First control (N+1,) and the four coefficients (N+1, 4) of nodes 0 … N."""
+        q = self.steps_per_segment
+        j = np.arange(steps + 1)
+        segment, s = j // q, (j % q) / q
+        h00, h10 = 2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s
+        h01, h11 = -2 * s**3 + 3 * s**2, s**3 - s**2
+        return segment.astype(np.int32), np.stack([h00, h10, h01, h11], axis=1)
+
+    def stencil(self, steps: int) -> Stencil:
+        segment, coefficient = self._node_table(steps)
+        control = segment[:, None] + np.array([0, 0, 1, 1], dtype=np.int32)
+        part = np.tile(np.array([0, 1, 0, 1], dtype=np.int32), (steps + 1, 1))
+        live = (coefficient != 0.0) & (control >= 1)
+        unit = np.where(live, control - 1, -1).astype(np.int32)
+        first = np.full((1, 4), -1, dtype=np.int32)
+        tested = coefficient[:steps] != 0.0
+        return Stencil(
+            self.units(steps),
+            2,
+            np.concatenate([first, unit]),
+            np.concatenate([np.zeros_like(first), part]),
+            np.concatenate([np.zeros((1, 4)), np.where(live, coefficient, 0.0)]),
+            np.where(tested, control[:steps], -1).astype(np.int32),
+            part[:steps].copy(),
+            np.where(tested, coefficient[:steps], 0.0),
+        )
+
+    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
+        q = self.steps_per_segment
+        _, coefficient = self._node_table(steps)
+        constant = np.zeros((*x0.shape[:-1], steps + 2, x0.shape[-1]))
+        constant[..., 0, :] = x_previous
+        tangent = q * (x0 - x_previous)  # τ v_0
+        for j in range(q):
+            constant[..., j + 1, :] = coefficient[j, 0] * x0 + coefficient[j, 1] * tangent
+        return constant
+
+    def fit(self, nodes: Array, dt: float) -> Array:
+        """Controls through the knots of a trajectory, tangents by central differences."""
+        del dt
+        q = self.steps_per_segment
+        steps = nodes.shape[-2] - 2
+        x = nodes[..., 1:, :]
+        velocity = np.empty_like(x)
+        velocity[..., 1:-1, :] = 0.5 * (x[..., 2:, :] - x[..., :-2, :])
+        velocity[..., -1, :] = x[..., -1, :] - x[..., -2, :]
+        velocity[..., 0, :] = x[..., 0, :] - nodes[..., 0, :]
+        controls = np.concatenate([x[..., q::q, :], q * velocity[..., q::q, :]], axis=-1)
+        dummy = np.zeros((*controls.shape[:-2], 1, controls.shape[-1]))
+        assert controls.shape[-2] == steps // q
+        return np.concatenate([controls, dummy], axis=-2)
+
+    def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
+        q = self.steps_per_segment
+        return {steps // q - 1: np.concatenate([x_end, q * dt * v_end], axis=-1)}
+
+
+Basis = Nodes | Hermite
+
+
+def basis_named(name: str | Basis) -> Basis:
+    """The basis a user named: "nodes", "hermite", or one of the two objects."""
+    if isinstance(name, (Nodes, Hermite)):
+        return name
+    from octo.errors import UnknownNameError
+
+    table: dict[str, Basis] = {"nodes": Nodes(), "hermite": Hermite()}
+    if name not in table:
+        raise UnknownNameError("basis", name, table)
+    return table[name]
+
+
+def node_values(stencil: Stencil, unknowns: Array, constant: Array) -> Array:
+    """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, parts·n): T_x = (S ⊗ I) T_c."""
+    n = constant.shape[-1]
+    split = unknowns.reshape(*unknowns.shape[:-1], stencil.parts, n)
+    nodes = constant.copy()
+    for s in range(stencil.unit.shape[1]):
+        live = np.flatnonzero(stencil.unit[:, s] >= 0)
+        values = split[..., stencil.unit[live, s], stencil.part[live, s], :]
+        nodes[..., live, :] += stencil.coefficient[live, s, None] * values
+    return nodes
