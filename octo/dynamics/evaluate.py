@@ -1,0 +1,179 @@
+"""FD, its Jacobian and the curvature of lamᵀFD over all steps of all problems of a batch, on NumPy arrays."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.dynamics import codegen
+from octo.dynamics.laws import ContactLaw, Smooth
+from octo.dynamics.parameters import Layout, robot_layout
+from octo.dynamics.symbolic import forward_dynamics
+from octo.errors import ModelError, ShapeError, ValueRangeError
+from octo.model.character import Character
+from octo.model.terrain import Plane, Terrain
+
+Array = NDArray[np.float64]
+Evaluation = tuple[Array, Array | None, Array | None]
+
+
+class Dynamics:
+    """Implicit dynamics FD(x_next, x, x_prev, p) = Uᵀu and its derivatives.
+
+    Parameters
+    ----------
+    symbolic: SX function FD(x_next, x, x_prev, p) -> (n,).
+    actuated: indices into x of the actuated rows; ``nu`` of them.
+    layout: names and defaults of p (NP,).
+    """
+
+    def __init__(self, symbolic: ca.Function, actuated: Sequence[int] | NDArray[np.intp], layout: Layout):
+        self.symbolic = symbolic
+        self.nx = int(symbolic.size1_in(0))
+        self.layout = layout
+        self.actuated = np.asarray(actuated, dtype=np.intp).reshape(-1)
+        self.unactuated = np.setdiff1d(np.arange(self.nx), self.actuated).astype(np.intp)
+
+    @property
+    def nu(self) -> int:
+        return len(self.actuated)
+
+    def text(self) -> str:
+        """The C text: macros NX, NB, NC, NP, KIN, WORK and the functions octo_kin and octo_step."""
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
+        return codegen.function_text(self.symbolic)
+
+    @cached_property
+    def _library(self) -> ctypes.CDLL | None:
+        return native.load(self.text() + codegen.BATCH_ENTRY) if self.text() else None
+
+    @cached_property
+    def _machine(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """FD, Jacobian and curvature for CasADi's virtual machine: (3n, NP[, n]) -> rows."""
+        n, size = self.nx, self.layout.size
+        z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", size), ca.SX.sym("lam", n)
+        fd = self.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
+        jac = ca.densify(ca.jacobian(fd, z))
+        hess = ca.densify(ca.jacobian(ca.gradient(ca.dot(lam, fd), z), z))
+        cse = {"cse": True}
+        value = ca.Function("fd", [z, p], [ca.densify(fd)], cse)
+        return value, ca.Function("jacobian", [z, p], [jac.T], cse), ca.Function("curvature", [z, p, lam], [hess], cse)
+
+    def evaluate(
+        self, nodes: Array, p: Array, lam: Array | None = None, order: int = 0, threads: int = 1
+    ) -> Evaluation:
+        """FD of every step, and its derivatives.
+
+        Parameters
+        ----------
+        nodes: (batch, N+2, n), the configurations x_{-1}, x_0, x_1 … x_N.
+        p: (batch, NP).
+        lam: (batch, N, n), read when ``order`` is 2.
+        order: 0 FD, 1 and its Jacobian, 2 and the curvature of lamᵀFD.
+
+        Returns
+        -------
+        fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess (batch, N, 3n, 3n) or None.
+        """
+        nodes, p = np.ascontiguousarray(nodes, dtype=float), np.ascontiguousarray(p, dtype=float)
+        n = self.nx
+        if nodes.ndim != 3 or nodes.shape[1] < 3 or nodes.shape[2] != n:
+            raise ShapeError("nodes", nodes.shape, f"(batch, N+2, {n})")
+        batch, steps = nodes.shape[0], nodes.shape[1] - 2
+        if p.shape != (batch, self.layout.size):
+            raise ShapeError("p", p.shape, (batch, self.layout.size))
+        if order not in (0, 1, 2):
+            raise ValueRangeError(f"order is {order}, must be 0, 1 or 2")
+        if order == 2:
+            lam = np.ascontiguousarray(lam, dtype=float) if lam is not None else np.empty(0)
+            if lam.shape != (batch, steps, n):
+                raise ShapeError("lam", lam.shape, (batch, steps, n))
+        fd = np.empty((batch, steps, n))
+        jac = np.empty((batch, steps, n, 3 * n)) if order >= 1 else None
+        hess = np.empty((batch, steps, 3 * n, 3 * n)) if order == 2 else None
+        if self._library is None:
+            self._interpret(nodes, p, lam, fd, jac, hess)
+        else:
+            self._run(self._library, nodes, p, lam, (fd, jac, hess), order, threads)
+        return fd, jac, hess
+
+    @staticmethod
+    def _run(
+        library: ctypes.CDLL, nodes: Array, p: Array, lam: Array | None, out: Evaluation, order: int, threads: int
+    ) -> None:
+        pointers = [None if a is None else ctypes.c_void_p(a.ctypes.data) for a in (nodes, p, lam, *out)]
+        batch, steps = nodes.shape[0], nodes.shape[1] - 2
+        if library.octo_batch(batch, steps, order, max(1, int(threads)), *pointers) != 0:
+            raise MemoryError("octo_batch could not allocate its work arrays")
+
+    def _interpret(
+        self, nodes: Array, p: Array, lam: Array | None, fd: Array, jac: Array | None, hess: Array | None
+    ) -> None:
+        value, jacobian, curvature = self._machine
+        steps, n = fd.shape[1], self.nx
+        for k in range(len(nodes)):
+            z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T  # (3n, N)
+            at = ca.repmat(ca.DM(p[k]), 1, steps)
+            fd[k] = np.asarray(value.map(steps)(z, at)).T
+            if jac is not None:
+                jac[k] = np.asarray(jacobian.map(steps)(z, at)).T.reshape(steps, n, 3 * n)
+            if hess is not None and lam is not None:
+                hess[k] = np.asarray(curvature.map(steps)(z, at, lam[k].T)).T.reshape(steps, 3 * n, 3 * n)
+
+
+class RobotDynamics(Dynamics):
+    """The dynamics of §4 of a character, with a contact law and a terrain."""
+
+    def __init__(self, character: Character, law: ContactLaw | None = None, terrain: Plane | Terrain | None = None):
+        self.character = character
+        self.law: ContactLaw = Smooth() if law is None else law
+        self.terrain: Plane | Terrain = Plane() if terrain is None else terrain
+        self.nx = character.nx
+        self.layout = robot_layout(self.law.parameters, self.terrain.parameters)
+        self.actuated, self.unactuated = character.actuated, character.unactuated
+
+    @cached_property
+    def symbolic(self) -> ca.Function:  # type: ignore[override]
+        """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
+        return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @cached_property
+    def _text(self) -> str:
+        return codegen.robot_text(self.character, self.law, self.terrain, self.layout)
+
+
+class CustomDynamics(Dynamics):
+    """User-written implicit dynamics FD(x_next, x, x_prev, p) = Uᵀu.
+
+    Parameters
+    ----------
+    fd: a CasADi function of (x_next, x, x_prev, p), or a callable ``fd(x_next, x, x_prev, view)`` of SX symbols with
+        ``view`` the parameters by name, that returns (n,) N m or N.
+    nx: n.
+    actuated: indices into x of the actuated coordinates.
+    parameters: names and defaults of p; ``dt`` (0.025 s) is added in front when it is not there.
+    """
+
+    def __init__(
+        self, fd: ca.Function | Callable[..., ca.SX], nx: int, actuated: Sequence[int], parameters: Mapping[str, float]
+    ):
+        layout = Layout.of({**({} if "dt" in parameters else {"dt": 0.025}), **parameters})
+        x_next, x, x_prev = (ca.SX.sym(name, nx) for name in ("x_next", "x", "x_prev"))
+        p = ca.SX.sym("p", layout.size)
+        value = fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p))
+        if ca.SX(value).numel() != nx:
+            raise ModelError(f"user-written FD returns {ca.SX(value).numel()} entries, must be nx = {nx}")
+        if not set(int(j) for j in actuated) <= set(range(nx)):
+            raise ModelError(f"actuated is {list(actuated)}, must be indices in 0…{nx - 1}")
+        names = ["x_next", "x", "x_prev", "p"]
+        function = ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"])
+        super().__init__(function, actuated, layout)

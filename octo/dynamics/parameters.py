@@ -1,0 +1,76 @@
+"""The run-time parameters p of the dynamics: names, defaults and places in one flat vector.
+
+Changing a value of p (time step, gravity, contact weights, terrain) never recompiles anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import ProblemError, UnknownNameError
+
+Array = NDArray[np.float64]
+
+COMMON: Mapping[str, float] = {
+    "dt": 0.025,  # s
+    "gravity_x": 0.0,  # m/s²
+    "gravity_y": 0.0,
+    "gravity_z": -9.81,
+    "w_joint": 1e3,  # N m/rad² (N/m² of a slide), penalty of joint limits
+    "w_self": 1e5,  # N/m², penalty of sphere pairs
+    "pair_epsilon": 1e-3,  # m, pair distance is sqrt(d² + ε²)
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Names and default values of p (NP,), in order."""
+
+    names: tuple[str, ...]
+    defaults: Array  # (NP,)
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) != len(self.names):
+            raise ProblemError(f"parameter names must differ: {', '.join(self.names)}")
+
+    @classmethod
+    def of(cls, values: Mapping[str, float]) -> Layout:
+        return cls(tuple(values), np.array([float(v) for v in values.values()]))
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    def index(self, name: str) -> int:
+        if name not in self.names:
+            raise UnknownNameError("parameter", name, self.names)
+        return self.names.index(name)
+
+    def pack(self, **values: float) -> Array:
+        """p (NP,) with the defaults where nothing is given; dotted names go in as ``pack(**{"contact.w_perp": 1e5})``."""
+        p = self.defaults.copy()
+        for name, value in values.items():
+            p[self.index(name)] = value
+        return p
+
+    def view(self, p: ca.SX) -> dict[str, ca.SX]:
+        """The entries of a symbolic p (NP,) by name."""
+        return {name: p[k] for k, name in enumerate(self.names)}
+
+
+def section(view: Mapping[str, ca.SX], prefix: str) -> dict[str, ca.SX]:
+    """The entries whose names start with ``prefix``, without it: a law's or a terrain's own parameters."""
+    return {name.removeprefix(prefix): value for name, value in view.items() if name.startswith(prefix)}
+
+
+def robot_layout(law: Mapping[str, float], terrain: Mapping[str, float]) -> Layout:
+    """p of a robot: the common entries, the contact law's, the terrain's."""
+    values = dict(COMMON)
+    values.update({f"contact.{name}": value for name, value in law.items()})
+    values.update({f"terrain.{name}": value for name, value in terrain.items()})
+    return Layout.of(values)

@@ -1,0 +1,179 @@
+"""The laws of §4 summed into one CasADi expression: the oracle, the reference model and the fallback.
+
+Everything here is SX, so that any part can be differentiated or put into a cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from octo.dynamics.laws import ContactLaw, View
+from octo.dynamics.parameters import Layout, section
+from octo.model.character import Body, Character, Joint
+from octo.model.terrain import Plane, Terrain, normal
+
+Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world
+
+
+def _joint_pose(joint: Joint, displacement: ca.SX) -> Pose:
+    """Pose (R, t) of one joint at ``displacement`` (rad or m) from its reference."""
+    if joint.kind == "slide":
+        return ca.SX.eye(3), ca.SX(joint.axis) * displacement
+    cross = ca.skew(ca.DM(joint.axis))
+    rotation = ca.SX.eye(3) + ca.sin(displacement) * cross + (1.0 - ca.cos(displacement)) * (cross @ cross)
+    anchor = ca.SX(joint.anchor)
+    return rotation, anchor - rotation @ anchor
+
+
+def _compose(left: Pose, right: Pose) -> Pose:
+    return left[0] @ right[0], left[0] @ right[1] + left[1]
+
+
+def body_poses(character: Character, x: ca.SX) -> list[Pose]:
+    """World pose (R, t) of every body at the configuration x (n,)."""
+    poses: list[Pose] = []
+    index = 0
+    for body in character.bodies:
+        pose = (ca.SX(ca.DM(body.rotation)), ca.SX(ca.DM(body.position)))
+        if body.parent >= 0:
+            pose = _compose(poses[body.parent], pose)
+        for joint in body.joints:
+            pose = _compose(pose, _joint_pose(joint, x[index] - joint.reference))
+            index += 1
+        poses.append(pose)
+    return poses
+
+
+def center_of_mass(character: Character, x: ca.SX) -> ca.SX:
+    """World position (3,) m of the centre of mass of the whole character."""
+    poses = body_poses(character, x)
+    moment = sum(
+        ((R @ ca.SX(b.com) + t) * b.mass for b, (R, t) in zip(character.bodies, poses, strict=True)), ca.SX.zeros(3)
+    )
+    return moment / character.mass
+
+
+@dataclass(frozen=True, eq=False)
+class ContactState:
+    """One contact at x_next, seen from x: what Eq. 6 and the contact costs are made of."""
+
+    depth: ca.SX  # m, positive inside the ground
+    point: ca.SX  # (3,) m, world: the point of the sphere nearest to the ground
+    material: ca.SX  # (3,) m, the same point in the body's frame
+    normal: ca.SX  # (3,) outward
+    velocity: ca.SX  # (3,) m/s, Eq. 4 for the material point
+    force: ca.SX  # (3,) N on the body, world axes
+
+
+def contact_height(radius: float | ca.SX, center: ca.SX, terrain: Plane | Terrain, view: View) -> ca.SX:
+    """Distance (m) of the sphere's surface from the ground, negative inside."""
+    return terrain.distance(center, section(view, "terrain.")) - radius
+
+
+def contact_state(
+    local: ca.SX,
+    radius: float | ca.SX,
+    pose: Pose,
+    previous: Pose,
+    law: ContactLaw,
+    terrain: Plane | Terrain,
+    view: View,
+) -> ContactState:
+    """A sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at ``previous``."""
+    (R, t), (R_old, t_old) = pose, previous
+    center = R @ local + t
+    depth = -contact_height(radius, center, terrain, view)
+    outward = normal(terrain, center, section(view, "terrain."))
+    material = local - radius * (R.T @ outward)
+    point = center - radius * outward
+    velocity = ((center - (R_old @ local + t_old)) - radius * (outward - R_old @ (R.T @ outward))) / view["dt"]
+    force = law.force(depth, outward, velocity, section(view, "contact."))
+    return ContactState(depth, point, material, outward, velocity, force)
+
+
+def contact_states(
+    character: Character, x_next: ca.SX, x: ca.SX, law: ContactLaw, terrain: Plane | Terrain, view: View
+) -> list[ContactState]:
+    """The state of every terrain contact, in the order of ``character.terrain_contacts``."""
+    poses, previous = body_poses(character, x_next), body_poses(character, x)
+    states = []
+    for k in character.terrain_contacts:
+        sphere = character.contacts[k]
+        place = (ca.SX(sphere.position), sphere.radius, poses[sphere.body], previous[sphere.body])
+        states.append(contact_state(*place, law, terrain, view))
+    return states
+
+
+def joint_force(joint: Joint | dict[str, ca.SX], x_next: ca.SX, x: ca.SX, x_prev: ca.SX, view: View) -> ca.SX:
+    """Armature, damping, spring and limit (§4.2) of one joint: its own scalar part of FD, N m or N."""
+    get = (lambda name: joint[name]) if isinstance(joint, dict) else (lambda name: getattr(joint, name))
+    dt = view["dt"]
+    force = get("armature") * ((x_next - x) - (x - x_prev)) / dt**2 + get("damping") * (x_next - x) / dt
+    force += get("stiffness") * (x_next - get("rest"))
+    above, below = x_next - get("upper"), get("lower") - x_next
+    limit = ca.if_else(above > 0.0, above**2, 0.0) - ca.if_else(below > 0.0, below**2, 0.0)
+    return force + 3.0 * view["w_joint"] * limit
+
+
+def pair_potential(squared_distance: ca.SX, radii: float | ca.SX, view: View) -> ca.SX:
+    """-w_self min(sqrt(d² + ε²) - radii, 0)³ of §4.2 (its printed sign attracts), J."""
+    gap = ca.sqrt(squared_distance + view["pair_epsilon"] ** 2) - radii
+    return ca.if_else(gap < 0.0, -view["w_self"] * gap**3, 0.0)
+
+
+def mass_matrix_of_points(body: Body) -> np.ndarray:
+    """∫ρ p̄p̄ᵀ (3, 3) kg m² of a body about its centre of mass, from its rotational inertia."""
+    return 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
+
+
+def inertial_energy(body: Body, pose: Pose, now: Pose, previous: Pose, view: View) -> ca.SX:
+    """½/dt² tr((T - 2T' + T'')M(…)ᵀ) - m g·com of one body, whose gradient in x_next is its part of FD."""
+    com, second_moment = ca.SX(body.com), ca.SX(ca.DM(mass_matrix_of_points(body)))
+    turn = pose[0] - 2.0 * now[0] + previous[0]  # differences first: the mass matrix would amplify their rounding
+    move = turn @ com + (pose[1] - 2.0 * now[1] + previous[1])
+    energy = 0.5 * (ca.trace(turn @ second_moment @ turn.T) + body.mass * ca.dot(move, move)) / view["dt"] ** 2
+    gravity = ca.vertcat(view["gravity_x"], view["gravity_y"], view["gravity_z"])
+    return energy - body.mass * ca.dot(gravity, pose[0] @ com + pose[1])
+
+
+def forward_dynamics(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout) -> ca.Function:
+    """FD(x_next, x, x_prev, p) (n,) of §4 as one SX function: N m or N, equal to Uᵀu."""
+    n = character.nx
+    x_next, x, x_prev = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("x_prev", n)
+    p = ca.SX.sym("p", layout.size)
+    view = layout.view(p)
+    poses, now, previous = (body_poses(character, node) for node in (x_next, x, x_prev))
+    potential = sum(
+        (inertial_energy(body, poses[b], now[b], previous[b], view) for b, body in enumerate(character.bodies)),
+        ca.SX(0),
+    )
+    for a, b in character.pairs:
+        first, second = (_center(character, k, poses) for k in (a, b))
+        radii = character.contacts[a].radius + character.contacts[b].radius
+        potential += pair_potential(ca.dot(first - second, first - second), radii, view)
+    work, held, values = ca.SX(0), [], []
+    for k in character.terrain_contacts:
+        sphere = character.contacts[k]
+        R, t = poses[sphere.body]
+        state = contact_state(ca.SX(sphere.position), sphere.radius, (R, t), now[sphere.body], law, terrain, view)
+        force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)  # virtual work f·∂P at a fixed force and material point
+        work += ca.dot(force, R @ material + t)
+        held += [force, material]
+        values += [state.force, state.material]
+    fd = ca.gradient(potential - work, x_next)
+    if held:
+        fd = ca.substitute(fd, ca.vertcat(*held), ca.vertcat(*values))
+    joints = [joint_force(joint, x_next[j], x[j], x_prev[j], view) for j, joint in enumerate(character.joints)]
+    fd = fd + ca.vertcat(*joints)
+    names = ["x_next", "x", "x_prev", "p"]
+    return ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(fd)], names, ["fd"], {"cse": True})
+
+
+def _center(character: Character, k: int, poses: list[Pose]) -> ca.SX:
+    """World centre (3,) m of contact sphere ``k``."""
+    sphere = character.contacts[k]
+    R, t = poses[sphere.body]
+    return R @ ca.SX(sphere.position) + t
