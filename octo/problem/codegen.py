@@ -1,0 +1,223 @@
+"""The costs as CasADi functions of one step and of one contact, and as the C text that assemble.c works from.
+
+A step's residuals are a function of (x_next, x, x_prev, u, p, q); those over contacts a function of the three poses of
+the contact's body, differentiated with respect to left perturbations exp(ξ)·T of them, so that they chain with the
+twists that the dynamics' tree pass already has. q (NQ) starts with one coefficient per term, then come the references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.problem.contact_costs import ContactCost
+from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81  # m/s², of the weight that forces are measured in
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """Where each term's references stand in q, and how q is packed from the terms."""
+
+    terms: tuple[Cost, ...]
+    places: tuple[dict[str, slice], ...]
+    size: int
+
+    @classmethod
+    def of(cls, terms: Sequence[Cost], setting: Setting) -> References:
+        places, at = [], len(terms)
+        for term in terms:
+            table = {}
+            for name, value in term.references(setting).items():
+                width = np.atleast_1d(np.asarray(value, dtype=float)).shape[-1]
+                table[name] = slice(at, at + width)
+                at += width
+            places.append(table)
+        return cls(tuple(terms), tuple(places), at)
+
+    def view(self, q: ca.SX, term: int) -> dict[str, ca.SX]:
+        return {name: q[place] for name, place in self.places[term].items()}
+
+    def pack(self, terms: Sequence[Cost], setting: Setting) -> Array:
+        """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step alone), references."""
+        steps = setting.steps
+        q = np.zeros((steps, self.size))
+        for k, term in enumerate(terms):
+            weight = np.asarray(term.weight, dtype=float)
+            if weight.shape not in ((), (steps,)):
+                raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
+            if not (np.isfinite(weight).all() and (weight >= 0.0).all()):
+                raise ValueRangeError(f"{term.label}.weight is {term.weight}, must be finite and not negative")
+            on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
+            q[:, k] = weight * on / term.scale(setting)
+            for name, value in term.references(setting).items():
+                rows = np.asarray(value, dtype=float)
+                place = self.places[k][name]
+                allowed = ((), (place.stop - place.start,), (steps, place.stop - place.start))
+                if rows.shape not in allowed:
+                    raise ShapeError(f"{term.label}.{name}", rows.shape, f"{allowed[1]} or {allowed[2]}")
+                if not np.isfinite(rows).all():
+                    raise ValueRangeError(f"{term.label}.{name} is not finite: {value}")
+                q[:, place] = rows
+        return q
+
+
+@dataclass(frozen=True, eq=False)
+class CostFunctions:
+    """The residuals of a list of terms, ready to be evaluated, differentiated and written as C."""
+
+    references: References
+    state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
+    state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
+    state_sparsity: ca.Sparsity
+    state_terms: tuple[int, ...]  # term of each row
+    contact: ca.Function | None  # (T_next, T, T_prev, sphere, p, q) -> r (CR,)
+    contact_jac: ca.Function | None  # -> r, dr/d(twists) (CR·18,)
+    contact_terms: tuple[int, ...]
+    contact_use: NDArray[np.bool_]  # (contacts, CR)
+    contact_spheres: tuple[int, ...]  # indices into the character's contacts
+
+    @property
+    def rows(self) -> int:
+        return len(self.state_terms) + len(self.contact_spheres) * len(self.contact_terms)
+
+
+def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool) -> CostFunctions:
+    """Residuals and first derivatives of all terms; ``between_controls`` leaves those over neighbouring controls out."""
+    references = References.of(terms, setting)
+    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
+    state = _state_functions(dynamics, references, setting, p, q, between_controls)
+    contact = _contact_functions(dynamics, references, p, q)
+    return CostFunctions(references, *state, *contact)
+
+
+def _state_functions(
+    dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX, between_controls: bool
+) -> Any:
+    n = dynamics.nx
+    x_next, x, x_prev, u = (ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu)))
+    step = StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, setting.character)
+    residuals, rows = [ca.SX(0, 1)], []
+    for k, term in enumerate(references.terms):
+        if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
+            continue
+        value = ca.vec(term.residual(step, references.view(q, k)))
+        residuals.append(value)
+        rows += [k] * value.numel()
+    r = ca.densify(ca.vertcat(*residuals))
+    jac = ca.jacobian(r, ca.vertcat(x_next, x, x_prev, u))
+    inputs = [x_next, x, x_prev, u, p, q]
+    nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
+    function = ca.Function("octo_state_cost", inputs, [r], {"cse": True})
+    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
+    return function, jacobian, jac.sparsity(), tuple(rows)
+
+
+def _contact_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX) -> Any:
+    chosen = [(k, term) for k, term in enumerate(references.terms) if isinstance(term, ContactCost)]
+    if not chosen:
+        return None, None, (), np.zeros((0, 0), dtype=bool), ()
+    if not isinstance(dynamics, RobotDynamics):
+        raise ProblemError(f"{chosen[0][1].label} is over contacts, which user-written dynamics do not have")
+    robot = dynamics.character
+    twists = [ca.SX.sym(f"twist{k}", 6) for k in range(3)]
+    columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
+    sphere = ca.SX.sym("sphere", 4)
+    poses = [_perturbed(_pose(column), twist) for column, twist in zip(columns, twists, strict=True)]
+    symbols = ContactSymbols(
+        (poses[0], poses[1], poses[2]), sphere[:3], sphere[3], dynamics.law, dynamics.terrain,
+        dynamics.layout.view(p), robot.mass * GRAVITY,
+    )  # fmt: skip
+    residuals, rows, use = [], [], []
+    for k, term in chosen:
+        value = ca.vec(term.contact_residual(symbols, references.view(q, k)))
+        names = None if term.contacts is None else {robot.contact_index(name) for name in term.contacts}
+        residuals.append(value)
+        rows += [k] * value.numel()
+        use += [[names is None or c in names for c in robot.terrain_contacts]] * value.numel()
+    r = ca.densify(ca.vertcat(*residuals))
+    moved = ca.vertcat(*twists)
+    still = ca.SX.zeros(18)
+    jac = ca.densify(ca.substitute(ca.jacobian(r, moved), moved, still))
+    r = ca.substitute(r, moved, still)
+    inputs = [*columns, sphere, p, q]
+    function = ca.Function("octo_contact_cost", inputs, [r], {"cse": True})
+    jacobian = ca.Function("octo_contact_cost_jac", inputs, [r, ca.vec(jac.T)], {"cse": True})
+    table = np.array(use, dtype=bool).T
+    live = np.flatnonzero(table.any(axis=1))
+    spheres = tuple(int(robot.terrain_contacts[c]) for c in live)
+    return function, jacobian, tuple(rows), table[live], spheres
+
+
+def _pose(column: ca.SX) -> symbolic.Pose:
+    """R and t of 12 numbers, R row by row."""
+    return ca.reshape(column[:9], 3, 3).T, column[9:]
+
+
+def _perturbed(pose: symbolic.Pose, twist: ca.SX) -> symbolic.Pose:
+    """exp(twist)·T to first order; twist is (ω, v of the point at the world's origin)."""
+    turn = ca.SX.eye(3) + ca.skew(twist[:3])
+    return turn @ pose[0], turn @ pose[1] + twist[3:]
+
+
+def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
+    """C text of the costs: generated functions, tables, then assemble.c."""
+    generator = ca.CodeGenerator("octo_costs.c", {"with_header": False, "casadi_int": "int"})
+    made = [functions.state, functions.state_jac]
+    if functions.contact is not None:
+        made += [functions.contact, functions.contact_jac]
+    for function in made:
+        generator.add(function)
+    text = [
+        "#undef CASADI_CODEGEN_PREFIX\n#undef CASADI_PREFIX\n#undef CASADI_NAMESPACE_CONCAT\n#undef _CASADI_NAMESPACE_CONCAT\n"
+        "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
+        generator.dump(),
+        _tables(functions, dynamics, made),
+        (resources.files("octo.problem") / "assemble.c").read_text(),
+    ]
+    return "\n".join(text)
+
+
+def _tables(functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function]) -> str:
+    """Sizes as macros, index tables as constant arrays."""
+    sparsity = functions.state_sparsity
+    rows, columns = np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
+    sizes = {
+        "MU": len(dynamics.unactuated), "NU": dynamics.nu, "NQ": max(functions.references.size, 1),
+        "NTERM": len(functions.references.terms), "NR": len(functions.state_terms), "NZ": sparsity.nnz(),
+        "CR": len(functions.contact_terms), "NFC": len(functions.contact_spheres),
+        "COST_W": max(f.sz_w() for f in made), "COST_IW": max(f.sz_iw() for f in made),
+    }  # fmt: skip
+    lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
+    tables: dict[str, Any] = {
+        "actuated": dynamics.actuated, "unactuated": dynamics.unactuated, "state_row_term": functions.state_terms,
+        "state_entry_row": rows, "state_entry_column": columns, "contact_row_term": functions.contact_terms,
+        "cost_contact_use": functions.contact_use.astype(int).ravel(),
+    }  # fmt: skip
+    data: list[float] = []
+    if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
+        robot = dynamics.character
+        spheres = [robot.contacts[k] for k in functions.contact_spheres]
+        tables["cost_contact_body"] = [sphere.body for sphere in spheres]
+        tables["cost_path_start"] = np.concatenate([[0], np.cumsum([len(path) for path in robot.path])])
+        tables["cost_path"] = [j for path in robot.path for j in path]
+        for sphere in spheres:
+            data += [*sphere.position, sphere.radius]
+    for name, values in tables.items():
+        entries = ", ".join(str(int(v)) for v in values) or "0"
+        lines.append(f"static const int octo_{name}[] = {{{entries}}};")
+    numbers = ", ".join(float(v).hex() for v in data) or "0.0"
+    lines.append(f"static const double octo_cost_contact_data[] = {{{numbers}}};")
+    return "\n".join(lines)

@@ -1,0 +1,277 @@
+"""E, C and their model for a batch of problems of one structure: native code, or CasADi's virtual machine and NumPy.
+
+Both give the same arrays: ``evaluate`` the value of every term and residual, ``linearize`` H, A, b, C of Eq. 9 in
+the block format of the solver (lag storage: H[:, k, o] couples unit k with unit k − o).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import ProblemError
+from octo.problem import codegen
+from octo.problem.basis import Hermite, Stencil, node_values
+from octo.problem.costs import NeighbourCost
+from octo.problem.neighbours import NeighbourTerms
+from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """E and C of a batch at one iterate."""
+
+    unknowns: Array  # (batch, K, nc)
+    nodes: Array  # (batch, N+2, n)
+    fd: Array  # (batch, N, n), N m or N
+    terms: Array  # (batch, N, terms), each step's share of each term
+    energy: Array  # (batch,)
+    C: Array  # (batch, K, ma), scaled
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.energy) & np.isfinite(self.C).all(axis=(1, 2))
+
+
+@dataclass(eq=False)
+class Model:
+    """Eq. 9 at one iterate: H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), b (batch, K, nc), C (batch, K, ma)."""
+
+    H: Array
+    A: Array
+    b: Array
+    C: Array
+
+
+class CompiledProblem:
+    """A batch of problems that differ in numbers only (start, references, weights, parameters).
+
+    Parameters
+    ----------
+    problems: all with the same model, terms, basis and number of steps.
+    threads: of the native code.
+    """
+
+    def __init__(self, problems: Sequence[Problem], threads: int = 1):
+        first = problems[0]
+        self.problems, self.threads = tuple(problems), max(1, int(threads))
+        self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
+        for problem in problems[1:]:
+            if problem.dynamics.layout.names != self.dynamics.layout.names or problem.steps != self.steps:
+                raise ProblemError("problems of one batch must share the model, the terms, the basis and the steps")
+        between = isinstance(self.basis, Hermite)
+        self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
+        self.batch, self.n, self.nu = len(problems), self.dynamics.nx, self.dynamics.nu
+        self.m = len(self.dynamics.unactuated)
+        self.p = np.stack([problem.p for problem in problems])
+        self.q = np.stack([self.functions.references.pack(problem.costs, problem.setting) for problem in problems])
+        self.row_scale = first.row_scale
+        self.start = np.stack([problem.start for problem in problems])
+        dt = np.array([problem.dt for problem in problems])[:, None]
+        before = self.start - dt * np.stack([problem.start_velocity for problem in problems])
+        self.constant = self.basis.constant(self.steps, self.start, before)
+        self.stencil, self.fixed = self._fix_ends()
+        self.K, self.nc, self.ma = self.stencil.units, self.stencil.parts * self.n, self.stencil.parts * self.m
+        self.neighbours = self._neighbour_terms() if between else None
+
+    def _neighbour_terms(self) -> NeighbourTerms | None:
+        """Terms over neighbouring Hermite controls, which no single step sees."""
+        if not any(isinstance(term, NeighbourCost) for term in self.problems[0].costs):
+            return None
+        return NeighbourTerms(self)
+
+    def _fix_ends(self) -> tuple[Stencil, NDArray[np.intp]]:
+        """Pins the units of a fixed last state: they become constants of the trajectory and dummies of the KKT matrix."""
+        stencil = self.basis.stencil(self.steps)
+        ends = [p.x_end is not None for p in self.problems]
+        fixed: list[int] = [stencil.units - 1] if isinstance(self.basis, Hermite) else []
+        if any(ends):
+            if not all(ends):
+                raise ProblemError("x_end must be given for every problem of a batch or for none")
+            pinned = [self._pinned(problem) for problem in self.problems]
+            units = sorted(pinned[0])
+            values = np.zeros((self.batch, stencil.units, stencil.parts * self.n))
+            for k, table in enumerate(pinned):
+                for unit, value in table.items():
+                    values[k, unit] = value
+            self.constant = node_values(stencil, values, self.constant)
+            live = ~np.isin(stencil.unit, units)
+            unit = np.where(live, stencil.unit, -1).astype(np.int32)
+            coefficient = np.where(live, stencil.coefficient, 0.0)
+            stencil = Stencil(
+                stencil.units, stencil.parts, unit, stencil.part, coefficient,
+                stencil.test_row, stencil.test_part, stencil.test_coefficient,
+            )  # fmt: skip
+            fixed += units
+        return stencil, np.array(sorted(fixed), dtype=np.intp)
+
+    def _pinned(self, problem: Problem) -> dict[int, Array]:
+        assert problem.x_end is not None
+        v_end = np.zeros(self.n) if problem.v_end is None else problem.v_end
+        return self.basis.fixed_end(self.steps, problem.x_end, v_end, problem.dt)
+
+    # -- what a solver calls --------------------------------------------------------------------------------------
+
+    def unknowns(self, nodes: Array) -> Array:
+        """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
+        unknowns = self.basis.fit(nodes, float(self.problems[0].dt))
+        unknowns[:, self.fixed] = 0.0
+        return np.ascontiguousarray(unknowns)
+
+    def evaluate(self, unknowns: Array) -> Evaluation:
+        """E and C at ``unknowns`` (batch, K, nc)."""
+        nodes = node_values(self.stencil, unknowns, self.constant)
+        fd = np.empty((self.batch, self.steps, self.n))
+        terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
+        if self._library is not None:
+            self._native_evaluate(nodes, fd, terms)
+        else:
+            fd[:] = self.dynamics.evaluate(nodes, self.p)[0]
+            terms[:] = self._machine.terms(nodes, fd)
+        energy = terms.sum(axis=(1, 2))
+        if self.neighbours is not None:
+            energy = energy + self.neighbours.energy(unknowns).sum(axis=1)
+        return Evaluation(unknowns, nodes, fd, terms, energy, self.reduce(fd))
+
+    def reduce(self, fd: Array) -> Array:
+        """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""
+        rows = fd[:, :, self.dynamics.unactuated] * self.row_scale
+        return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
+
+    def linearize(self, at: Evaluation, lam: Array | None) -> Model:
+        """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
+        shape = (self.batch, self.K)
+        H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
+        b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
+        if self._library is not None:
+            self._native_linearize(at, lam, (H, A, b, C))
+        else:
+            self._machine.linearize(at, lam, (H, A, b, C))
+        if self.neighbours is not None:
+            self.neighbours.add(at.unknowns, H, b)
+        H[:, self.fixed, 0] = np.eye(self.nc)
+        return Model(H, A, b, C)
+
+    def term_values(self, at: Evaluation) -> Array:
+        """(batch, terms) the parts of E."""
+        values = at.terms.sum(axis=1)
+        return values if self.neighbours is None else values + self.neighbours.energy(at.unknowns)
+
+    # -- native ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _test_matrix(self) -> Array:
+        """(K·parts, N) Sᵀ of the test rows."""
+        s = self.stencil
+        matrix = np.zeros((s.units * s.parts, self.steps))
+        for k in range(s.test_row.shape[1]):
+            live = np.flatnonzero(s.test_row[:, k] >= 0)
+            matrix[s.test_row[live, k] * s.parts + s.test_part[live, k], live] += s.test_coefficient[live, k]
+        return matrix
+
+    @cached_property
+    def _library(self) -> ctypes.CDLL | None:
+        text = self.dynamics.text()
+        if not text:
+            return None
+        library = native.load(text + codegen.cost_text(self.functions, self.dynamics), ("-fopenmp",))
+        return library
+
+    @cached_property
+    def _machine(self) -> Any:
+        from octo.problem.interpreted import Interpreted
+
+        return Interpreted(self)
+
+    @cached_property
+    def _chunks(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """First own step, unit and row of each chunk of neighbouring steps (see assemble.c)."""
+        q = self.basis.steps_per_segment if isinstance(self.basis, Hermite) else 1
+        pieces = self.steps // q
+        count = 1 if self.threads == 1 else max(1, min(4 * self.threads, pieces // 3))
+        first = np.array([pieces * c // count for c in range(count)], dtype=np.int32)
+        row = first + (1 if q > 1 else 0)
+        unit = first.copy()
+        unit[0] = row[0] = 0
+        return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
+
+    @cached_property
+    def _task(self) -> tuple[_Task, list[Any]]:
+        step, unit, row = self._chunks
+        chunks, s = len(unit), self.stencil
+        size = 6 * self.nc**2 + 3 * self.ma * self.nc + 2 * self.nc + self.ma
+        halo = np.empty((self.batch, chunks, max(size, 1)))
+        arrays = [
+            step, unit, row, s.unit, s.part, s.coefficient, s.test_row, s.test_part, s.test_coefficient,
+            self.p, self.q, self.row_scale, halo,
+        ]  # fmt: skip
+        kept = [np.ascontiguousarray(a) for a in arrays]
+        at = [a.ctypes.data for a in kept]
+        task = _Task(
+            self.batch, self.steps, s.units, s.unit.shape[1], s.test_row.shape[1], s.parts, chunks,
+            *at[:9], None, at[9], at[10], at[11], None, None, None, None, None, None, None, at[12],
+        )  # fmt: skip
+        return task, kept
+
+    def refresh(self) -> None:
+        """Take over references, weights and parameters that the problems' terms changed. Nothing is recompiled."""
+        for k, problem in enumerate(self.problems):
+            self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
+        self.__dict__.pop("_task", None)
+
+    def _native_evaluate(self, nodes: Array, fd: Array, terms: Array) -> None:
+        assert self._library is not None
+        task, _ = self._task
+        task.nodes, task.fd, task.terms = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data
+        self._library.octo_evaluate(ctypes.byref(task), self.threads)
+
+    def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
+        assert self._library is not None
+        task, _ = self._task
+        lam = None if lam is None else np.ascontiguousarray(lam)
+        task.nodes, task.fd = at.nodes.ctypes.data, at.fd.ctypes.data
+        task.lam = None if lam is None else lam.ctypes.data
+        task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
+        if self._library.octo_linearize(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_linearize could not allocate its work arrays")
+
+    @cached_property
+    def kinematics(self) -> ca.Function:
+        """Contact forces, points, depths and velocities of one step, for reports: (x_next, x, p)."""
+        dynamics = self.dynamics
+        if not isinstance(dynamics, RobotDynamics):
+            raise ProblemError("user-written dynamics have no contacts")
+        x_next, x, p = ca.SX.sym("x_next", self.n), ca.SX.sym("x", self.n), ca.SX.sym("p", dynamics.layout.size)
+        view = dynamics.layout.view(p)
+        states = symbolic.contact_states(dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view)
+        columns = [[s.force for s in states], [s.point for s in states], [s.velocity for s in states], [s.normal for s in states]]
+        depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
+        outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
+        return ca.Function("contacts", [x_next, x, p], [*outputs, depth])
+
+
+class _Task(ctypes.Structure):
+    """octo_task of assemble.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("batch", "steps", "units", "slots", "tests", "parts", "chunks")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                "chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value", "test_row", "test_part",
+                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo",
+            )
+        ),
+    ]  # fmt: skip

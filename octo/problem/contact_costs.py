@@ -1,0 +1,101 @@
+"""Terms over one contact's height, velocity, force and previous force, mapped over the contacts (FACTS of robots' feet).
+
+A term's residual is written for one contact; E sums it over the contacts chosen (all that touch the terrain, or
+``contacts`` by name) and averages over the steps. Forces are in units of the weight mg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from octo.problem.costs import Cost
+
+if TYPE_CHECKING:
+    from octo.problem.symbols import ContactSymbols, Setting
+
+TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ContactCost(Cost):
+    """A term of E summed over contacts. ``contacts``: names, or all that touch the terrain."""
+
+    contacts: tuple[str, ...] | None = None
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        raise NotImplementedError(type(self).__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Slip(ContactCost):
+    """Tangential velocity (m/s) of a foot near the ground: √(2·sigmoid(−h/length))·v_t."""
+
+    length: float = 0.01  # m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"inverse_length": np.array([1.0 / self.length])}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        near = 2 / (1 + ca.exp(ca.fmin(contact.height * p["inverse_length"], 50.0)))
+        return ca.sqrt(near) * contact.tangential_velocity
+
+
+@dataclass(frozen=True, eq=False)
+class FootLift(ContactCost):
+    """Height (m) of a foot above ``height``, squared hinge: feet do not swing higher than they need."""
+
+    height: float = 0.02  # m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"height": np.array([self.height])}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.fmax(0, contact.height - p["height"])
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance(ContactCost):
+    """Moving feet stay clear of the ground: v·exp(−h/(2 length)), so that its square is v² exp(−h/length)."""
+
+    length: float = 0.02  # m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"inverse_length": np.array([1.0 / self.length])}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return contact.velocity * ca.exp(ca.fmin(-0.5 * contact.height * p["inverse_length"], 2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionCone(ContactCost):
+    """max(0, |f_t| − mu·f_n)/mg."""
+
+    mu: float = 0.6
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"mu": np.array([self.mu])}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        tangential = ca.sqrt(ca.sumsqr(contact.tangential_force) + TINY_FORCE**2) - TINY_FORCE
+        return ca.fmax(0, tangential - p["mu"] * contact.normal_force)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadSharing(ContactCost):
+    """f_n/mg: the squares are least where the feet share the load."""
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return contact.normal_force
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRate(ContactCost):
+    """(f_next − f)/mg between neighbouring steps."""
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return contact.force - contact.force_before

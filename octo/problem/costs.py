@@ -1,0 +1,327 @@
+"""The terms of E (§5, Eqs. 17 and 18): one small class per term; it says its residual, CasADi says its derivative.
+
+    E = Σ_terms weight/scale · mean over the steps of |residual|²        (steps="last": the last step alone)
+
+Weights and references are run-time numbers, constant or one row per step: changing them recompiles nothing.
+A new term is a subclass of :class:`Cost` with a residual, its references and, if its size is physical, a scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import ProblemError, ShapeError
+
+if TYPE_CHECKING:
+    from octo.problem.symbols import Setting, StepSymbols
+
+Array = NDArray[np.float64]
+Steps = Literal["all", "last"]
+FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cost:
+    """A term of E. ``weight``: a number, or one per step (N,)."""
+
+    weight: float | Array = 1.0
+    steps: Steps = "all"
+    name: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name the term goes by in reports and in ``Problem.update``."""
+        return self.name or type(self).__name__
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        """Run-time numbers by name, each (size,) or (N, size)."""
+        del setting
+        return {}
+
+    def scale(self, setting: Setting) -> float:
+        """The fixed number E's term is divided by."""
+        del setting
+        return 1.0
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        """The residual of one time step, from its symbols and this term's references."""
+        raise NotImplementedError(type(self).__name__)
+
+
+def _last_row(values: Any) -> Array:
+    return np.atleast_2d(np.asarray(values, dtype=float))[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class CenterOfMassVelocity(Cost):
+    """Eq. 17: the velocity of the centre of mass (m/s) against ``velocity`` (3,) or (N, 3)."""
+
+    velocity: Any = (0.0, 0.0, 0.0)
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"velocity": self.velocity}
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.com_velocity - p["velocity"]
+
+
+@dataclass(frozen=True, eq=False)
+class CenterOfMassPosition(Cost):
+    """Eq. 18: the centre of mass (m) against ``target`` (3,), at the last step or at every step."""
+
+    target: Any = (0.0, 0.0, 0.0)
+    steps: Steps = "last"
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"target": self.target}
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.sum((_last_row(self.target) - setting.com) ** 2)), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.com - p["target"]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseOrientation(Cost):
+    """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the reference's x, y, z.
+
+    The residual is the axis of R_referenceᵀ R times the sine of its angle: it does not wind up with yaw.
+    """
+
+    roll_pitch_yaw: Any = (0.0, 0.0, 0.0)
+    axes: Any = (1.0, 1.0, 1.0)
+    body: str | None = None
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"roll_pitch_yaw": self.roll_pitch_yaw, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
+        return p["axes"] * _vee(error)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseAngularVelocity(Cost):
+    """World angular velocity of a body (rad/s) against ``velocity`` (3,) or (N, 3); ``axes`` weighs x, y, z."""
+
+    velocity: Any = (0.0, 0.0, 0.0)
+    axes: Any = (1.0, 1.0, 1.0)
+    body: str | None = None
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"velocity": self.velocity, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        turned = step.pose(self.body)[0] @ step.pose_before(self.body)[0].T
+        return p["axes"] * (_vee(turned) / step.dt - p["velocity"])
+
+
+@dataclass(frozen=True, eq=False)
+class PointPosition(Cost):
+    """A point of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x, y, z."""
+
+    body: str | None = None
+    point: Any = (0.0, 0.0, 0.0)
+    target: Any = (0.0, 0.0, 0.0)
+    axes: Any = (1.0, 1.0, 1.0)
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"point": self.point, "target": self.target, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+
+    def scale(self, setting: Setting) -> float:
+        start = setting.point(self.body, np.asarray(self.point, dtype=float))
+        chosen = np.asarray(self.axes, dtype=float) > 0.0
+        return max(float(np.sum((_last_row(self.target) - start)[chosen] ** 2)), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        rotation, position = step.pose(self.body)
+        return p["axes"] * (rotation @ p["point"] + position - p["target"])
+
+
+@dataclass(frozen=True, eq=False)
+class PointVelocity(Cost):
+    """World velocity (m/s) of a point of a body against ``velocity`` (3,); ``axes`` weighs x, y, z."""
+
+    body: str | None = None
+    point: Any = (0.0, 0.0, 0.0)
+    velocity: Any = (0.0, 0.0, 0.0)
+    axes: Any = (1.0, 1.0, 1.0)
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"point": self.point, "velocity": self.velocity, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        (rotation, position), (rotation_before, position_before) = step.pose(self.body), step.pose_before(self.body)
+        moved = (rotation - rotation_before) @ p["point"] + position - position_before
+        return p["axes"] * (moved / step.dt - p["velocity"])
+
+
+@dataclass(frozen=True, eq=False)
+class Posture(Cost):
+    """Actuated joints (rad or m) against ``reference`` (nx,), by default the start; ``joints`` weighs each (nu,)."""
+
+    reference: Any = None
+    joints: Any = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        reference = setting.x0 if self.reference is None else np.asarray(self.reference, dtype=float)
+        if reference.shape[-1] != setting.nx:
+            raise ShapeError(f"{self.label}.reference", reference.shape, f"(..., {setting.nx})")
+        weights = np.broadcast_to(np.sqrt(np.asarray(self.joints, dtype=float)), (len(setting.actuated),))
+        return {"reference": reference[..., setting.actuated], "joints": weights}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return p["joints"] * (step.joints(step.x_next) - p["reference"])
+
+
+@dataclass(frozen=True, eq=False)
+class JointVelocity(Cost):
+    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``."""
+
+    velocity: Any = 0.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"velocity": np.broadcast_to(np.asarray(self.velocity, dtype=float), (len(setting.actuated),))}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.joints(step.x_next - step.x) / step.dt - p["velocity"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointAcceleration(Cost):
+    """Acceleration of the actuated joints (rad/s² or m/s²)."""
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.joints(step.x_next - 2 * step.x + step.x_prev) / step.dt**2
+
+
+@dataclass(frozen=True, eq=False)
+class Effort(Cost):
+    """E_reg of §8: (weight/N) Σ (u/u_reference)². The default reference is 0.4·mg·ℓ, ℓ the base height at the start."""
+
+    weight: float | Array = 0.02
+    reference: float | None = None  # N m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        reference = setting.torque_reference if self.reference is None else self.reference
+        return {"inverse_reference": np.array([1.0 / reference])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.u * p["inverse_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit(Cost):
+    """Squared hinge on |u|/limit − ``margin``, over the joints that have a limit."""
+
+    margin: float = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        limits = setting.torque_limit
+        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), "margin": np.array([self.margin])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget(Cost):
+    """The whole configuration against ``target`` (nx,), at the last step or at every step."""
+
+    target: Any = None
+    steps: Steps = "last"
+    coordinates: Any = 1.0  # weight of each coordinate
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        if self.target is None:
+            raise ProblemError(f"{self.label}.target is missing: give a configuration ({setting.nx},)")
+        weights = np.broadcast_to(np.sqrt(np.asarray(self.coordinates, dtype=float)), (setting.nx,))
+        return {"target": self.target, "coordinates": weights}
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.sum((_last_row(self.target) - setting.x0) ** 2)), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return p["coordinates"] * (step.x_next - p["target"])
+
+
+@dataclass(frozen=True, eq=False)
+class CustomCost(Cost):
+    """Any residual over (x_next, x, x_prev, u, p) written in CasADi.
+
+    ``function(step, p) -> SX`` gets a :class:`~octo.problem.symbols.StepSymbols` and the references below by name.
+    """
+
+    function: Callable[[StepSymbols, Mapping[str, ca.SX]], ca.SX] | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    fixed_scale: float = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return self.values
+
+    def scale(self, setting: Setting) -> float:
+        return self.fixed_scale
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        if self.function is None:
+            raise ProblemError(f"{self.label}.function is missing: give function(step, p) -> casadi.SX")
+        return self.function(step, p)
+
+
+@dataclass(frozen=True, eq=False)
+class NeighbourCost(Cost):
+    """A residual over neighbouring controls, ``function(c, c_next, p) -> SX`` (DESIGN: the pattern does not change).
+
+    In the nodes basis c_i = (x_i, x_i − x_{i−1}); in the Hermite basis c_k = (x_k, τ ẋ_k), c_0 included.
+    """
+
+    function: Callable[[ca.SX, ca.SX, Mapping[str, ca.SX]], ca.SX] | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    fixed_scale: float = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return self.values
+
+    def scale(self, setting: Setting) -> float:
+        return self.fixed_scale
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        """In the nodes basis the two controls are made of one step's three configurations."""
+        before = ca.vertcat(step.x, step.x - step.x_prev)
+        return self.between(before, ca.vertcat(step.x_next, step.x_next - step.x), p)
+
+    def between(self, control: ca.SX, control_next: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        if self.function is None:
+            raise ProblemError(f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX")
+        return self.function(control, control_next, p)
+
+
+def _vee(rotation: ca.SX) -> ca.SX:
+    """sin(angle)·axis of a rotation matrix."""
+    return 0.5 * ca.vertcat(
+        rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    )
+
+
+def _rpy(angles: ca.SX) -> ca.SX:
+    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    (cr, cp, cy), (sr, sp, sy) = [[f(angles[k]) for k in range(3)] for f in (ca.cos, ca.sin)]
+    rows: Sequence[Any] = (
+        ca.horzcat(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        ca.horzcat(sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        ca.horzcat(-sp, cp * sr, cp * cr),
+    )
+    return ca.vertcat(*rows)

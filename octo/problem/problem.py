@@ -1,0 +1,215 @@
+"""Describe: what moves, for how long, towards what. A Problem holds no arrays of a solve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.laws import ContactLaw
+from octo.dynamics.static_pose import static_pose
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.model.character import Character
+from octo.model.terrain import Plane, Terrain
+from octo.problem.basis import Basis, basis_named
+from octo.problem.codegen import GRAVITY
+from octo.problem.costs import Cost
+from octo.problem.symbols import Setting
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Minimise E subject to C = 0 (Eqs. 7 and 8) over a trajectory of ``steps`` steps of ``dt`` seconds.
+
+    Parameters
+    ----------
+    model: a Character, or any Dynamics (user-written: CustomDynamics).
+    steps: N.
+    dt: s.
+    costs: the terms of E.
+    basis: "nodes", "hermite", or a basis object.
+    terrain, law: the ground and the contact law, for a Character.
+    x0: (nx,) the start; by default a static pose near the character's default pose.
+    v0: (nx,) its velocity; zero by default.
+    x_end, v_end: (nx,) a fixed last state; free by default.
+    parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
+
+    Raises
+    ------
+    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the field and what is allowed.
+    """
+
+    model: Character | Dynamics
+    steps: int
+    dt: float
+    costs: Sequence[Cost]
+    basis: str | Basis = "nodes"
+    terrain: Plane | Terrain | None = None
+    law: ContactLaw | None = None
+    x0: Array | None = None
+    v0: Array | None = None
+    x_end: Array | None = None
+    v_end: Array | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, (Character, Dynamics)):
+            raise ProblemError(f"model is a {type(self.model).__name__}, must be a Character or a Dynamics")
+        if not isinstance(self.steps, (int, np.integer)) or self.steps < 1:
+            raise ValueRangeError(f"steps is {self.steps!r}, must be a whole number of at least 1")
+        if not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise ValueRangeError(f"dt is {self.dt} s, must be positive")
+        if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
+            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
+        self._check_costs()
+        self.basis_object.check(self.steps)
+        for name in ("x0", "v0", "x_end", "v_end"):
+            self._check_state(name)
+        if self.v_end is not None and self.x_end is None:
+            raise ProblemError("v_end is given without x_end: a fixed last velocity needs the last configuration too")
+        self.p  # noqa: B018  (names and values of the parameters are checked here)
+
+    def _check_costs(self) -> None:
+        if not self.costs:
+            raise ProblemError("costs is empty: give at least one term, for example octo.Effort()")
+        labels = [term.label if isinstance(term, Cost) else repr(term) for term in self.costs]
+        for term, label in zip(self.costs, labels, strict=True):
+            if not isinstance(term, Cost):
+                raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
+        twice = sorted({label for label in labels if labels.count(label) > 1})
+        if twice:
+            raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
+
+    def _check_state(self, name: str) -> None:
+        value = getattr(self, name)
+        if value is None:
+            return
+        array = np.asarray(value, dtype=float)
+        if array.shape != (self.dynamics.nx,):
+            raise ShapeError(name, array.shape, f"({self.dynamics.nx},)")
+        if not np.isfinite(array).all():
+            raise ValueRangeError(f"{name} is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}")
+        object.__setattr__(self, name, array)
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        if isinstance(self.model, Dynamics):
+            return self.model
+        return RobotDynamics(self.model, self.law, self.terrain)
+
+    @property
+    def character(self) -> Character | None:
+        return self.dynamics.character if isinstance(self.dynamics, RobotDynamics) else None
+
+    @cached_property
+    def basis_object(self) -> Basis:
+        return basis_named(self.basis)
+
+    @cached_property
+    def p(self) -> Array:
+        """(NP,) the run-time parameters of FD."""
+        layout = self.dynamics.layout
+        values = {"dt": self.dt, **self._robot_defaults()}
+        for name, value in self.parameters.items():
+            if name not in layout.names:
+                raise UnknownNameError("parameter", name, layout.names)
+            if not np.isfinite(value):
+                raise ValueRangeError(f"parameter {name} is {value}, must be finite")
+            values[name] = float(value)
+        return layout.pack(**values)
+
+    def _robot_defaults(self) -> dict[str, float]:
+        """Penalties in proportion to the robot: a limit passed by 0.1 rad gives 2 mg·ℓ, a contact sinks 2 cm."""
+        robot = self.character
+        if robot is None:
+            return {}
+        names, weight = self.dynamics.layout.names, robot.mass * GRAVITY
+        values = {"w_joint": 67.0 * weight * self.size, "w_self": 300.0 * weight / self.size**2}
+        if "contact.w_perp" in names and self.law is None:
+            values["contact.w_perp"] = weight / 1.6e-3
+            values["contact.w_par"] = 10.0 * values["contact.w_perp"]
+            values["contact.onset"] = 0.01
+        return {name: value for name, value in values.items() if name in names}
+
+    @cached_property
+    def size(self) -> float:
+        """m, a length of the robot before its start is known: the reach of its default pose, at least 5 cm."""
+        robot = self.character
+        if robot is None:
+            return 1.0
+        spans = [float(np.linalg.norm(body.position)) for body in robot.bodies if body.parent >= 0]
+        return max(0.05, max(spans, default=0.3))
+
+    @cached_property
+    def start(self) -> Array:
+        """(nx,) x_0: as given, or a static pose."""
+        if self.x0 is not None:
+            return self.x0
+        if self.character is None:
+            raise ProblemError("x0 is missing: user-written dynamics have no static pose to start from")
+        return static_pose(self.dynamics, p=self.p)
+
+    @cached_property
+    def start_velocity(self) -> Array:
+        return np.zeros(self.dynamics.nx) if self.v0 is None else self.v0
+
+    @cached_property
+    def weight(self) -> float:
+        """N, mg; 1 for user-written dynamics, whose rows are not scaled."""
+        return self.character.mass * GRAVITY if self.character is not None else 1.0
+
+    @cached_property
+    def length(self) -> float:
+        """m, ℓ of the moment rows: the base's height over the lowest contact at the start."""
+        robot = self.character
+        if robot is None:
+            return 1.0
+        from octo.model.kinematics import body_poses
+
+        rotations, positions = body_poses(robot, self.start)
+        spheres = [robot.contacts[k] for k in robot.terrain_contacts]
+        base = float(positions[robot.base_body][2])
+        lowest = min((float((rotations[s.body] @ s.position + positions[s.body])[2]) - s.radius for s in spheres), default=0.0)
+        return max(base - lowest, 0.05)
+
+    @cached_property
+    def row_scale(self) -> Array:
+        """(m,) of C's rows: 1/mg for forces, 1/(mg·ℓ) for moments."""
+        robot = self.character
+        if robot is None:
+            return np.ones(len(self.dynamics.unactuated))
+        kinds = [robot.joints[j].kind for j in robot.unactuated]
+        return np.array([1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds])
+
+    @cached_property
+    def setting(self) -> Setting:
+        robot = self.character
+        limit = robot.torque_limit if robot is not None else np.full(self.dynamics.nu, np.inf)
+        return Setting(
+            nx=self.dynamics.nx,
+            actuated=self.dynamics.actuated,
+            steps=int(self.steps),
+            dt=float(self.dt),
+            x0=self.start,
+            torque_limit=limit,
+            torque_reference=0.4 * self.weight * self.length if robot is not None else 1.0,
+            character=robot,
+        )
+
+    def replace(self, **changes: Any) -> Problem:
+        """A copy with other values. The compiled code is shared wherever the text did not change."""
+        keeps = not ({"model", "terrain", "law"} & set(changes))
+        if "parameters" in changes:
+            changes["parameters"] = {**self.parameters, **changes["parameters"]}
+        model = self.dynamics if keeps and isinstance(self.model, Dynamics) else changes.pop("model", self.model)
+        changed = replace(self, model=model, **changes)
+        if keeps:
+            changed.__dict__["dynamics"] = self.dynamics
+        return changed

@@ -1,0 +1,167 @@
+"""What a cost may look at: the symbols of one time step, of one contact, and the setting of a problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics import symbolic
+from octo.dynamics.laws import ContactLaw
+from octo.errors import ProblemError
+from octo.model.character import Character
+from octo.model.terrain import Plane, Terrain
+
+Array = NDArray[np.float64]
+Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3) body to world, position (3,) m
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """The numbers a cost's references and scales may depend on; they do not change during a solve."""
+
+    nx: int
+    actuated: NDArray[np.intp]
+    steps: int
+    dt: float
+    x0: Array  # (nx,) the start
+    torque_limit: Array  # (nu,)
+    torque_reference: float  # N m, 0.4·mg·ℓ
+    character: Character | None
+
+    @cached_property
+    def com(self) -> Array:
+        """(3,) m, centre of mass at the start."""
+        robot = self._robot("the centre of mass")
+        x = ca.SX.sym("x", self.nx)
+        return np.asarray(ca.Function("com", [x], [symbolic.center_of_mass(robot, x)])(self.x0)).ravel()
+
+    def point(self, body: str | None, local: Array) -> Array:
+        """(3,) m, world position at the start of a point of a body."""
+        robot = self._robot("a point of a body")
+        x = ca.SX.sym("x", self.nx)
+        rotation, position = symbolic.body_poses(robot, x)[_body(robot, body)]
+        return np.asarray(ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)).ravel()
+
+    def _robot(self, what: str) -> Character:
+        if self.character is None:
+            raise ProblemError(f"{what} is asked of user-written dynamics, which have no bodies: use a CustomCost")
+        return self.character
+
+
+@dataclass(frozen=True, eq=False)
+class StepSymbols:
+    """One time step: residual i looks at x_{i+1} (``x_next``), x_i (``x``), x_{i−1} (``x_prev``) and u_i."""
+
+    x_next: ca.SX  # (nx,)
+    x: ca.SX  # (nx,)
+    x_prev: ca.SX  # (nx,)
+    u: ca.SX  # (nu,)
+    dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
+    actuated: NDArray[np.intp]
+    character: Character | None
+
+    @property
+    def dt(self) -> ca.SX:
+        return self.dynamics["dt"]
+
+    def _robot(self) -> Character:
+        if self.character is None:
+            raise ProblemError("user-written dynamics have no bodies: use a CustomCost over x_next, x, x_prev, u")
+        return self.character
+
+    def joints(self, x: ca.SX) -> ca.SX:
+        """The actuated entries (nu,) of a configuration."""
+        return x[[int(j) for j in self.actuated]]
+
+    @cached_property
+    def com(self) -> ca.SX:
+        """Centre of mass (3,) m at x_next."""
+        return symbolic.center_of_mass(self._robot(), self.x_next)
+
+    @cached_property
+    def com_velocity(self) -> ca.SX:
+        """(com(x_next) − com(x))/dt (3,) m/s, as in Eq. 17."""
+        return (self.com - symbolic.center_of_mass(self._robot(), self.x)) / self.dt
+
+    @cached_property
+    def _poses(self) -> list[Pose]:
+        return symbolic.body_poses(self._robot(), self.x_next)
+
+    @cached_property
+    def _poses_before(self) -> list[Pose]:
+        return symbolic.body_poses(self._robot(), self.x)
+
+    def pose(self, body: str | None = None) -> Pose:
+        """Rotation and position of a body (the base by default) at x_next."""
+        return self._poses[_body(self._robot(), body)]
+
+    def pose_before(self, body: str | None = None) -> Pose:
+        """Rotation and position of a body (the base by default) at x."""
+        return self._poses_before[_body(self._robot(), body)]
+
+
+def _body(robot: Character, name: str | None) -> int:
+    return robot.base_body if name is None else robot.body_index(name)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSymbols:
+    """One contact sphere in one time step; forces in units of the weight mg."""
+
+    poses: tuple[Pose, Pose, Pose]  # of its body at x_next, x, x_prev
+    center: ca.SX  # (3,) m, body frame
+    radius: ca.SX  # m
+    law: ContactLaw
+    terrain: Plane | Terrain
+    dynamics: dict[str, ca.SX]
+    weight: float  # N, mg
+
+    def _state(self, pose: Pose, before: Pose) -> symbolic.ContactState:
+        return symbolic.contact_state(
+            self.center, self.radius, pose, before, self.law, self.terrain, self.dynamics
+        )
+
+    @cached_property
+    def _now(self) -> symbolic.ContactState:
+        return self._state(self.poses[0], self.poses[1])
+
+    @property
+    def height(self) -> ca.SX:
+        """m, of the sphere's lowest point above the terrain."""
+        return -self._now.depth
+
+    @property
+    def normal(self) -> ca.SX:
+        """(3,) outward normal of the terrain."""
+        return self._now.normal
+
+    @property
+    def velocity(self) -> ca.SX:
+        """(3,) m/s, of the material point at the contact (Eq. 4)."""
+        return self._now.velocity
+
+    @property
+    def tangential_velocity(self) -> ca.SX:
+        return self.velocity - self.normal * ca.dot(self.normal, self.velocity)
+
+    @property
+    def force(self) -> ca.SX:
+        """(3,) of mg, on the body."""
+        return self._now.force / self.weight
+
+    @property
+    def normal_force(self) -> ca.SX:
+        return ca.dot(self.normal, self.force)
+
+    @property
+    def tangential_force(self) -> ca.SX:
+        return self.force - self.normal * self.normal_force
+
+    @cached_property
+    def force_before(self) -> ca.SX:
+        """(3,) of mg, one step earlier (from x and x_prev)."""
+        return self._state(self.poses[1], self.poses[2]).force / self.weight
