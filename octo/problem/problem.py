@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
-from octo.dynamics.static_pose import static_pose
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
@@ -154,6 +153,8 @@ class Problem:
             return self.x0
         if self.character is None:
             raise ProblemError("x0 is missing: user-written dynamics have no static pose to start from")
+        from octo.dynamics.static_pose import static_pose
+
         return static_pose(self.dynamics, p=self.p)
 
     @cached_property

@@ -1,0 +1,176 @@
+"""Blocks of the KKT system of Eq. 12, their products, and the SBT storage of appendix B.
+
+A trajectory has K units; unit k is a variable block v_k (nc) and a multiplier block lam_k (ma). Row block k of the
+Hessian and of the constraint Jacobian touches the variables k, k-1 and k-2 only.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+Array = Any  # numpy.ndarray or cupy.ndarray
+
+
+def array_module(array: Array) -> Any:
+    """numpy, or cupy for a device array (cupy is not imported here: an array of it exists)."""
+    return sys.modules["cupy" if type(array).__module__.startswith("cupy") else "numpy"]
+
+
+@dataclass(frozen=True)
+class KKTBlocks:
+    """[[H + diag(sigma), Aᵀ], [A, 0]] [dv; lam] = [-b; -C] of a batch of problems.
+
+    H (batch, K, 3, nc, nc): H[:, k, o] = d²E/dv_k dv_{k-o}, zero where k < o, symmetric for o = 0.
+    A (batch, K, 3, ma, nc): A[:, k, o] = dC_k/dv_{k-o}, zero where k < o.
+    b (batch, K, nc): gradient of E. C (batch, K, ma): constraint residual.
+    """
+
+    H: Array
+    A: Array
+    b: Array
+    C: Array
+
+    @property
+    def batch(self) -> int:
+        """Number of problems."""
+        return int(self.H.shape[0])
+
+    @property
+    def units(self) -> int:
+        """K, the number of units of each problem."""
+        return int(self.H.shape[1])
+
+    @property
+    def nc(self) -> int:
+        """Variables of a unit."""
+        return int(self.H.shape[3])
+
+    @property
+    def ma(self) -> int:
+        """Constraint rows of a unit."""
+        return int(self.A.shape[3])
+
+    def hessian_times(self, v: Array, sigma: Array | None = None) -> Array:
+        """(H + diag(sigma)) v for v (batch, K, nc) or (batch, K, nc, count)."""
+        product = block_times(self.H, v) + transposed_times(self.H, v, first=1)
+        return product if sigma is None else product + spread_sigma(sigma, self.H).reshape(_like(v, 3)) * v
+
+    def constraints_times(self, v: Array) -> Array:
+        """A v (batch, K, ma) for v (batch, K, nc), or with one more axis of columns."""
+        return block_times(self.A, v)
+
+    def constraints_transposed_times(self, lam: Array) -> Array:
+        """Aᵀ lam (batch, K, nc) for lam (batch, K, ma), or with one more axis of columns."""
+        return transposed_times(self.A, lam)
+
+    def residual(
+        self, dv: Array, lam: Array, sigma: Array | None = None, rhs_v: Array | None = None, rhs_c: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Right-hand side minus KKT matrix times (dv, lam); the right-hand side is (-b, -C) unless given."""
+        stationarity = (-self.b if rhs_v is None else rhs_v) - self.hessian_times(dv, sigma)
+        feasibility = (-self.C if rhs_c is None else rhs_c) - self.constraints_times(dv)
+        return stationarity - self.constraints_transposed_times(lam), feasibility
+
+    def dense(self, sigma: Array | None = None) -> Array:
+        """The KKT matrix (batch, K(nc+ma), K(nc+ma)), all variables first, then all multipliers: for tests."""
+        xp, (batch, K, nc, ma) = array_module(self.H), (self.batch, self.units, self.nc, self.ma)
+        matrix = xp.zeros((batch, K * (nc + ma), K * (nc + ma)))
+        for k in range(K):
+            own, rows = slice(k * nc, (k + 1) * nc), slice(K * nc + k * ma, K * nc + (k + 1) * ma)
+            for o in range(min(k, 2) + 1):
+                other = slice((k - o) * nc, (k - o + 1) * nc)
+                matrix[:, own, other] = self.H[:, k, o]
+                matrix[:, other, own] = xp.swapaxes(self.H[:, k, o], -1, -2)
+                matrix[:, rows, other] = self.A[:, k, o]
+                matrix[:, other, rows] = xp.swapaxes(self.A[:, k, o], -1, -2)
+        if sigma is not None:
+            diagonal = xp.arange(K * nc)
+            matrix[:, diagonal, diagonal] += spread_sigma(sigma, self.H).reshape(batch, -1)
+        return matrix
+
+    def sbt(self, sigma: Array | None = None) -> SBT:
+        """The KKT matrix as SBT(2(nc+ma)): units paired and interleaved, an odd K padded by an identity unit."""
+        xp, (batch, K, nc, ma) = array_module(self.H), (self.batch, self.units, self.nc, self.ma)
+        u, even = nc + ma, K + K % 2
+        unit = xp.zeros((3, batch, even, u, u))  # unit[o, :, k] couples unit k to unit k - o
+        for o in range(3):
+            unit[o, :, o:K, :nc, :nc] = self.H[:, o:, o]
+            unit[o, :, o:K, nc:, :nc] = self.A[:, o:, o]
+        unit[0, :, :K, :nc, nc:] = xp.swapaxes(self.A[:, :, 0], -1, -2)
+        if sigma is not None:
+            diagonal = xp.arange(nc)
+            unit[0][:, :K, diagonal, diagonal] += spread_sigma(sigma, self.H)
+        unit[0, :, K:] = xp.eye(u)
+        diagonals = xp.zeros((batch, even // 2, 2 * u, 2 * u))
+        diagonals[:, :, :u, :u] = unit[0, :, 0::2]
+        diagonals[:, :, u:, u:] = unit[0, :, 1::2]
+        diagonals[:, :, u:, :u] = unit[1, :, 1::2]
+        diagonals[:, :, :u, u:] = xp.swapaxes(unit[1, :, 1::2], -1, -2)
+        lower = xp.zeros((batch, even // 2 - 1, 2 * u, 2 * u))
+        lower[:, :, :u, :u] = unit[2, :, 2::2]
+        lower[:, :, :u, u:] = unit[1, :, 2::2]
+        lower[:, :, u:, u:] = unit[2, :, 3::2]
+        return SBT(diagonals, lower)
+
+
+@dataclass(frozen=True)
+class SBT:
+    """Symmetric block-tridiagonal matrix: diagonal (batch, D, B, B), lower (batch, D-1, B, B) = block (i+1, i)."""
+
+    diagonal: Array
+    lower: Array
+
+    def times(self, x: Array) -> Array:
+        """The matrix times x (batch, D, B, count)."""
+        product = self.diagonal @ x
+        product[:, 1:] += self.lower @ x[:, :-1]
+        product[:, :-1] += array_module(x).swapaxes(self.lower, -1, -2) @ x[:, 1:]
+        return product
+
+
+def interleave(v: Array, lam: Array) -> Array:
+    """(batch, K, nc, count), (batch, K, ma, count) -> (batch, D, B, count) in the order of ``KKTBlocks.sbt``."""
+    xp = array_module(v)
+    units = xp.concatenate([v, lam], axis=2)
+    if v.shape[1] % 2:
+        units = xp.concatenate([units, xp.zeros_like(units[:, :1])], axis=1)
+    return units.reshape(v.shape[0], units.shape[1] // 2, 2 * units.shape[2], v.shape[3])
+
+
+def separate(x: Array, units: int, nc: int) -> tuple[Array, Array]:
+    """Undo ``interleave``: (batch, D, B, count) -> v (batch, K, nc, count), lam (batch, K, ma, count)."""
+    both = x.reshape(x.shape[0], 2 * x.shape[1], x.shape[2] // 2, x.shape[3])[:, :units]
+    return both[:, :, :nc], both[:, :, nc:]
+
+
+def spread_sigma(sigma: Array, H: Array) -> Array:
+    """A scalar, (batch,), (batch, K) or (batch, K, nc) weight as (batch, K, nc)."""
+    xp = array_module(H)
+    sigma = xp.asarray(sigma, dtype=float)
+    return xp.broadcast_to(sigma.reshape(sigma.shape + (1,) * (3 - sigma.ndim)), (*H.shape[:2], H.shape[3]))
+
+
+def block_times(blocks: Array, v: Array) -> Array:
+    """sum_o blocks[:, k, o] v_{k-o}."""
+    columns = v if v.ndim == 4 else v[..., None]
+    product = blocks[:, :, 0] @ columns
+    for o in (1, 2):
+        product[:, o:] += blocks[:, o:, o] @ columns[:, :-o]
+    return product if v.ndim == 4 else product[..., 0]
+
+
+def transposed_times(blocks: Array, w: Array, first: int = 0) -> Array:
+    """sum_{o >= first} blocks[:, k+o, o]ᵀ w_{k+o}."""
+    xp = array_module(blocks)
+    columns = w if w.ndim == 4 else w[..., None]
+    turned = xp.swapaxes(blocks, -1, -2)
+    product = xp.zeros((*columns.shape[:2], blocks.shape[4], columns.shape[3]))
+    for o in range(first, 3):
+        product[:, : blocks.shape[1] - o] += turned[:, o:, o] @ columns[:, o:]
+    return product if w.ndim == 4 else product[..., 0]
+
+
+def _like(v: Array, leading: int) -> tuple[int, ...]:
+    return (*v.shape[:leading], *(1,) * (v.ndim - leading))

@@ -1,0 +1,172 @@
+"""Window elimination: the KKT matrix factored unit by unit, backward in time (elimination.c), the CPU's fast way.
+
+A unit's constraint rows are solved for as many of its variables as they have rank; what is left of the Hessian is
+eliminated by Cholesky, so its pivots are those of the Hessian on the null space of the constraints. Hence the
+inertia: the KKT matrix has K·ma negative eigenvalues, and no more, exactly when all those pivots are positive.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.resources
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.errors import DeviceError, ShapeError
+
+Floats = NDArray[np.float64]
+_POINTER, _INT, _DOUBLE, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t
+_POOLED = 4  # memories kept for the next factorisation of the same shape
+
+
+@functools.cache
+def library(nc: int, ma: int) -> ctypes.CDLL | None:
+    """The compiled elimination for units of nc variables and ma rows; None without a compiler."""
+    folder = importlib.resources.files(__package__)
+    parts = [(folder / name).read_text() for name in ("elimination.c", "elimination_solve.c", "normal.c")]
+    made = native.load("\n".join(parts), (f"-DNC={nc}", f"-DMA={ma}"))
+    if made is None:
+        return None
+    for name in ("octo_unit_bytes", "octo_window_bytes", "octo_unit_room", "octo_scratch_room"):
+        getattr(made, name).restype = _SIZE
+    made.octo_scratch_room.argtypes = [_SIZE]
+    made.octo_factor_batch.argtypes = [_INT] * 3 + [_POINTER] * 3 + [_INT] * 2 + [_POINTER] * 4
+    made.octo_factor_batch.restype = None
+    made.octo_solve_batch.argtypes = (
+        [_INT] * 3 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
+    ) + [_POINTER] * 4
+    made.octo_solve_batch.restype = None
+    return made
+
+
+def aligned(doubles: int) -> Floats:
+    """Uninitialised float64 memory on a 64-byte boundary."""
+    raw = np.empty(doubles + 8)
+    skip = (-raw.ctypes.data % 64) // 8
+    return raw[skip : skip + doubles]
+
+
+class _Memory:
+    """What a factor is stored in; reused, because first touching megabytes costs as much as factoring."""
+
+    def __init__(self, made: ctypes.CDLL, batch: int, K: int, threads: int):
+        self.units = aligned((made.octo_unit_bytes() * batch * K + 7) // 8)
+        self.store = aligned(made.octo_unit_room() * batch * K)
+        self.windows = aligned(made.octo_window_bytes() // 8 * threads)
+        self.scratch_room: int = made.octo_scratch_room(K) * threads
+        self.at = [_address(array) for array in (self.units, self.store, self.windows)]
+        self._scratch: Floats | None = None
+
+    def scratch(self, count: int) -> int:
+        """Address of the solves' scratch for `count` right-hand sides."""
+        if self._scratch is None or self._scratch.size < self.scratch_room * count:
+            self._scratch = aligned(self.scratch_room * count)
+        return _address(self._scratch)
+
+
+_pool: dict[tuple[int, ...], list[_Memory]] = {}
+
+
+def _address(array: NDArray) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+class EliminationFactor:
+    """A factored batch. Holds H, A and sigma by reference: they must not change while it is used.
+
+    negative (batch,): non-positive pivots met; first_bad (batch,): the unit of the first one, -1 for none;
+    dependent (batch,): constraint rows that depend on others (their multiplier is 0); usable (batch,): can solve.
+    """
+
+    def __init__(self, H: Floats, A: Floats, sigma: Floats | None, *, stop: bool = True, threads: int = 1):
+        batch, K, _, nc, _ = H.shape
+        made = library(nc, A.shape[3])
+        if made is None:
+            raise DeviceError("the window elimination needs a C compiler; use the method 'cyclic_reduction'")
+        self.shape = (batch, K, nc, int(A.shape[3]))
+        self._library, self._key, self._threads = made, (*self.shape, threads), threads
+        self._held = (H, A, sigma)
+        free = _pool.get(self._key)
+        self._memory = free.pop() if free else _Memory(made, batch, K, threads)
+        per_variable = int(sigma is not None and sigma.ndim == 3)
+        self._problem = (_address(H), _address(A), None if sigma is None else _address(sigma), per_variable)
+        verdict = np.empty((batch, 4), dtype=np.int32)
+        self._verdict = verdict
+        made.octo_factor_batch(batch, threads, K, *self._problem, int(stop), *self._memory.at, _address(verdict))
+        self.negative, self.first_bad, self.dependent = verdict[:, 0], verdict[:, 1], verdict[:, 2]
+        self.usable = verdict[:, 3] != 0
+        self.residual: Floats = np.full((batch, 1), np.nan)
+
+    @property
+    def inertia_ok(self) -> NDArray[np.bool_]:
+        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        return self.usable & (self.negative == 0)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_memory"):
+            free = _pool.setdefault(self._key, [])
+            if len(free) < _POOLED:
+                free.append(self._memory)
+            while len(_pool) > 2 * _POOLED:
+                del _pool[next(iter(_pool))]
+
+    def solve(
+        self,
+        rhs_v: Floats,
+        rhs_c: Floats | None = None,
+        *,
+        refine: int = 1,
+        tolerance: float = 1e-14,
+        check: bool = False,
+    ) -> tuple[Floats, Floats]:
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of KKT [dv; lam] = [rhs_v; rhs_c].
+
+        rhs_c None is zero. At most `refine` refinements, while the relative residual exceeds `tolerance`;
+        `residual` (batch, count) is then the last one computed, that of the answer itself with `check`.
+        A member that is not `usable` gets NaN.
+        """
+        batch, K, nc, ma = self.shape
+        count = rhs_v.shape[3] if rhs_v.ndim == 4 else 1
+        rhs_v = _checked("rhs_v", rhs_v, (batch, K, nc, count))
+        if rhs_c is not None:
+            rhs_c = _checked("rhs_c", rhs_c, (batch, K, ma, count))
+        dv, lam = np.empty(rhs_v.shape), np.empty((batch, K, ma, *rhs_v.shape[3:]))
+        self.residual = np.full((batch, count), np.nan)
+        self._library.octo_solve_batch(
+            *(batch, self._threads, K, *self._problem, *self._memory.at[:2], _address(self._verdict)),
+            *(count, _address(rhs_v), None if rhs_c is None else _address(rhs_c), refine, tolerance, int(check)),
+            *(self._memory.scratch(count), _address(dv), _address(lam), _address(self.residual)),
+        )
+        return dv, lam
+
+
+def _checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
+    if array.shape != shape and array.shape != shape[:3]:
+        raise ShapeError(name, array.shape, shape)
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def factorize(
+    H: Floats, A: Floats, sigma: float | Floats | None = None, *, stop: bool = True, threads: int = 1
+) -> EliminationFactor:
+    """Factor [[H + diag(sigma), Aᵀ], [A, 0]]; H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc).
+
+    sigma: None, a number, (batch,), (batch, K) or (batch, K, nc). With `stop` a member is left at its first
+    non-positive pivot (its unit is `first_bad`); without, they are counted and the factor can still solve.
+    """
+    H, A = np.ascontiguousarray(H, dtype=np.float64), np.ascontiguousarray(A, dtype=np.float64)
+    if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:
+        raise ShapeError("H", H.shape, "(batch, K, 3, nc, nc)")
+    if A.ndim != 5 or A.shape[:3] != H.shape[:3] or A.shape[4] != H.shape[4]:
+        raise ShapeError("A", A.shape, "(batch, K, 3, ma, nc)")
+    if sigma is not None:
+        weight = np.asarray(sigma, dtype=np.float64)
+        if weight.ndim < 2:
+            weight = np.broadcast_to(weight.reshape(-1, 1), H.shape[:2])
+        if weight.shape not in (H.shape[:2], (*H.shape[:2], H.shape[3])):
+            raise ShapeError("sigma", weight.shape, "(batch, K) or (batch, K, nc)")
+        sigma = np.ascontiguousarray(weight)
+    return EliminationFactor(H, A, sigma, stop=stop, threads=threads)
