@@ -111,6 +111,21 @@ class BaseOrientation(Cost):
 
 
 @dataclass(frozen=True, eq=False)
+class BaseHeight(Cost):
+    """Height (m, world z) of a body's origin against ``height``, by default where it starts."""
+
+    height: Any = None
+    body: str | None = None
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        start = setting.point(self.body, np.zeros(3))[2:]
+        return {"height": start if self.height is None else np.asarray(self.height, dtype=float)[..., None]}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.pose(self.body)[1][2] - p["height"]
+
+
+@dataclass(frozen=True, eq=False)
 class BaseAngularVelocity(Cost):
     """World angular velocity of a body (rad/s) against ``velocity`` (3,) or (N, 3); ``axes`` weighs x, y, z."""
 

@@ -1,0 +1,320 @@
+"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how it was found."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import OutputError, RobotFileError
+from octo.model import store
+from octo.model.character import Character
+from octo.model.kinematics import body_poses, center_of_mass
+
+Array = NDArray[np.float64]
+LOADED = 0.01  # of the weight: a contact that carries more counts as loaded
+
+
+class Status(Enum):
+    """Why the solver stopped, in words."""
+
+    CONVERGED = "converged: the full step, the constraints and the gradient of the Lagrangian are within tolerance"
+    ACCEPTABLE = "acceptable: the constraints are within tolerance and E has changed by less than 1e-4 of itself over 20 iterations"
+    STALLED = "stalled: no step improves the merit any more, and the tests of convergence do not hold"
+    ITERATION_LIMIT = "stopped at the limit of iterations before it converged"
+    TIME_LIMIT = "stopped at the time limit before it converged"
+    INTERRUPTED = "interrupted: this is the best iterate so far"
+    NOT_FINITE = "stopped: the dynamics at the start are not finite"
+
+    @property
+    def converged(self) -> bool:
+        return self in (Status.CONVERGED, Status.ACCEPTABLE)
+
+    @property
+    def label(self) -> str:
+        """The name reports use: "converged", "iteration_limit", …"""
+        return self.name.lower()
+
+
+HISTORY = (
+    "pass",  # counted from 1
+    "iteration",  # counted from 0, the start of the pass
+    "energy",  # E
+    "violation",  # N, ‖C‖∞ scaled back by mg
+    "dual",  # ‖∇E + Aᵀlam‖∞
+    "step",  # ‖Δ‖∞ of the full KKT step, rad and m
+    "taken",  # ‖Δ‖∞ of the step taken, 0 where it was rejected
+    "ratio",  # actual/predicted reduction of the merit
+    "radius",  # trust radius
+    "sigma",  # largest regularisation weight
+    "factorizations",
+    "seconds",  # since the first iterate
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came from.
+
+    Attributes
+    ----------
+    name: of the robot, or "custom". character: None for user-written dynamics.
+    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m. u: (N, nu) N m or N; u[i] acts from x_i to x_{i+1}.
+    unknowns (K, nc), multipliers (K, ma): the solver's own variables, for warm starts.
+    terms: E by term; energy: their sum. violation: ‖C‖∞ in N. pointwise_residual: ‖U_/FD‖∞ in N (moments over ℓ).
+    contact_names: the spheres that touch the terrain (c of them); contact_force, contact_point, contact_velocity,
+        contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m, m/s.
+    ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
+    history: one column per name of HISTORY, one row per iteration of every pass.
+    passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
+    """
+
+    name: str
+    character: Character | None
+    dt: float
+    basis: str
+    x: Array
+    u: Array
+    unknowns: Array
+    multipliers: Array
+    status: Status
+    iterations: int
+    factorizations: int
+    terms: dict[str, float]
+    violation: float
+    pointwise_residual: float
+    weight: float  # N
+    length: float  # m, ℓ
+    torque_limit: Array  # (nu,)
+    contact_names: tuple[str, ...]
+    contact_force: Array
+    contact_point: Array
+    contact_velocity: Array
+    contact_normal: Array
+    contact_depth: Array
+    ground: dict[str, Array]
+    history: dict[str, Array]
+    parameters: dict[str, float]  # of the dynamics, of the last pass
+    seconds: float
+    setup_seconds: float
+    seed: int = 0
+    device: str = "cpu"
+    stages: dict[str, float] = field(default_factory=dict)
+    passes: tuple[dict[str, Any], ...] = ()
+    starts: tuple[dict[str, Any], ...] = ()
+
+    # -- the motion -----------------------------------------------------------------------------------------------
+
+    @property
+    def steps(self) -> int:
+        return len(self.x) - 2
+
+    @property
+    def times(self) -> Array:
+        """(N+1,) s, of x_0 … x_N."""
+        return self.dt * np.arange(self.steps + 1)
+
+    @property
+    def converged(self) -> bool:
+        return self.status.converged
+
+    @property
+    def energy(self) -> float:
+        return float(sum(self.terms.values()))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the coordinates in the order of x."""
+        if self.character is None:
+            return tuple(f"x{j}" for j in range(self.x.shape[1]))
+        return tuple(joint.name for joint in self.character.joints)
+
+    @property
+    def actuated_names(self) -> tuple[str, ...]:
+        """Names of the coordinates that u drives, in its order."""
+        if self.character is None:
+            return tuple(f"u{j}" for j in range(self.u.shape[1]))
+        return tuple(self.character.joints[j].name for j in self.character.actuated)
+
+    @property
+    def com(self) -> Array:
+        """(N+1, 3) m, centre of mass at x_0 … x_N; zeros for user-written dynamics."""
+        if self.character is None:
+            return np.zeros((self.steps + 1, 3))
+        return center_of_mass(self.character, self.x[1:])
+
+    @property
+    def yaw(self) -> Array:
+        """(N+1,) rad, unwrapped heading of the base at x_0 … x_N."""
+        if self.character is None:
+            return np.zeros(self.steps + 1)
+        rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
+        return np.unwrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
+
+    # -- what the feet do -----------------------------------------------------------------------------------------
+
+    @property
+    def normal_force(self) -> Array:
+        """(N, c) N."""
+        return np.sum(self.contact_force * self.contact_normal, axis=-1)
+
+    @property
+    def loaded(self) -> NDArray[np.bool_]:
+        """(N, c) contacts that carry at least 1 % of the weight."""
+        return self.normal_force >= LOADED * self.weight
+
+    def _loaded(self, values: Array) -> Array:
+        chosen = values[self.loaded]
+        return chosen if chosen.size else np.zeros(1)
+
+    @property
+    def penetration(self) -> float:
+        """m, mean over loaded contact-steps."""
+        return float(self._loaded(np.maximum(self.contact_depth, 0.0)).mean())
+
+    @property
+    def penetration_max(self) -> float:
+        return float(self._loaded(np.maximum(self.contact_depth, 0.0)).max())
+
+    @property
+    def slip(self) -> float:
+        """m/s, root mean square of the tangential velocity over loaded contact-steps."""
+        normal = self.contact_normal
+        along = self.contact_velocity - normal * np.sum(normal * self.contact_velocity, axis=-1, keepdims=True)
+        return float(np.sqrt(np.mean(self._loaded(np.sum(along**2, axis=-1)))))
+
+    def _friction_use(self) -> Array:
+        force = self.normal_force
+        tangential = np.linalg.norm(self.contact_force - self.contact_normal * force[..., None], axis=-1)
+        return self._loaded(tangential / np.where(self.loaded, force, 1.0))
+
+    @property
+    def friction_use(self) -> float:
+        """Largest |f_t|/f_n of a loaded contact."""
+        return float(self._friction_use().max())
+
+    @property
+    def friction_use_95(self) -> float:
+        """95 % quantile of |f_t|/f_n over loaded contact-steps."""
+        return float(np.quantile(self._friction_use(), 0.95))
+
+    @property
+    def torque_excess(self) -> float:
+        """Largest |u|/limit over the joints that have a limit; 0 where none has."""
+        limited = np.isfinite(self.torque_limit) & (self.torque_limit > 0)
+        if not limited.any() or not self.steps:
+            return 0.0
+        return float(np.max(np.abs(self.u[:, limited]) / self.torque_limit[limited]))
+
+    # -- words and numbers ----------------------------------------------------------------------------------------
+
+    def report(self) -> dict[str, Any]:
+        """The numbers of report.json; every one is finite."""
+        travel = self.com[-1] - self.com[0]
+        return {
+            "status": self.status.label,
+            "status_sentence": self.status.value,
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "factorizations": self.factorizations,
+            "energy": self.energy,
+            "terms": dict(self.terms),
+            "violation": self.violation,
+            "pointwise_residual": self.pointwise_residual,
+            "weight": self.weight,
+            "com_travel": [float(v) for v in travel],
+            "penetration": self.penetration,
+            "penetration_max": self.penetration_max,
+            "slip": self.slip,
+            "friction_use": self.friction_use,
+            "friction_use_95": self.friction_use_95,
+            "torque_excess": self.torque_excess,
+            "seconds": self.seconds,
+            "setup_seconds": self.setup_seconds,
+            "seconds_per_iteration": self.seconds / max(self.iterations, 1),
+            "stages": dict(self.stages),
+            "passes": [dict(record) for record in self.passes],
+            "device": self.device,
+            "basis": self.basis,
+            "steps": self.steps,
+            "dt": self.dt,
+            "robot": self.name,
+            "seed": self.seed,
+        }
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.name}, {self.steps} steps of {self.dt:g} s ({self.basis}): {self.status.value}",
+            f"  {self.iterations} iterations in {self.seconds:.2f} s, E = {self.energy:.5g} "
+            f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
+            f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual {self.pointwise_residual:.1e} N",
+        ]
+        if self.character is not None:
+            travel = self.com[-1] - self.com[0]
+            lines.append(
+                f"  centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, {travel[2]:.2f}) m; feet sink "
+                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
+            )
+        return "\n".join(lines)
+
+    # -- files ----------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
+        target = Path(path)
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {f"history_{k}": v for k, v in self.history.items()}
+        plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
+        for name in ("ground", "history"):
+            plain.pop(name)
+        plain["status"] = self.status.label
+        plain["character"] = None if self.character is None else store.to_plain(self.character)
+        arrays["plain"] = np.array(json.dumps(plain))
+        try:
+            handle, scratch = tempfile.mkstemp(dir=target.parent, suffix=".npz")
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(file, **arrays)
+            os.replace(scratch, target)
+        except OSError as error:
+            raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Solution:
+        """Read a solution that :meth:`save` wrote.
+
+        Raises
+        ------
+        RobotFileError: the file is missing or was not written by octo.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as file:
+                data = {name: file[name] for name in file.files}
+            plain = json.loads(str(data.pop("plain")))
+            values: dict[str, Any] = {name: data[name] for name in _ARRAYS}
+            for group in ("ground", "history"):
+                values[group] = {k.removeprefix(f"{group}_"): v for k, v in data.items() if k.startswith(f"{group}_")}
+            plain["status"] = Status[plain["status"].upper()]
+            if plain["character"] is not None:
+                plain["character"] = store.from_plain(plain["character"])
+            for name in ("contact_names", "passes", "starts"):
+                plain[name] = tuple(plain[name])
+            return Solution(**values, **plain)
+        except FileNotFoundError as error:
+            raise RobotFileError(f"solution file {path} does not exist") from error
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise RobotFileError(f"{path} is not a solution that octo saved (.npz): {error}") from error
+
+
+_ARRAYS = (
+    "x", "u", "unknowns", "multipliers", "torque_limit", "contact_force", "contact_point", "contact_velocity",
+    "contact_normal", "contact_depth",
+)  # fmt: skip
