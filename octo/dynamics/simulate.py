@@ -1,0 +1,252 @@
+"""Implicit simulation: solve FD(x_next, x, x_prev, p) = Uᵀu for x_next, step after step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.laws import ContactLaw
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.model.character import Character
+from octo.model.terrain import Plane, Terrain
+
+Array = NDArray[np.float64]
+Controls = Array | Callable[[float, Array, Array], Array]
+
+TOLERANCE = 1e-10  # m or rad: the displacement that the remaining force gives the joint's own inertia in one step
+ITERATIONS = 60
+LONGEST = 0.5  # m or rad, of one Newton step: linearised rotations mean nothing beyond
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What a simulation did.
+
+    Attributes
+    ----------
+    x: (N+2, nx) rad and m, x_{-1}, x_0, x_1 … x_N; the start is x[1].
+    u: (N, nu) N m or N, u[i] acts from x_i to x_{i+1}.
+    dt: s.
+    converged: (N,) whether FD = Uᵀu was solved in this step.
+    residual: (N,) what was left of it, in m or rad of displacement in one step.
+    """
+
+    x: Array
+    u: Array
+    dt: float
+    converged: NDArray[np.bool_]
+    residual: Array
+
+    @property
+    def time(self) -> Array:
+        """(N+1,) s, of x_0 … x_N."""
+        return self.dt * np.arange(len(self.u) + 1)
+
+    @property
+    def velocity(self) -> Array:
+        """(N+1, nx) rad/s and m/s, backward differences: at x_0 … x_N."""
+        return np.diff(self.x, axis=0) / self.dt
+
+
+class Stepper:
+    """Solves one implicit step, over all rows or over some coordinates with the others held.
+
+    Parameters
+    ----------
+    dynamics: FD.
+    p: (NP,) its parameters.
+    free: indices of the coordinates (and rows) that are solved for; all by default.
+    """
+
+    def __init__(self, dynamics: Dynamics, p: Array, free: NDArray[np.intp] | None = None):
+        self.dynamics = dynamics
+        self.p = np.ascontiguousarray(p, dtype=float).reshape(1, -1)
+        self.free = np.arange(dynamics.nx) if free is None else np.asarray(free, dtype=np.intp)
+        self._square = np.ix_(self.free, self.free)
+        self._nodes = np.empty((1, 3, dynamics.nx))
+
+    def __call__(self, x: Array, x_prev: Array, load: Array | None = None, guess: Array | None = None) -> tuple[Array, float]:
+        """x_next (nx,) with FD(x_next, x, x_prev) = load (nx,) in the free rows, and the residual left.
+
+        Newton from the extrapolated configuration; where that fails, from the one that stands still.
+        """
+        load = np.zeros(len(self._nodes[0, 0])) if load is None else load
+        starts = [2.0 * x - x_prev, x] if guess is None else [guess, x]
+        best, left = x, np.inf
+        for start in starts:
+            tried, residual = self._newton(start, x, x_prev, load)
+            if residual < left:
+                best, left = tried, residual
+            if left <= TOLERANCE:
+                break
+        return best, left
+
+    def _evaluate(self, x_next: Array, load: Array, order: int) -> tuple[Array, Array | None]:
+        self._nodes[0, 2] = x_next
+        fd, jac, _ = self.dynamics.evaluate(self._nodes, self.p, order=order)
+        return (fd[0, 0] - load)[self.free], None if jac is None else jac[0, 0]
+
+    def _newton(self, start: Array, x: Array, x_prev: Array, load: Array) -> tuple[Array, float]:
+        """Newton on the free rows; a step that does not help is shortened, then damped by the inertia M/dt²."""
+        n, free, damping = self.dynamics.nx, self.free, 0.0
+        self._nodes[0, 0], self._nodes[0, 1] = x_prev, x
+        x_next = x.copy()
+        x_next[free] = start[free]
+        force, jac = self._evaluate(x_next, load, 1)
+        assert jac is not None
+        inertia = jac[:, 2 * n :][self._square]  # ∂FD/∂x_prev is M/dt², nearly
+        scale = 1.0 / np.maximum(np.diag(inertia), 1e-12 * np.max(np.diag(inertia)))
+        norm = float(np.linalg.norm(scale * force))
+        for _ in range(ITERATIONS):
+            if not norm > TOLERANCE:
+                break
+            matrix = jac[:, :n][self._square] + damping * inertia
+            change = _solve(matrix, -force)
+            change *= min(1.0, LONGEST / max(float(np.max(np.abs(change))), 1e-300))
+            length = 1.0
+            while length > 1e-3:
+                trial = x_next.copy()
+                trial[free] += length * change
+                tried, _ = self._evaluate(trial, load, 0)
+                trial_norm = float(np.linalg.norm(scale * tried))
+                if trial_norm <= (1.0 - 1e-4 * length) * norm:
+                    break
+                length *= 0.5
+            else:
+                damping = max(1.0, 4.0 * damping)
+                if damping > 1e8:
+                    break
+                continue
+            damping = 0.0 if damping <= 1.0 else 0.25 * damping
+            x_next, norm = trial, trial_norm
+            force, jac = self._evaluate(x_next, load, 1)
+            assert jac is not None
+        return x_next, norm if np.isfinite(norm) else np.inf
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    try:
+        change = np.linalg.solve(matrix, right)
+        if np.isfinite(change).all():
+            return change
+    except np.linalg.LinAlgError:
+        pass
+    return np.linalg.lstsq(matrix, right, rcond=None)[0]
+
+
+def step(dynamics: Dynamics, x: Array, x_prev: Array, u: Array | None, p: Array) -> Array:
+    """x_next (nx,) with FD(x_next, x, x_prev, p) = Uᵀu.
+
+    Parameters
+    ----------
+    x, x_prev: (nx,) rad and m.
+    u: (nu,) N m or N; None for zero.
+    p: (NP,).
+    """
+    load = np.zeros(dynamics.nx)
+    if u is not None:
+        load[dynamics.actuated] = _checked("u", u, (dynamics.nu,))
+    return Stepper(dynamics, p)(_checked("x", x, (dynamics.nx,)), _checked("x_prev", x_prev, (dynamics.nx,)), load)[0]
+
+
+def simulate(
+    model: Character | Dynamics,
+    x0: Array,
+    v0: Array | None = None,
+    controls: Controls | None = None,
+    *,
+    seconds: float | None = None,
+    steps: int | None = None,
+    dt: float = 0.025,
+    terrain: Plane | Terrain | None = None,
+    law: ContactLaw | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Motion:
+    """Roll the dynamics out.
+
+    Parameters
+    ----------
+    model: a Character, or any Dynamics (then without terrain and law).
+    x0, v0: (nx,) the start and its velocity, rad, m, rad/s, m/s; v0 is zero by default.
+    controls: (N, nu) N m or N, or a callable ``controls(t, q, v) -> (nu,)``; zero by default.
+    seconds, steps: how long; one of them, or neither with an array of controls.
+    dt: s.
+    parameters: run-time parameters of the dynamics by name.
+
+    Raises
+    ------
+    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the argument and what is allowed.
+    """
+    if isinstance(model, Dynamics):
+        if terrain is not None or law is not None:
+            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
+        dynamics = model
+    elif isinstance(model, Character):
+        dynamics = RobotDynamics(model, law, terrain)
+    else:
+        raise ProblemError(f"model is a {type(model).__name__}, must be a Character or a Dynamics")
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise ValueRangeError(f"dt is {dt} s, must be positive")
+    p = _parameters(dynamics, dt, parameters or {})
+    x0 = _checked("x0", x0, (dynamics.nx,))
+    v0 = np.zeros(dynamics.nx) if v0 is None else _checked("v0", v0, (dynamics.nx,))
+    N, control = _schedule(controls, seconds, steps, dt, dynamics.nu)
+    stepper = Stepper(dynamics, p)
+    x, u = np.empty((N + 2, dynamics.nx)), np.zeros((N, dynamics.nu))
+    x[0], x[1] = x0 - dt * v0, x0
+    residual, load = np.empty(N), np.zeros(dynamics.nx)
+    for i in range(N):
+        if control is not None:
+            u[i] = control(i, x[i + 1], (x[i + 1] - x[i]) / dt)
+            load[dynamics.actuated] = u[i]
+        x[i + 2], residual[i] = stepper(x[i + 1], x[i], load)
+    return Motion(x, u, float(dt), residual <= TOLERANCE, residual)
+
+
+def _parameters(dynamics: Dynamics, dt: float, parameters: Mapping[str, float]) -> Array:
+    for name, value in parameters.items():
+        if name not in dynamics.layout.names:
+            raise UnknownNameError("parameter", name, dynamics.layout.names)
+        if not np.isfinite(value):
+            raise ValueRangeError(f"parameter {name} is {value}, must be finite")
+    return dynamics.layout.pack(**{**parameters, "dt": dt})
+
+
+def _schedule(
+    controls: Controls | None, seconds: float | None, steps: int | None, dt: float, nu: int
+) -> tuple[int, Callable[[int, Array, Array], Array] | None]:
+    """Number of steps, and u_i as a function of (i, x_i, v_i)."""
+    if seconds is not None and steps is not None:
+        raise ProblemError("seconds and steps are both given: give one of them")
+    if seconds is not None:
+        if not (np.isfinite(seconds) and seconds > 0.0):
+            raise ValueRangeError(f"seconds is {seconds}, must be positive")
+        steps = max(1, round(seconds / dt))
+    if steps is not None and (not isinstance(steps, (int, np.integer)) or steps < 1):
+        raise ValueRangeError(f"steps is {steps!r}, must be a whole number of at least 1")
+    if controls is None:
+        if steps is None:
+            raise ProblemError("give seconds, steps, or an array of controls: how long is not known")
+        return int(steps), None
+    if callable(controls):
+        if steps is None:
+            raise ProblemError("give seconds or steps: controls is a function, so how long is not known")
+        policy = controls
+        return int(steps), lambda i, q, v: _checked(f"controls at step {i}", policy(i * dt, q.copy(), v), (nu,))
+    array = np.asarray(controls, dtype=float)
+    N = int(steps) if steps is not None else len(np.atleast_1d(array))
+    table = _checked("controls", array, (N, nu))
+    return N, lambda i, q, v: table[i]
+
+
+def _checked(name: str, value: Array, shape: tuple[int, ...]) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != shape:
+        raise ShapeError(name, array.shape, shape)
+    if not np.isfinite(array).all():
+        raise ValueRangeError(f"{name} is not finite at index {tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])}")
+    return array

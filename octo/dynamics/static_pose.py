@@ -1,0 +1,308 @@
+"""The start: a pose in which the joint torques alone hold the robot, so that FD's unactuated rows vanish (§5).
+
+On level ground nothing moves. On a slope Eq. 6 lets every foot creep: there the pose is the one that creeps at a steady
+velocity v, FD(x, x - dt v, x - 2 dt v) = 0, with v along the ground. Where friction cannot stop it either, it is the
+one that slides with an acceleration along the ground and keeps its height and tilt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.parameters import section
+from octo.dynamics.simulate import Stepper
+from octo.errors import ShapeError, StaticPoseError, ValueRangeError
+from octo.model.character import Array, Character
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.terrain import normal
+
+GRAVITY = 9.81  # m/s², only of scales
+TOLERANCE = 1e-6  # of mg and mg·ℓ
+MARGIN = 0.05  # of a joint's range
+MOST_TILT = np.deg2rad(60.0)  # of the base against the pose that was asked for
+NEWTON_ITERATIONS = 60
+SETTLING_STEPS = 150
+
+
+def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) -> Array:
+    """A static pose (nx,) near the given or the character's default one.
+
+    Parameters
+    ----------
+    dynamics: the robot on its terrain.
+    p: (NP,) its parameters.
+    pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept; by default the character's default
+        pose or zero, and when that does not stand, every limited joint at the middle of its range.
+
+    Raises
+    ------
+    StaticPoseError: no such pose stands; says why.
+    """
+    robot = dynamics.character
+    if pose is not None:
+        array = np.asarray(pose, dtype=float)
+        if array.shape != (robot.nx,):
+            raise ShapeError("pose", array.shape, (robot.nx,))
+        if not np.isfinite(array).all():
+            raise ValueRangeError(f"pose is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}")
+        candidates = {"the given pose": array}
+    else:
+        default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+        candidates = {"the default pose": default, "the middle of the joints' ranges": _middle(robot, default)}
+    reasons = []
+    for name, candidate in candidates.items():
+        start = inside_limits(robot, candidate)
+        if len(robot.unactuated) == 0:
+            return start
+        try:
+            return _Balance(dynamics, p, start).solve()
+        except StaticPoseError as error:
+            reasons.append(f"{name} does not stand ({error})")
+    raise StaticPoseError(f"{robot.name}: {'; '.join(reasons)}; give a pose that stands with --pose NAME|FILE")
+
+
+def inside_limits(robot: Character, pose: Array) -> Array:
+    """``pose`` (nx,), the joints on or beyond a limit moved inside by 5 % of their range (0.05 where it is one-sided)."""
+    inside, span = pose.copy(), robot.upper - robot.lower
+    margin = np.where(np.isfinite(span), MARGIN * span, MARGIN)
+    low, high = pose <= robot.lower, pose >= robot.upper
+    inside[low] = (robot.lower + margin)[low]
+    inside[high] = (robot.upper - margin)[high]
+    return inside
+
+
+def _middle(robot: Character, pose: Array) -> Array:
+    limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    return np.where(limited, 0.5 * (np.where(limited, robot.lower, 0.0) + np.where(limited, robot.upper, 0.0)), pose)
+
+
+@dataclass(eq=False)
+class _Balance:
+    """The search for one pose: what is free, what is balanced, in which scale."""
+
+    dynamics: RobotDynamics
+    p: Array  # (NP,)
+    start: Array  # (nx,)
+
+    def __post_init__(self) -> None:
+        robot = self.dynamics.character
+        self.free = robot.unactuated
+        self.dt = float(self.p[self.dynamics.layout.index("dt")])
+        self.weight = robot.mass * GRAVITY  # N
+        self.lift = self._vertical_slide()
+        self.start = self._touching(self.start)
+        self.length = self._length()
+        kinds = [robot.joints[j].kind for j in self.free]
+        self.row_scale = np.array([1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds])
+        self.step_scale = np.array([1.0 if kind == "hinge" else self.length for kind in kinds])  # rad, m
+        self.still, self.drift = self._directions()
+        self.clearance = self._base_clearance(self.start)
+
+    # --- the ground -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _ground(self) -> ca.Function:
+        """Signed distance (m) and outward normal (3,) of the terrain at a point (3,) m."""
+        point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
+        view, terrain = section(self.dynamics.layout.view(p), "terrain."), self.dynamics.terrain
+        return ca.Function("ground", [point, p], [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)])
+
+    def ground(self, points: Array) -> tuple[Array, Array]:
+        """Distance (k,) m and normal (k, 3) at points (k, 3) m."""
+        k = len(points)
+        distance, outward = self._ground.map(k)(points.T, ca.repmat(ca.DM(self.p), 1, k))
+        return np.asarray(distance).reshape(k), np.asarray(outward).T
+
+    def gaps(self, x: Array) -> Array:
+        """Distance (contacts,) m of the terrain contacts from the ground at x, negative inside."""
+        robot = self.dynamics.character
+        chosen = list(robot.terrain_contacts)
+        radius = np.array([robot.contacts[k].radius for k in chosen])
+        return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
+
+    def _vertical_slide(self) -> int | None:
+        """The unactuated slide that lifts the robot, if any: the steepest one of the bodies hung on the world."""
+        robot, best, steepest = self.dynamics.character, None, 0.5
+        for b, body in enumerate(robot.bodies):
+            if body.parent != -1:
+                continue
+            for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
+                rise = float((body.rotation @ joint.axis)[2])
+                if joint.kind == "slide" and not joint.actuated and abs(rise) > steepest:
+                    best, steepest = j, abs(rise)
+        return best
+
+    def _touching(self, x: Array) -> Array:
+        """x with the robot raised or lowered until its lowest contact is on the ground, then until that carries mg."""
+        robot, j = self.dynamics.character, self.lift
+        if j is None or not robot.terrain_contacts:
+            return x
+        x = x.copy()
+        body = next(b for b, path in enumerate(robot.path) if j in path)
+        up = float((robot.bodies[body].rotation @ robot.joints[j].axis)[2])
+        for _ in range(50):
+            gap = float(np.min(self.gaps(x)))
+            x[j] -= gap / up  # a fixed point on a slope: the distance shrinks by its cosine each time
+            if abs(gap) < 1e-10:
+                break
+        depths = np.concatenate([[0.0], np.geomspace(1e-5, 0.3, 46)])
+        nodes = np.repeat(x[None], len(depths), axis=0)
+        nodes[:, j] -= depths / up
+        at = np.repeat(nodes[:, None], 3, axis=1)
+        force = self.dynamics.evaluate(at, np.repeat(self.p[None], len(depths), axis=0))[0][:, 0, j] * np.sign(up)
+        carried = np.flatnonzero(force <= 0.0)
+        return nodes[int(carried[0])] if len(carried) else nodes[0]
+
+    def _length(self) -> float:
+        """ℓ (m): height of the centre of the base over the lowest contact."""
+        robot = self.dynamics.character
+        if not robot.terrain_contacts:
+            return 1.0
+        _, origin = body_poses(robot, self.start)
+        return max(float(self.ground(origin[None, robot.base_body])[0][0] - np.min(self.gaps(self.start))), 0.05)
+
+    # --- unknowns ---------------------------------------------------------------------------------------------------
+
+    def _directions(self) -> tuple[NDArray[np.intp], Array]:
+        """Places in ``free`` that the pose is searched over, and directions (free, k) in which only a drift is.
+
+        The floating base drifts along the ground in x and y and turns about z; any other robot drifts in the
+        coordinates that no force depends on.
+        """
+        robot, m = self.dynamics.character, len(self.free)
+        if robot.base == "floating":
+            first = int(robot.first_joint[robot.base_body])
+            x, y, z, yaw = (int(np.flatnonzero(self.free == first + k)[0]) for k in range(4))
+            drift = np.zeros((m, 3))
+            _, origin = body_poses(robot, self.start)
+            outward = self.ground(origin[None, robot.base_body])[1][0]
+            drift[x, 0] = drift[y, 1] = drift[yaw, 2] = 1.0
+            drift[z, :2] = -outward[:2] / max(float(outward[2]), 0.1)
+            return np.setdiff1d(np.arange(m), [x, y, yaw]).astype(np.intp), drift
+        _, stiffness, _, _ = self.linearised(self.start, np.zeros(m), np.zeros(m))
+        size = np.max(np.abs(self.row_scale[:, None] * stiffness * self.step_scale), axis=0)
+        idle = size <= 1e-9 * max(float(np.max(size)), 1e-9)
+        return np.flatnonzero(~idle).astype(np.intp), np.eye(m)[:, idle]
+
+    def linearised(self, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
+        """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives (free, free) to x, v and a."""
+        n, free, dt = self.dynamics.nx, self.free, self.dt
+        nodes = np.repeat(x[None, None], 3, axis=1)
+        nodes[0, 1, free] -= dt * v
+        nodes[0, 0, free] += dt**2 * a - 2.0 * dt * v
+        fd, jac, _ = self.dynamics.evaluate(nodes, self.p[None], order=1)
+        assert jac is not None
+        newest, now, old = (jac[0, 0][np.ix_(free, free + k * n)] for k in range(3))
+        return fd[0, 0, free], newest + now + old, -dt * (now + 2.0 * old), dt**2 * old
+
+    # --- search -----------------------------------------------------------------------------------------------------
+
+    def solve(self) -> Array:
+        """Newton from the start; if that finds nothing that stands, from where the robot settles with its joints held."""
+        reason = ""
+        for prepare in (lambda: self.start, self.settled):
+            x = prepare()
+            for sliding in (False, True):
+                found, residual = self.newton(x, sliding)
+                reason = self.objection(found, residual)
+                if not reason:
+                    return found
+        raise StaticPoseError(reason)
+
+    def newton(self, x: Array, sliding: bool) -> tuple[Array, float]:
+        """Levenberg's method on the scaled rows, over pose and steady drift (or, sliding, its acceleration)."""
+        still, drift, k = self.still, self.drift, self.drift.shape[1]
+        x, rate, damping = x.copy(), np.zeros(k), 0.0
+        unit = np.concatenate([self.step_scale[still], np.ones(k)])
+
+        def rows(x: Array, rate: Array) -> tuple[Array, Array]:
+            moved = drift @ rate
+            zero = np.zeros(len(self.free))
+            force, stiffness, friction, inertia = self.linearised(x, *((zero, moved) if sliding else (moved, zero)))
+            last = (inertia if sliding else friction) @ drift
+            return self.row_scale * force, self.row_scale[:, None] * np.hstack([stiffness[:, still], last]) * unit
+
+        force, jac = rows(x, rate)
+        norm = float(np.linalg.norm(force))
+        for _ in range(NEWTON_ITERATIONS):
+            if norm <= 1e-3 * TOLERANCE or damping > 1e6:
+                break
+            change = _levenberg(jac, force, damping)
+            change *= min(1.0, 0.2 / max(float(np.max(np.abs(change[: len(still)]), initial=0.0)), 1e-300))
+            moved = unit * change
+            trial = x.copy()
+            trial[self.free[still]] += moved[: len(still)]
+            tried, tried_jac = rows(trial, rate + moved[len(still) :])
+            tried_norm = float(np.linalg.norm(tried))
+            if tried_norm < norm:
+                x, rate, force, jac, norm = trial, rate + moved[len(still) :], tried, tried_jac, tried_norm
+                damping = 0.0 if damping < 1e-4 else 0.2 * damping
+            else:
+                damping = max(1e-3, 4.0 * damping)
+        return x, float(np.max(np.abs(force), initial=0.0))
+
+    def settled(self) -> Array:
+        """Where the robot comes to rest with its joints held: implicit steps from rest, ever longer, then put back.
+
+        Starting each step at rest damps the fall; the solution of a step is then that of V(x) + ½|x - x_i|²_M/dt².
+        """
+        robot, x, duration = self.dynamics.character, self.start, 0.01
+        kept = [j for k, j in enumerate(self.free) if k not in self.still]
+        for _ in range(SETTLING_STEPS):
+            p = self.p.copy()
+            p[self.dynamics.layout.index("dt")] = duration
+            moved, left = Stepper(self.dynamics, p, self.free)(x, x)
+            if not left < 1e-6:
+                duration *= 0.3
+                if duration < 1e-4:
+                    break
+                continue
+            change = (moved - x)[self.free][self.still] / self.step_scale[self.still]
+            x, duration = moved, min(1.5 * duration, 1.0)
+            if self.tilt(x) > MOST_TILT or (duration >= 0.2 and float(np.max(np.abs(change), initial=0.0)) < 1e-4):
+                break
+        x = x.copy()
+        x[kept] = self.start[kept]
+        return self._touching(x) if robot.base == "floating" else x
+
+    # --- does it stand? ---------------------------------------------------------------------------------------------
+
+    def tilt(self, x: Array) -> float:
+        """rad between the vertical axis of the base now and at the start."""
+        robot = self.dynamics.character
+        ups = [body_poses(robot, pose)[0][robot.base_body][2] for pose in (self.start, x)]
+        return float(np.arccos(np.clip(ups[0] @ ups[1], -1.0, 1.0)))
+
+    def _base_clearance(self, x: Array) -> float:
+        """m, lowest contact of the base body above the ground; infinite where it has none."""
+        robot = self.dynamics.character
+        own = [k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == robot.base_body]
+        return float(np.min(self.gaps(x)[own])) if own and robot.base == "floating" else np.inf
+
+    def objection(self, x: Array, residual: float) -> str:
+        """Why x is no static pose, or nothing."""
+        robot = self.dynamics.character
+        if robot.base == "floating" and self.tilt(x) > MOST_TILT:
+            return f"the base tips over by {np.rad2deg(self.tilt(x)):.0f} degrees"
+        if not residual <= TOLERANCE:
+            return f"a residual of {residual:.1e} mg is left"
+        if self.clearance > 0.1 * self.length and self._base_clearance(x) < 0.0:
+            return f"{robot.bodies[robot.base_body].name} comes down on the ground"
+        beyond = np.flatnonzero((x < robot.lower) | (x > robot.upper))
+        if len(beyond):
+            return f"joint {robot.joints[int(beyond[0])].name} is beyond its limit"
+        return ""
+
+
+def _levenberg(jac: Array, rows: Array, damping: float) -> Array:
+    """Step (k,) that minimises |rows + jac·step|² + damping·|step|², of least length where it is not unique."""
+    k = jac.shape[1]
+    if damping > 0.0:
+        jac, rows = np.vstack([jac, np.sqrt(damping) * np.eye(k)]), np.concatenate([rows, np.zeros(k)])
+    return np.linalg.lstsq(jac, -rows, rcond=1e-10)[0]
