@@ -39,6 +39,12 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
         [_INT] * 3 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
     ) + [_POINTER] * 4
     made.octo_solve_batch.restype = None
+    made.octo_normal_bytes.restype = _SIZE
+    if ma > 0:
+        made.octo_normal_factor.argtypes = [_INT] * 3 + [_POINTER] * 3
+        made.octo_normal_factor.restype = None
+        made.octo_normal_solve.argtypes = [_INT] * 3 + [_POINTER] * 3 + [_INT, _POINTER, _INT] + [_POINTER] * 3
+        made.octo_normal_solve.restype = None
     return made
 
 
@@ -57,20 +63,21 @@ class _Memory:
         self.store = aligned(made.octo_unit_room() * batch * K)
         self.windows = aligned(made.octo_window_bytes() // 8 * threads)
         self.scratch_room: int = made.octo_scratch_room(K) * threads
-        self.at = [_address(array) for array in (self.units, self.store, self.windows)]
+        self.at = [address(array) for array in (self.units, self.store, self.windows)]
         self._scratch: Floats | None = None
 
     def scratch(self, count: int) -> int:
         """Address of the solves' scratch for `count` right-hand sides."""
         if self._scratch is None or self._scratch.size < self.scratch_room * count:
             self._scratch = aligned(self.scratch_room * count)
-        return _address(self._scratch)
+        return address(self._scratch)
 
 
 _pool: dict[tuple[int, ...], list[_Memory]] = {}
 
 
-def _address(array: NDArray) -> int:
+def address(array: NDArray) -> int:
+    """Where the array's numbers are; a fifth of the time of ``array.ctypes.data``."""
     return int(array.__array_interface__["data"][0])
 
 
@@ -92,10 +99,10 @@ class EliminationFactor:
         free = _pool.get(self._key)
         self._memory = free.pop() if free else _Memory(made, batch, K, threads)
         per_variable = int(sigma is not None and sigma.ndim == 3)
-        self._problem = (_address(H), _address(A), None if sigma is None else _address(sigma), per_variable)
+        self._problem = (address(H), address(A), None if sigma is None else address(sigma), per_variable)
         verdict = np.empty((batch, 4), dtype=np.int32)
         self._verdict = verdict
-        made.octo_factor_batch(batch, threads, K, *self._problem, int(stop), *self._memory.at, _address(verdict))
+        made.octo_factor_batch(batch, threads, K, *self._problem, int(stop), *self._memory.at, address(verdict))
         self.negative, self.first_bad, self.dependent = verdict[:, 0], verdict[:, 1], verdict[:, 2]
         self.usable = verdict[:, 3] != 0
         self.residual: Floats = np.full((batch, 1), np.nan)
@@ -136,9 +143,9 @@ class EliminationFactor:
         dv, lam = np.empty(rhs_v.shape), np.empty((batch, K, ma, *rhs_v.shape[3:]))
         self.residual = np.full((batch, count), np.nan)
         self._library.octo_solve_batch(
-            *(batch, self._threads, K, *self._problem, *self._memory.at[:2], _address(self._verdict)),
-            *(count, _address(rhs_v), None if rhs_c is None else _address(rhs_c), refine, tolerance, int(check)),
-            *(self._memory.scratch(count), _address(dv), _address(lam), _address(self.residual)),
+            *(batch, self._threads, K, *self._problem, *self._memory.at[:2], address(self._verdict)),
+            *(count, address(rhs_v), None if rhs_c is None else address(rhs_c), refine, tolerance, int(check)),
+            *(self._memory.scratch(count), address(dv), address(lam), address(self.residual)),
         )
         return dv, lam
 

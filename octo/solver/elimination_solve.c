@@ -224,13 +224,15 @@ static const double *member_sigma(const job *j, ptrdiff_t m) {
     return j->sigma ? j->sigma + m * j->K * (j->per_variable ? NC : 1) : NULL;
 }
 
-static void factor_member(const job *j, ptrdiff_t m, int worker) {
+static void factor_member(const void *shared, ptrdiff_t m, int worker) {
+    const job *j = shared;
     octo_factor(j->K, j->H + m * j->K * 3 * NC * NC, j->A + m * j->K * 3 * MA * NC, member_sigma(j, m),
                 j->per_variable, j->stop, j->units + m * j->K, j->store + m * j->K * ROOM(NC, ROWS),
                 j->windows + worker, j->verdict + 4 * m);
 }
 
-static void solve_member(const job *j, ptrdiff_t m, int worker) {
+static void solve_member(const void *shared, ptrdiff_t m, int worker) {
+    const job *j = shared;
     ptrdiff_t variables = (ptrdiff_t)j->K * NC * j->count, rows = (ptrdiff_t)j->K * MA * j->count;
     double *dv = j->dv + m * variables, *lam = j->lam + m * rows, *sizes = j->sizes + m * j->count;
     if (j->verdict[4 * m + 3]) {
@@ -246,8 +248,8 @@ static void solve_member(const job *j, ptrdiff_t m, int worker) {
 }
 
 typedef struct {
-    void (*run)(const job *, ptrdiff_t, int);
-    const job *shared;
+    void (*run)(const void *, ptrdiff_t, int);
+    const void *shared;
     ptrdiff_t *next, batch;
     int number;
 } worker;
@@ -260,7 +262,7 @@ static void *work(void *argument) {
 }
 
 /* the members of a batch over at most 64 threads, this one included */
-static void spread(void (*run)(const job *, ptrdiff_t, int), const job *shared, ptrdiff_t batch, int threads) {
+static void spread(void (*run)(const void *, ptrdiff_t, int), const void *shared, ptrdiff_t batch, int threads) {
     ptrdiff_t next = 0;
     pthread_t handle[64];
     worker workers[64];
