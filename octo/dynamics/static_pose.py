@@ -19,7 +19,7 @@ from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import ShapeError, StaticPoseError, ValueRangeError
 from octo.model.character import Array, Character
-from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.terrain import normal
 
 GRAVITY = 9.81  # m/s², only of scales
@@ -96,7 +96,7 @@ class _Balance:
         self.dt = float(self.p[self.dynamics.layout.index("dt")])
         self.weight = robot.mass * GRAVITY  # N
         self.lift = self._vertical_slide()
-        self.start = self._touching(self.start)
+        self.start = self._touching(self._along_the_ground(self.start))
         self.length = self._length()
         kinds = [robot.joints[j].kind for j in self.free]
         self.row_scale = np.array([1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds])
@@ -137,6 +137,28 @@ class _Balance:
                 if joint.kind == "slide" and not joint.actuated and abs(rise) > steepest:
                     best, steepest = j, abs(rise)
         return best
+
+    def _along_the_ground(self, x: Array) -> Array:
+        """x with a floating base turned as a slope is turned from the level: feet that were in one plane stay in it."""
+        robot = self.dynamics.character
+        if robot.base != "floating":
+            return x
+        rotation, origin = body_poses(robot, x)
+        outward = self.ground(origin[None, robot.base_body])[1][0]
+        axis = np.cross([0.0, 0.0, 1.0], outward)
+        if np.linalg.norm(axis) < 1e-12:
+            return x
+        turn = axis_rotation(axis / np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), outward[2]))
+        x, first = x.copy(), int(robot.first_joint[robot.base_body]) + 3
+        R = robot.bodies[robot.base_body].rotation.T @ turn @ rotation[robot.base_body]
+        if robot.chart == "zyx":
+            angles = (np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(np.clip(R[2, 0], -1, 1)), np.arctan2(R[2, 1], R[2, 2]))
+        else:
+            angles = (np.arctan2(-R[0, 1], R[1, 1]), np.arcsin(np.clip(R[2, 1], -1, 1)), np.arctan2(-R[2, 0], R[2, 2]))
+        reference = np.array([robot.joints[first + k].reference for k in range(3)])
+        turns = np.asarray(angles) + reference
+        x[first : first + 3] = turns + 2.0 * np.pi * np.round((x[first : first + 3] - turns) / (2.0 * np.pi))
+        return x
 
     def _touching(self, x: Array) -> Array:
         """x with the robot raised or lowered until its lowest contact is on the ground, then until that carries mg."""
@@ -204,15 +226,25 @@ class _Balance:
     # --- search -----------------------------------------------------------------------------------------------------
 
     def solve(self) -> Array:
-        """Newton from the start; if that finds nothing that stands, from where the robot settles with its joints held."""
+        """Newton from the start, then from where the robot settles with its joints held; a stable pose comes first.
+
+        Where none is stable (a robot on two point feet) the joints have to balance the pose: the least tilted is taken.
+        """
+        unstable: list[Array] = []
         reason = ""
         for prepare in (lambda: self.start, self.settled):
             x = prepare()
             for sliding in (False, True):
                 found, residual = self.newton(x, sliding)
-                reason = self.objection(found, residual)
-                if not reason:
+                objection = self.objection(found, residual)
+                if not objection and self.stable(found):
                     return found
+                if not objection:
+                    unstable.append(found)
+                    break
+                reason = objection
+        if unstable:
+            return min(unstable, key=self.tilt)
         raise StaticPoseError(reason)
 
     def newton(self, x: Array, sliding: bool) -> tuple[Array, float]:
@@ -279,6 +311,13 @@ class _Balance:
         ups = [body_poses(robot, pose)[0][robot.base_body][2] for pose in (self.start, x)]
         return float(np.arccos(np.clip(ups[0] @ ups[1], -1.0, 1.0)))
 
+    def stable(self, x: Array) -> bool:
+        """Whether the potential has a minimum at x: with the joints held the robot comes back when pushed."""
+        zero = np.zeros(len(self.free))
+        stiffness = self.linearised(x, zero, zero)[1] * self.step_scale * self.step_scale[:, None]
+        square = stiffness[np.ix_(self.still, self.still)]
+        return bool(np.all(np.linalg.eigvalsh(0.5 * (square + square.T)) > 0.0))
+
     def _base_clearance(self, x: Array) -> float:
         """m, lowest contact of the base body above the ground; infinite where it has none."""
         robot = self.dynamics.character
@@ -294,9 +333,6 @@ class _Balance:
             return f"a residual of {residual:.1e} mg is left"
         if self.clearance > 0.1 * self.length and self._base_clearance(x) < 0.0:
             return f"{robot.bodies[robot.base_body].name} comes down on the ground"
-        beyond = np.flatnonzero((x < robot.lower) | (x > robot.upper))
-        if len(beyond):
-            return f"joint {robot.joints[int(beyond[0])].name} is beyond its limit"
         return ""
 
 
