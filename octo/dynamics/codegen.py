@@ -1,11 +1,224 @@
-"""stub"""
+"""The C text of the dynamics: stage functions and the character's tables, then the tree pass of phases.c.
 
-BATCH_ENTRY = ""
+The text defines NX, NB (bodies), NC (terrain contacts), NP, KIN and WORK (doubles of a node's kinematics and of a
+step's work area), ``octo_kin`` and ``octo_step``. It compiles as C and, unchanged, under NVRTC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import resources
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from octo.dynamics import stages
+from octo.dynamics.laws import ContactLaw
+from octo.dynamics.parameters import Layout
+from octo.dynamics.symbolic import mass_matrix_of_points
+from octo.model.character import Character
+from octo.model.terrain import Plane, Terrain
+
+Array = NDArray[np.float64]
+
+HEAD = "#ifndef __CUDACC_RTC__\n#include <math.h>\n#include <stddef.h>\n#endif\n"
+LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
-def function_text(fd):
-    return ""
+def _source(name: str) -> str:
+    return (resources.files("octo.dynamics") / name).read_text()
 
 
-def robot_text(character, law, terrain, layout):
-    return ""
+BATCH_ENTRY = _source("batch.c")
+
+
+def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout) -> str:
+    """C text of the dynamics of §4 of a character."""
+    functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
+    for order in (0, 1, 2):
+        functions += [
+            stages.body(order, layout),
+            stages.contact(order, layout, law, terrain),
+            stages.joint(order, layout),
+        ]
+    sizes, tables = _tables(character)
+    sizes["NP"] = layout.size
+    return "\n".join([HEAD, _generated(functions), _macros(sizes), *tables, _source("phases.c"), _source("pairs.c")])
+
+
+def function_text(fd: ca.Function) -> str:
+    """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,)."""
+    n, size = int(fd.size1_in(0)), int(fd.numel_in(3))
+    z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", size), ca.SX.sym("lam", n)
+    x_next, x, x_prev = z[:n], z[n : 2 * n], z[2 * n :]
+    value = ca.densify(fd(x_next, x, x_prev, p))
+    inputs = [*(ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")), p, lam]
+    jac = ca.jacobian(value, z)
+    hess = ca.jacobian(ca.mtimes(jac.T, lam), z)
+    outputs = [value, ca.vec(ca.densify(jac.T)), ca.vec(ca.densify(hess))]
+    outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
+    options = {"cse": True}
+    functions = [ca.Function(f"octo_fd{order}", inputs, outputs[: order + 1], options) for order in (0, 1, 2)]
+    sizes = {"NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0, "WORK": max(f.sz_w() for f in functions)}
+    return "\n".join([HEAD, _generated(functions), _macros(sizes), _source("custom.c")])
+
+
+def _generated(functions: Sequence[ca.Function]) -> str:
+    """CasADi's C text; functions longer than LONG are compiled at -O1."""
+    options = {"with_header": False, "include_math": False, "casadi_int": "int"}
+    generator = ca.CodeGenerator("octo_dynamics.c", options)
+    for function in functions:
+        generator.add(function)
+    text = str(generator.dump())
+    if max(function.n_instructions() for function in functions) < LONG:
+        return text
+    level = "#ifdef __OPTIMIZE__\n#pragma GCC {}\n#endif\n"
+    return level.format('push_options\n#pragma GCC optimize ("O1")') + text + level.format("pop_options")
+
+
+def _macros(sizes: dict[str, int]) -> str:
+    return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
+
+
+def _integers(name: str, values: ArrayLike) -> str:
+    entries = ", ".join(str(int(v)) for v in np.asarray(values).ravel()) or "0"
+    return f"static const int octo_{name}[] = {{{entries}}};"
+
+
+def _numbers(name: str, values: ArrayLike) -> str:
+    flat = np.asarray(values, dtype=float).ravel()
+    entries = ", ".join(_literal(float(v)) for v in flat) or "0.0"
+    return f"static const double octo_{name}[] = {{{entries}}};"
+
+
+def _literal(value: float) -> str:
+    """An exact literal of C and C++; an absent joint limit is beyond every coordinate."""
+    return f"{np.sign(value)}e300" if np.isinf(value) else float(value).hex()
+
+
+def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
+    """Sizes and constant arrays of the character."""
+    links = _Links(character)
+    live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
+    sizes = {
+        "NX": character.nx, "NB": len(character.bodies), "NC": len(live), "NLINK": len(links.first),
+        "KIN": 12 * len(character.bodies) + 6 * character.nx,
+    }  # fmt: skip
+    tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
+    spheres = [character.contacts[k] for k in live]
+    tables += [
+        _numbers("joint_table", [
+            [joint.armature, joint.damping, joint.stiffness, joint.rest, joint.lower, joint.upper]
+            for joint in character.joints
+        ]),
+        _integers("contact_body", [sphere.body for sphere in spheres]),
+        _integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
+        _numbers("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
+    ]  # fmt: skip
+    return sizes, tables + _pair_tables(character, sizes)
+
+
+def _kinematic_tables(character: Character) -> list[str]:
+    joints = character.joints
+    return [
+        _integers("body_parent", [body.parent for body in character.bodies]),
+        _numbers("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
+        _integers("body_first", [*character.first_joint, character.nx]),
+        _integers("joint_slides", [joint.kind == "slide" for joint in joints]),
+        _numbers("joint_axis", [joint.axis for joint in joints]),
+        _numbers("joint_anchor", [joint.anchor for joint in joints]),
+        _numbers("joint_reference", [joint.reference for joint in joints]),
+    ]
+
+
+def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
+    """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as a list of pairs."""
+    owner = [b for b, body in enumerate(character.bodies) for _ in body.joints]
+    paths = [[i for i in character.path[b] if i <= j] for j, b in enumerate(owner)]
+    below: list[list[int]] = [[] for _ in owner]
+    for j, path in enumerate(paths):
+        for i in path:
+            below[i].append(j)
+    runs = []
+    for i, members in enumerate(below):
+        breaks = [0, *(k for k in range(1, len(members)) if members[k] != members[k - 1] + 1), len(members)]
+        runs += [(i, members[a], members[b - 1] + 1) for a, b in pairwise(breaks)]
+    related = [(i, j) for i, members in enumerate(below) for j in members]
+    sizes["NRUN"], sizes["NRELATED"] = len(runs), len(related)
+    return [
+        _integers("before", [path[-2] if len(path) > 1 else -1 for path in paths]),
+        _integers("run", runs),
+        _integers("above", [i for i, _ in related]),
+        _integers("below", [j for _, j in related]),
+    ]
+
+
+def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
+    """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone (pairs.c)."""
+    bodies, spheres, dofs, start, split = [], [], [], [0], []
+    for a, b in character.pairs:
+        first, second = character.contacts[a], character.contacts[b]
+        one, other = character.path[first.body], character.path[second.body]
+        branches = [j for j in one if j not in other], [j for j in other if j not in one]
+        if not (branches[0] or branches[1]):
+            continue
+        bodies += [first.body, second.body]
+        spheres.append([*first.position, *second.position, first.radius + second.radius])
+        dofs += branches[0] + branches[1]
+        split.append(len(branches[0]))
+        start.append(len(dofs))
+    sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
+    return [
+        _integers("pair_body", bodies), _numbers("pair_spheres", spheres), _integers("loop_dof", dofs),
+        _integers("loop_start", start), _integers("loop_split", split),
+    ]  # fmt: skip
+
+
+class _Links:
+    """Bodies welded together are one link: one inertia, in the frame of the link's first body.
+
+    ``of`` is the link of each body (-1: fixed to the world), ``first`` each link's first body.
+    """
+
+    def __init__(self, character: Character):
+        self.character = character
+        self.of: list[int] = []
+        self.first: list[int] = []
+        self.members: list[list[tuple[int, Array, Array]]] = []  # body and its pose in the link's frame
+        place: dict[int, tuple[Array, Array]] = {}
+        for b, body in enumerate(character.bodies):
+            if body.joints:
+                self.of.append(len(self.first))
+                self.first.append(b)
+                self.members.append([])
+                place[b] = np.eye(3), np.zeros(3)
+            else:
+                self.of.append(self.of[body.parent] if body.parent >= 0 else -1)
+                R, t = place[body.parent] if body.parent >= 0 else (np.eye(3), np.zeros(3))
+                place[b] = R @ body.rotation, R @ body.position + t
+            if self.of[b] >= 0:
+                self.members[self.of[b]].append((b, *place[b]))
+
+    def inertia(self, link: int) -> Array:
+        """(10,) com (m), second moment about it xx xy xz yy yz zz (kg m²), mass (kg)."""
+        parts = []
+        for b, R, t in self.members[link]:
+            body = self.character.bodies[b]
+            parts.append((body.mass, R @ body.com + t, R @ mass_matrix_of_points(body) @ R.T))
+        mass = sum(m for m, _, _ in parts)
+        com = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
+        moment = sum((k + m * np.outer(c - com, c - com) for m, c, k in parts), np.zeros((3, 3)))
+        return np.concatenate([com, moment[np.triu_indices(3)], [mass]])
+
+    def tables(self) -> list[str]:
+        bodies = self.character.bodies
+        parents = [bodies[b].parent for b in self.first]
+        return [
+            _integers("link_parent", [self.of[b] if b >= 0 else -1 for b in parents]),
+            _integers("link_body", self.first),
+            _integers("link_last", [self.character.path[b][-1] for b in self.first]),
+            _integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
+            _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
+        ]

@@ -17,6 +17,7 @@ from octo.dynamics.parameters import Layout
 from octo.model.terrain import Plane, Terrain
 
 OPTIONS = {"cse": True}
+PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
 
 
 def _pose(flat: ca.SX) -> symbolic.Pose:
@@ -76,12 +77,10 @@ def body(order: int, layout: Layout) -> ca.Function:
         both = _q_form(VQ0 + VQ0.T, delta, delta, ca.SX(0))
         K = rate * both + _raise(_g_form(N @ omega.T + f @ v.T + rate * VQ0, rate * delta))
         still = ca.SX.zeros(3)
-        T1, T2 = (
-            factor * _q_form(VQ, delta, still, ca.SX(0)) for factor, VQ in ((-2.0 * rate, VQ1), (rate, VQ2))
-        )
+        T1, T2 = (factor * _q_form(VQ, delta, still, ca.SX(0)) for factor, VQ in ((-2.0 * rate, VQ1), (rate, VQ2)))
         L1, L2 = (_g_form(factor * VQ, factor * delta) for factor, VQ in ((-2.0 * rate, VQ1), (rate, VQ2)))
-        out += [K, T1, _raise(L1), T2[:3, :], L2]
-    return ca.Function("body", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS)
+        out += [K, T1, T2, _raise(L1), _raise(L2)]
+    return ca.Function(f"{PREFIX}body{order}", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS)
 
 
 def _rows(matrix: ca.SX) -> ca.SX:
@@ -107,7 +106,7 @@ def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Functio
     view = layout.view(p)
     reach = law.reach(symbolic.section(view, "contact."))
     depth = -symbolic.contact_height(radius, center, terrain, view)
-    return ca.Function("gap", [center, radius, p], [ca.SX(depth + reach)], OPTIONS)
+    return ca.Function(f"{PREFIX}gap", [center, radius, p], [ca.SX(depth + reach)], OPTIONS)
 
 
 def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
@@ -131,12 +130,11 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
         moved, moved1 = (_twisted(_twisted(q, a), b) for q, a, b in ((pose, first, last), (now, first1, last1)))
         psi = ca.dot(_carried(_carried(V, first), last), wrench(moved, moved1))
         force = ca.gradient(psi, last)
-        out += [ca.jacobian(force, first), ca.jacobian(force, last1)]
-        out += [ca.jacobian(ca.gradient(psi, last1), first1)]
+        out += [ca.jacobian(force, first), ca.jacobian(force, last1), ca.jacobian(ca.gradient(psi, last1), first1)]
     inputs = [*flat, sphere, p, V]
     raw = ca.Function("contact_raw", [*inputs, twists], [_rows(ca.SX(o)) for o in out])
     at_rest = raw.call([*inputs, ca.SX(ca.DM.zeros(24))], True, False)
-    return ca.Function("contact", inputs, [ca.densify(ca.simplify(o)) for o in at_rest], OPTIONS)
+    return ca.Function(f"{PREFIX}contact{order}", inputs, [ca.densify(ca.simplify(o)) for o in at_rest], OPTIONS)
 
 
 def joint(order: int, layout: Layout) -> ca.Function:
@@ -155,7 +153,7 @@ def joint(order: int, layout: Layout) -> ca.Function:
         out += [ca.jacobian(force, node) for node in (x_next, x, x_prev)]
     if order == 2:
         out += [ca.jacobian(ca.jacobian(force, x_next), x_next)]
-    return ca.Function("joint", [x_next, x, x_prev, table, p], [ca.densify(o) for o in out], OPTIONS)
+    return ca.Function(f"{PREFIX}joint{order}", [x_next, x, x_prev, table, p], [ca.densify(o) for o in out], OPTIONS)
 
 
 def pair(layout: Layout) -> ca.Function:
@@ -166,4 +164,4 @@ def pair(layout: Layout) -> ca.Function:
     for _ in range(3):
         derivative = ca.jacobian(derivative, rho)
         out.append(ca.densify(derivative))
-    return ca.Function("pair", [rho, radii, p], out, OPTIONS)
+    return ca.Function(f"{PREFIX}pair", [rho, radii, p], out, OPTIONS)

@@ -1,0 +1,53 @@
+/* All steps of a batch, appended to the text of the dynamics: threads take runs of neighbouring steps, so that each node's
+ * poses and twists are evaluated once and shared by the three steps that use it. */
+
+#include <pthread.h>
+#include <stdlib.h>
+
+typedef struct {
+  int steps, order;
+  const double *nodes, *p, *lam; /* (batch, steps+2, NX) (batch, NP) (batch, steps, NX) */
+  double *fd, *jac, *hess;       /* (batch, steps, NX) (…, NX, 3NX) (…, 3NX, 3NX) */
+  long first, last;              /* of all batch·steps */
+  int failed;
+} octo_run_of_steps;
+
+static void *octo_run_steps(void *argument) {
+  octo_run_of_steps *run = argument;
+  const size_t kin_size = KIN + 1;
+  double *memory = malloc((3 * kin_size + WORK + 1) * sizeof(double)), *work = memory + 3 * kin_size;
+  if (!memory) { run->failed = 1; return 0; }
+  for (long item = run->first; item < run->last; ++item) {
+    long member = item / run->steps, step = item % run->steps;
+    const double *x_prev = run->nodes + (member * (run->steps + 2) + step) * NX, *x = x_prev + NX, *x_next = x + NX;
+    double *kin[3]; /* previous, now, next in a ring */
+    for (int k = 0; k < 3; ++k) kin[k] = memory + ((step + k) % 3) * kin_size;
+    if (item == run->first || step == 0) { octo_kin(x_prev, kin[0]); octo_kin(x, kin[1]); }
+    octo_kin(x_next, kin[2]);
+    octo_step(x_next, x, x_prev, kin[2], kin[1], kin[0], run->p + member * NP, run->order < 2 ? 0 : run->lam + item * NX, run->order,
+              run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * 9 * NX * NX, work);
+  }
+  free(memory);
+  return 0;
+}
+
+int octo_batch(int batch, int steps, int order, int threads, const double *nodes, const double *p, const double *lam, double *fd,
+               double *jac, double *hess) {
+  long items = (long)batch * steps;
+  if (threads > items) threads = items > 0 ? (int)items : 1;
+  octo_run_of_steps *runs = calloc(threads, sizeof(octo_run_of_steps));
+  pthread_t *handles = calloc(threads, sizeof(pthread_t));
+  int failed = !runs || !handles;
+  for (int k = 0; k < threads && !failed; ++k) {
+    octo_run_of_steps run = {steps, order, nodes, p, lam, fd, jac, hess, items * k / threads, items * (k + 1) / threads, 0};
+    runs[k] = run;
+    if (k == threads - 1 || pthread_create(&handles[k], 0, octo_run_steps, &runs[k]) != 0) octo_run_steps(&runs[k]), handles[k] = 0;
+  }
+  for (int k = 0; k < threads && runs && handles; ++k) {
+    if (handles[k]) pthread_join(handles[k], 0);
+    failed |= runs[k].failed;
+  }
+  free(runs);
+  free(handles);
+  return failed;
+}

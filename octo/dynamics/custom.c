@@ -1,0 +1,13 @@
+/* User-written dynamics: the interface of phases.c over CasADi's functions octo_fd0 (FD), octo_fd1 (and its Jacobian) and
+ * octo_fd2 (and the curvature of lamᵀFD). There are no bodies: a node's kinematics is empty. */
+
+void octo_kin(const double *x, double *kin) {}
+
+void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
+               const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
+  const double *arg[5] = {x_next, x, x_prev, p, lam};
+  double *res[3] = {fd, jac, hess};
+  if (order == 0) octo_fd0(arg, res, 0, work, 0);
+  else if (order == 1) octo_fd1(arg, res, 0, work, 0);
+  else octo_fd2(arg, res, 0, work, 0);
+}

@@ -1,0 +1,296 @@
+/* FD of one time step, its Jacobian and the curvature of lamᵀFD, by composites over the tree of links.
+ *
+ * A link is a set of bodies welded together; its composite is the sum of the stages' wrenches w and blocks (stages.py)
+ * over the links it carries. With the world twists ξ_j of the nodes next (0), now (1) and previous (2), and i an ancestor
+ * of j or j itself (i ⪯ j), FD_j = ξ_j·W, J_ij = ξ_iᵀ P ξ_j and, the row being deeper, J_ji = ξ_iᵀ P2 ξ_j, where
+ * P = A + G, P2 = Aᵀ + G = Pᵀ − [[m×, f×], [f×, 0]] of the composite wrench W = (m, f): friction makes A unsymmetric.
+ *
+ * The text is a sequence of phases, loops whose items do not depend on each other, with BARRIER between phases. It is
+ * serial C for a C compiler; for NVRTC a block of threads works on one time step, its work area in shared memory.
+ * The text before this one defines the sizes, the tables octo_* of the character and the stage functions. */
+
+#ifdef __CUDACC_RTC__
+#define LANE ((int)threadIdx.x)
+#define LANES ((int)blockDim.x)
+#define BARRIER __syncthreads()
+#endif
+
+#ifdef LANE
+#define EACH(e, count) for (int e = LANE; e < (count); e += LANES)
+#define GRID(a, rows, b, columns) \
+  for (int a##b = LANE, a, b; a##b < (rows) * (columns) && (a = a##b / (columns), b = a##b % (columns), 1); a##b += LANES)
+#define RELATED(i, j) for (int i##j = LANE, i, j; i##j < NRELATED && (i = octo_above[i##j], j = octo_below[i##j], 1); i##j += LANES)
+#else
+#define BARRIER
+#define EACH(e, count) for (int e = 0; e < (count); ++e)
+#define GRID(a, rows, b, columns) for (int a = 0; a < (rows); ++a) for (int b = 0; b < (columns); ++b)
+#define RELATED(i, j) /* all i ⪯ j, as runs of neighbouring j */ \
+  for (int run_ = 0, i; run_ < NRUN && (i = octo_run[3 * run_], 1); ++run_) \
+    _Pragma("GCC ivdep") for (int j = octo_run[3 * run_ + 1]; j < octo_run[3 * run_ + 2]; ++j)
+#endif
+
+#define PAD ((NX + 7) / 8 * 8)
+#define SOME(count) ((count) > 0 ? (count) : 1)
+
+typedef struct { double W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
+typedef struct { double W[6], B[2][36], T[2][36], L[36]; int active; } octo_touch_blocks; /* of a contact: no x_prev */
+typedef struct { double phi[3], direction[3]; } octo_pair_state;                      /* Φ', Φ'', Φ'''; c_a − c_b, m */
+
+typedef struct {
+  double xi[3][6][PAD];                       /* twists of the nodes, by component */
+  double down[3][6][PAD], up[3][6][PAD];      /* block·ξ_j and blockᵀ·ξ_j, what a row above and a row below j see */
+  double joint[SOME(NX)][5];                  /* force, its three derivatives, its second derivative to x_next */
+  octo_link_blocks link[SOME(NLINK)];
+  octo_touch_blocks touch[SOME(NC)];
+  octo_pair_state pair[SOME(NPAIR)];
+  double loop_motion[SOME(NLOOP)][3], loop_slope[SOME(NLOOP)];  /* ∂d/∂q_a, ∂ρ/∂q_a of the pair at hand */
+  /* order 2 */
+  double V[SOME(NX)][6], eta[6][PAD];         /* virtual twists, and ad_V ξ */
+  double bend[3][6][PAD], lift[3][6][PAD], own[3][6][PAD];
+  double loop_change[SOME(NLOOP)][3], loop_turn[SOME(NLOOP)][3], loop_bend[SOME(NLOOP)];  /* along lam */
+} octo_work;
+
+#define WORK ((int)(sizeof(octo_work) / sizeof(double)) + 8)
+
+static inline void octo_cross(const double *a, const double *b, double *out) {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static inline double octo_dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* R v + t of a pose of kin. */
+static inline void octo_place(const double *pose, const double *v, double *out) {
+  for (int r = 0; r < 3; ++r) out[r] = octo_dot(pose + 3 * r, v) + pose[9 + r];
+}
+
+/* ξ_i·η_j of two arrays by component. */
+static inline double octo_along(const double (*a)[PAD], int i, const double (*b)[PAD], int j) {
+  return a[0][i] * b[0][j] + a[1][i] * b[1][j] + a[2][i] * b[2][j] + a[3][i] * b[3][j] + a[4][i] * b[4][j] + a[5][i] * b[5][j];
+}
+
+/* Row r of block·ξ_j, and column r for the transpose. */
+static inline double octo_row(const double *block, int r, const double (*xi)[PAD], int j) {
+  double sum = 0.0;
+  for (int c = 0; c < 6; ++c) sum += block[6 * r + c] * xi[c][j];
+  return sum;
+}
+static inline double octo_column(const double *block, int r, const double (*xi)[PAD], int j) {
+  double sum = 0.0;
+  for (int c = 0; c < 6; ++c) sum += block[6 * c + r] * xi[c][j];
+  return sum;
+}
+
+/* Row r of [[m×, f×], [f×, 0]]·ξ_j, what P2 lacks of Pᵀ. */
+static inline double octo_twist_of_wrench(const double *W, int r, const double (*xi)[PAD], int j) {
+  int a = (r + 1) % 3, b = (r + 2) % 3;
+  if (r >= 3) return W[3 + a] * xi[b][j] - W[3 + b] * xi[a][j];
+  return W[a] * xi[b][j] - W[b] * xi[a][j] + W[3 + a] * xi[3 + b][j] - W[3 + b] * xi[3 + a][j];
+}
+
+/* Pose of one joint's displacement, right-multiplied to (R, t): the joint's world twist is written on the way. */
+static inline void octo_move(int j, double displacement, double *R, double *t, double *xi) {
+  double axis[3], anchor[3], arm[3];
+  for (int r = 0; r < 3; ++r) axis[r] = octo_dot(R + 3 * r, octo_joint_axis + 3 * j);
+  if (octo_joint_slides[j]) {
+    for (int r = 0; r < 3; ++r) { xi[r] = 0.0; xi[3 + r] = axis[r]; t[r] += axis[r] * displacement; }
+    return;
+  }
+  double s = sin(displacement), c = cos(displacement);
+  for (int r = 0; r < 3; ++r) anchor[r] = octo_dot(R + 3 * r, octo_joint_anchor + 3 * j) + t[r];
+  for (int r = 0; r < 3; ++r) xi[r] = axis[r];
+  octo_cross(anchor, axis, xi + 3); /* velocity of the point at the world's origin */
+  double turn[9] = {c + (1 - c) * axis[0] * axis[0], (1 - c) * axis[0] * axis[1] - s * axis[2], (1 - c) * axis[0] * axis[2] + s * axis[1],
+                    (1 - c) * axis[0] * axis[1] + s * axis[2], c + (1 - c) * axis[1] * axis[1], (1 - c) * axis[1] * axis[2] - s * axis[0],
+                    (1 - c) * axis[0] * axis[2] - s * axis[1], (1 - c) * axis[1] * axis[2] + s * axis[0], c + (1 - c) * axis[2] * axis[2]};
+  double old[9];
+  for (int k = 0; k < 9; ++k) old[k] = R[k];
+  for (int r = 0; r < 3; ++r)
+    for (int k = 0; k < 3; ++k) R[3 * r + k] = turn[3 * r] * old[k] + turn[3 * r + 1] * old[3 + k] + turn[3 * r + 2] * old[6 + k];
+  for (int r = 0; r < 3; ++r) arm[r] = t[r] - anchor[r];
+  for (int r = 0; r < 3; ++r) t[r] = anchor[r] + octo_dot(turn + 3 * r, arm);
+}
+
+/* Poses of the bodies and world twists of the degrees of freedom at one node: kin (12 NB + 6 NX). */
+void octo_kin(const double *x, double *kin) {
+  for (int b = 0; b < NB; ++b) {
+    double *R = kin + 12 * b, *t = R + 9;
+    const double *fixed = octo_body_pose + 12 * b;
+    if (octo_body_parent[b] < 0) {
+      for (int k = 0; k < 12; ++k) R[k] = fixed[k];
+    } else {
+      const double *parent = kin + 12 * octo_body_parent[b];
+      for (int r = 0; r < 3; ++r)
+        for (int k = 0; k < 3; ++k) R[3 * r + k] = parent[3 * r] * fixed[k] + parent[3 * r + 1] * fixed[3 + k] + parent[3 * r + 2] * fixed[6 + k];
+      octo_place(parent, fixed + 9, t);
+    }
+    for (int j = octo_body_first[b]; j < octo_body_first[b + 1]; ++j)
+      octo_move(j, x[j] - octo_joint_reference[j], R, t, kin + 12 * NB + 6 * j);
+  }
+}
+
+/* ---- phases of a step ---- */
+
+typedef struct { const double *x[3], *kin[3], *p, *lam; int order; } octo_input;
+
+static void octo_pairs(const octo_input *in, octo_work *s); /* pairs.c */
+static void octo_write_pairs(const octo_input *in, octo_work *s, double *fd, double *jac, double *hess);
+
+/* Twists by component; virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a and η_j = ad_{V_j} ξ_j. */
+static void octo_load(const octo_input *in, octo_work *s) {
+  for (int node = 0; node < (in->order > 0 ? 3 : 1); ++node)
+    GRID(j, NX, c, 6) s->xi[node][c][j] = in->kin[node][12 * NB + 6 * j + c];
+  if (in->order < 2) return;
+  EACH(c, 6)
+    for (int j = 0; j < NX; ++j)
+      s->V[j][c] = (octo_before[j] < 0 ? 0.0 : s->V[octo_before[j]][c]) + in->lam[j] * in->kin[0][12 * NB + 6 * j + c];
+  BARRIER;
+  EACH(j, NX) {
+    const double *xi = in->kin[0] + 12 * NB + 6 * j, *V = s->V[j];
+    double turn[3], moved[3], carried[3];
+    octo_cross(V, xi, turn);
+    octo_cross(V, xi + 3, moved);
+    octo_cross(V + 3, xi, carried);
+    for (int r = 0; r < 3; ++r) { s->eta[r][j] = turn[r]; s->eta[3 + r][j] = moved[r] + carried[r]; }
+  }
+}
+
+/* Inertia and gravity: the stage writes into the link's composite. */
+static void octo_bodies(const octo_input *in, octo_work *s) {
+  EACH(l, NLINK) {
+    octo_link_blocks *k = &s->link[l];
+    int at = 12 * octo_link_body[l];
+    const double *arg[6] = {in->kin[0] + at, in->kin[1] + at, in->kin[2] + at, octo_link_inertia + 10 * l, in->p, s->V[octo_link_last[l]]};
+    double *res[9] = {k->W, k->B[0], k->B[1], k->B[2], k->T[0], k->T[1], k->T[2], k->L[0], k->L[1]};
+    if (in->order == 0) octo_body0(arg, res, 0, 0, 0);
+    else if (in->order == 1) octo_body1(arg, res, 0, 0, 0);
+    else octo_body2(arg, res, 0, 0, 0);
+  }
+}
+
+/* Terrain contacts; those out of reach are skipped, a NaN is not. */
+static void octo_contacts(const octo_input *in, octo_work *s) {
+#if NC > 0
+  EACH(c, NC) {
+    octo_touch_blocks *k = &s->touch[c];
+    int at = 12 * octo_contact_body[c];
+    const double *sphere = octo_contact_sphere + 4 * c;
+    double center[3], gap;
+    octo_place(in->kin[0] + at, sphere, center);
+    const double *place[3] = {center, sphere + 3, in->p};
+    double *depth[1] = {&gap};
+    octo_gap(place, depth, 0, 0, 0);
+    k->active = !(gap <= 0.0);
+    if (!k->active) continue;
+    const double *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, s->V[octo_link_last[octo_contact_link[c]]]};
+    double *res[6] = {k->W, k->B[0], k->B[1], k->T[0], k->T[1], k->L};
+    if (in->order == 0) octo_contact0(arg, res, 0, 0, 0);
+    else if (in->order == 1) octo_contact1(arg, res, 0, 0, 0);
+    else octo_contact2(arg, res, 0, 0, 0);
+  }
+#endif
+}
+
+static void octo_joints(const octo_input *in, octo_work *s) {
+  EACH(j, NX) {
+    const double *arg[5] = {in->x[0] + j, in->x[1] + j, in->x[2] + j, octo_joint_table + 6 * j, in->p};
+    double *k = s->joint[j], *res[5] = {k, k + 1, k + 2, k + 3, k + 4};
+    if (in->order == 0) octo_joint0(arg, res, 0, 0, 0);
+    else if (in->order == 1) octo_joint1(arg, res, 0, 0, 0);
+    else octo_joint2(arg, res, 0, 0, 0);
+  }
+}
+
+static inline void octo_add(int count, const double *from, double *to) { EACH(e, count) to[e] += from[e]; }
+
+/* Contacts into their links, then links into their parents, leaves first: every thread keeps its own entries. */
+static void octo_composites(int order, octo_work *s) {
+#if NC > 0
+  for (int c = 0; c < NC; ++c) {
+    const octo_touch_blocks *k = &s->touch[c];
+    octo_link_blocks *to = &s->link[octo_contact_link[c]];
+    if (!k->active) continue;
+    octo_add(order == 0 ? 6 : 78, k->W, to->W);
+    if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
+  }
+#endif
+  BARRIER; /* the entries of W, T and L belong to other threads below */
+  for (int l = NLINK - 1; l > 0; --l)
+    if (octo_link_parent[l] >= 0)
+      octo_add(order == 0 ? 6 : order == 1 ? 114 : 294, s->link[l].W, s->link[octo_link_parent[l]].W);
+}
+
+/* Blocks times twists, one column per degree of freedom (FACTS of §4: H00 = ξ_iᵀ(Kξ_j + P2 η_j) + η_iᵀPξ_j, …). */
+static void octo_products(int order, octo_work *s) {
+  GRID(j, NX, r, 6) {
+    const octo_link_blocks *k = &s->link[octo_link_of[j]];
+    s->up[0][r][j] = octo_column(k->B[0], r, s->xi[0], j) - octo_twist_of_wrench(k->W, r, s->xi[0], j);
+    for (int node = 0; node < 3; ++node) s->down[node][r][j] = octo_row(k->B[node], r, s->xi[node], j);
+    for (int node = 1; node < 3; ++node) s->up[node][r][j] = octo_column(k->B[node], r, s->xi[0], j);
+    if (order < 2) continue;
+    for (int node = 0; node < 3; ++node) s->bend[node][r][j] = octo_row(k->T[node], r, s->xi[node], j);
+    s->bend[0][r][j] += octo_column(k->B[0], r, s->eta, j) - octo_twist_of_wrench(k->W, r, s->eta, j);
+    for (int node = 1; node < 3; ++node) {
+      s->lift[node][r][j] = octo_column(k->T[node], r, s->xi[0], j) + octo_column(k->B[node], r, s->eta, j);
+      s->own[node][r][j] = octo_row(k->L[node - 1], r, s->xi[node], j);
+    }
+  }
+}
+
+#define JAC(i, node, j) jac[(i) * 3 * NX + (node) * NX + (j)]
+#define HESS(a, i, b, j) hess[((a) * NX + (i)) * 3 * NX + (b) * NX + (j)]
+
+/* Entries of related degrees of freedom, i ⪯ j; all others are zero but for pairs. */
+static void octo_write(int order, const octo_work *s, double *jac, double *hess) {
+  for (int node = 0; node < 3; ++node)
+    RELATED(i, j) {
+      JAC(i, node, j) = octo_along(s->xi[0], i, s->down[node], j);
+      JAC(j, node, i) = octo_along(s->xi[node], i, s->up[node], j);
+    }
+  if (order < 2) return;
+  RELATED(i, j) HESS(0, i, 0, j) = HESS(0, j, 0, i) = octo_along(s->xi[0], i, s->bend[0], j) + octo_along(s->eta, i, s->down[0], j);
+  for (int node = 1; node < 3; ++node)
+    RELATED(i, j) {
+      HESS(0, i, node, j) = HESS(node, j, 0, i) = octo_along(s->xi[0], i, s->bend[node], j) + octo_along(s->eta, i, s->down[node], j);
+      HESS(0, j, node, i) = HESS(node, i, 0, j) = octo_along(s->xi[node], i, s->lift[node], j);
+      HESS(node, i, node, j) = HESS(node, j, node, i) = octo_along(s->xi[node], i, s->own[node], j);
+    }
+}
+
+static void octo_write_joints(const octo_input *in, const octo_work *s, double *fd, double *jac, double *hess) {
+  EACH(j, NX) {
+    const double *W = s->link[octo_link_of[j]].W, *k = s->joint[j];
+    double sum = k[0];
+    for (int c = 0; c < 6; ++c) sum += s->xi[0][c][j] * W[c];
+    fd[j] = sum;
+    if (in->order >= 1)
+      for (int node = 0; node < 3; ++node) JAC(j, node, j) += k[1 + node];
+    if (in->order == 2) HESS(0, j, 0, j) += in->lam[j] * k[4];
+  }
+}
+
+void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
+               const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
+  const octo_input in = {{x_next, x, x_prev}, {kin_next, kin, kin_prev}, p, lam, order};
+  octo_work *s = (octo_work *)(((size_t)work + 63) & ~(size_t)63);
+  octo_load(&in, s);
+  if (order >= 1) EACH(e, 3 * NX * NX) jac[e] = 0.0;
+  if (order == 2) EACH(e, 9 * NX * NX) hess[e] = 0.0;
+  BARRIER;
+  octo_bodies(&in, s);
+  octo_contacts(&in, s);
+  octo_joints(&in, s);
+  octo_pairs(&in, s);
+  BARRIER;
+  octo_composites(order, s);
+  BARRIER;
+  if (order >= 1) {
+    octo_products(order, s);
+    BARRIER;
+    octo_write(order, s, jac, hess);
+    BARRIER;
+  }
+  octo_write_joints(&in, s, fd, jac, hess);
+  octo_write_pairs(&in, s, fd, jac, hess);
+}
