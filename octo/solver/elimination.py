@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.resources
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,10 @@ from octo import native
 from octo.errors import DeviceError, ShapeError
 
 Floats = NDArray[np.float64]
-_POINTER, _INT, _DOUBLE, _SIZE = ctypes.c_void_p, ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t
+_POINTER: Any = ctypes.c_void_p
+_INT: Any = ctypes.c_int
+_DOUBLE: Any = ctypes.c_double
+_SIZE: Any = ctypes.c_ssize_t
 _POOLED = 4  # memories kept for the next factorisation of the same shape
 
 

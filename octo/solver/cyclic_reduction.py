@@ -1,0 +1,198 @@
+"""Block cyclic reduction of the KKT matrix (§6, appendix B), over NumPy or CuPy, all problems of a batch at once.
+
+Every other block of the symmetric block-tridiagonal matrix is eliminated, which leaves one of half the blocks; log2
+levels. A pivot block is factored by its eigenvalues, V diag(d) Vᵀ: that pivots inside the block, shows its inertia,
+and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). An eigenvalue that is nothing but
+rounding becomes −SHIFT: the rows of a fixed or first unit touch only other units, so that a pivot block can be
+singular where the matrix is not, and refinement removes what the shift changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from octo.errors import ShapeError
+from octo.solver.blocks import SBT, Array, KKTBlocks, array_module, interleave, separate
+
+ROUNDING = 1e-11  # an eigenvalue of a pivot block of the equilibrated matrix, entries up to 1, below this is none
+SHIFT = 1e-8  # what it becomes, negated: half the digits are lost to it, refinement wins them back
+EQUILIBRATIONS = 3  # passes of Ruiz scaling: the largest entry of every row and column to within a few per cent of 1
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One level: what eliminates blocks 1, 3, 5 … of those that were left."""
+
+    half: Array  # (batch, O, B, B), V / sqrt|d|
+    sign: Array  # (batch, O, B, 1), of d
+    left: Array  # (batch, O, B, B), halfᵀ times the block towards the block before
+    right: Array  # (batch, O or O-1, B, B), halfᵀ times the block towards the block after
+
+
+class ReducedSBT:
+    """A factored SBT(D, B) of a batch. negatives (batch,): negative eigenvalues of the matrix, counted by pivot blocks.
+
+    excess_block (batch,): the first pivot block, in the order of elimination, with more than `expected` negative
+    eigenvalues, −1 for none. shifted (batch,): eigenvalues that were rounding. Factor finite numbers only.
+    """
+
+    def __init__(self, matrix: SBT, expected: int):
+        xp = array_module(matrix.diagonal)
+        self._xp = xp
+        self.scale = _equilibration(matrix)
+        diagonal = matrix.diagonal * self.scale[..., :, None] * self.scale[..., None, :]
+        lower = matrix.lower * self.scale[:, 1:, :, None] * self.scale[:, :-1, None, :]
+        batch = diagonal.shape[0]
+        self.negatives, self.shifted = xp.zeros(batch, dtype=int), xp.zeros(batch, dtype=int)
+        self.excess_block = xp.full(batch, -1)
+        self._expected, self._levels = expected, list[_Level]()
+        block = xp.arange(diagonal.shape[1])
+        while diagonal.shape[1] > 1:
+            half, sign = self._pivots(diagonal[:, 1::2], block[1::2])
+            turned = xp.swapaxes(half, -1, -2)
+            left, right = turned @ lower[:, 0::2], turned[:, : lower.shape[1] // 2] @ xp.swapaxes(lower[:, 1::2], -1, -2)
+            self._levels.append(_Level(half, sign, left, right))
+            weighted_left, after = sign * left, right.shape[1]
+            diagonal = diagonal[:, 0::2].copy()
+            diagonal[:, : left.shape[1]] -= xp.swapaxes(left, -1, -2) @ weighted_left
+            diagonal[:, 1 : after + 1] -= xp.swapaxes(right, -1, -2) @ (sign[:, :after] * right)
+            lower = -(xp.swapaxes(right, -1, -2) @ weighted_left[:, :after])
+            block = block[0::2]
+        self._last = self._pivots(diagonal, block)
+
+    def _pivots(self, pivot: Array, block: Array) -> tuple[Array, Array]:
+        """V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added to the totals."""
+        xp = self._xp
+        values, vectors = xp.linalg.eigh(pivot)
+        rounding = xp.abs(values) <= ROUNDING
+        values = xp.where(rounding, -SHIFT, values)
+        self.shifted += rounding.sum(axis=(1, 2))
+        negatives = (values < 0).sum(axis=2)
+        self.negatives += negatives.sum(axis=1)
+        excess = negatives > self._expected
+        found = xp.where(excess.any(axis=1), block[xp.argmax(excess, axis=1)], -1)
+        self.excess_block = xp.where(self.excess_block < 0, found, self.excess_block)
+        return vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[..., None]
+
+    def solve(self, rhs: Array) -> Array:
+        """x (batch, D, B, count), without refinement."""
+        xp = self._xp
+        r, held = rhs * self.scale[..., None], []
+        for level in self._levels:
+            w = level.sign * (xp.swapaxes(level.half, -1, -2) @ r[:, 1::2])
+            held.append(w)
+            r, after = r[:, 0::2].copy(), level.right.shape[1]
+            r[:, : w.shape[1]] -= xp.swapaxes(level.left, -1, -2) @ w
+            r[:, 1 : after + 1] -= xp.swapaxes(level.right, -1, -2) @ w[:, :after]
+        half, sign = self._last
+        x = half @ (sign * (xp.swapaxes(half, -1, -2) @ r))
+        for level, w in zip(reversed(self._levels), reversed(held), strict=True):
+            after, odd = level.right.shape[1], level.left.shape[1]
+            reach = level.left @ x[:, :odd]
+            reach[:, :after] += level.right @ x[:, 1 : after + 1]
+            both = xp.empty((x.shape[0], x.shape[1] + odd, *x.shape[2:]))
+            both[:, 0::2] = x
+            both[:, 1::2] = level.half @ (w - level.sign * reach)
+            x = both
+        return x * self.scale[..., None]
+
+
+def _equilibration(matrix: SBT) -> Array:
+    """Scales s (batch, D, B) that bring the largest entry of every row of diag(s) M diag(s) close to 1."""
+    xp = array_module(matrix.diagonal)
+    diagonal, lower = xp.abs(matrix.diagonal), xp.abs(matrix.lower)
+    scale = xp.ones(diagonal.shape[:3])
+    for _ in range(EQUILIBRATIONS):
+        top = (diagonal * scale[..., None, :]).max(axis=3)
+        if lower.shape[1]:
+            top[:, 1:] = xp.maximum(top[:, 1:], (lower * scale[:, :-1, None, :]).max(axis=3))
+            top[:, :-1] = xp.maximum(top[:, :-1], (lower * scale[:, 1:, :, None]).max(axis=2))
+        top = top * scale
+        scale = scale / xp.sqrt(xp.where(top > 0, top, 1.0))
+    return scale
+
+
+class CyclicReductionFactor:
+    """A factored batch of KKT matrices, with the interface of ``EliminationFactor``; H, A and sigma held by reference.
+
+    negative (batch,): negative eigenvalues beyond the number of constraints; first_bad (batch,): first unit of the
+    first block found to have more of them than it has constraint rows, −1 where no single block shows it;
+    shifted (batch,): eigenvalues that were rounding (rows of fixed units, dependent rows); usable (batch,): can solve.
+    """
+
+    def __init__(self, H: Array, A: Array, sigma: Array | None = None):
+        xp = array_module(H)
+        batch, K, _, nc, _ = H.shape
+        ma = int(A.shape[3])
+        self.shape = (batch, K, nc, ma)
+        self._xp, self._sigma = xp, sigma
+        self._blocks = KKTBlocks(H, A, xp.zeros((batch, K, nc)), xp.zeros((batch, K, ma)))
+        matrix = self._blocks.sbt(sigma)
+        finite = xp.isfinite(matrix.diagonal).all(axis=(1, 2, 3)) & xp.isfinite(matrix.lower).all(axis=(1, 2, 3))
+        keep = finite[:, None, None, None]  # one member that is not finite must not stop the others
+        identity = xp.eye(matrix.diagonal.shape[-1])
+        matrix = SBT(xp.where(keep, matrix.diagonal, identity), xp.where(keep, matrix.lower, 0.0))
+        self._reduced = ReducedSBT(matrix, expected=2 * ma)
+        self.usable = finite
+        self.negative = xp.where(finite, self._reduced.negatives - K * ma, 1)
+        self.first_bad = xp.where(finite, 2 * self._reduced.excess_block, 0)
+        self.first_bad = xp.where(self.first_bad < 0, -1, self.first_bad)
+        self.shifted = self._reduced.shifted
+        self.residual = xp.full((batch, 1), xp.nan)
+
+    @property
+    def inertia_ok(self) -> Array:
+        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        return self.usable & (self.negative == 0)
+
+    def solve(
+        self,
+        rhs_v: Array,
+        rhs_c: Array | None = None,
+        *,
+        refine: int = 1,
+        tolerance: float = 1e-14,
+        check: bool = False,
+    ) -> tuple[Array, Array]:
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``.
+
+        Where eigenvalues were shifted, two refinements more than asked are allowed.
+        """
+        xp, (batch, K, nc, ma) = self._xp, self.shape
+        columns_v = rhs_v if rhs_v.ndim == 4 else rhs_v[..., None]
+        if columns_v.shape[:3] != (batch, K, nc):
+            raise ShapeError("rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns")
+        if rhs_c is None:
+            columns_c: Any = xp.zeros((batch, K, ma, columns_v.shape[3]))
+        else:
+            columns_c = rhs_c if rhs_c.ndim == 4 else rhs_c[..., None]
+        if columns_c.shape != (batch, K, ma, columns_v.shape[3]):
+            raise ShapeError("rhs_c", columns_c.shape, (batch, K, ma, columns_v.shape[3]))
+        size = self._largest(columns_v, columns_c)
+        size = xp.where(size > 0, size, 1.0)
+        self.residual = xp.full(size.shape, xp.nan)
+        dv, lam = self._once(columns_v, columns_c)
+        allowed = refine + (2 if refine and bool(self.shifted.any()) else 0)
+        for step in range(allowed + 1):
+            if step == allowed and not check:
+                break
+            left_v, left_c = self._blocks.residual(dv, lam, self._sigma, columns_v, columns_c)
+            self.residual = self._largest(left_v, left_c) / size
+            coarse = self.residual > tolerance
+            if step == allowed or not bool(coarse.any()):
+                break
+            more_v, more_lam = self._once(left_v, left_c)
+            dv, lam = dv + more_v, lam + more_lam
+        keep = self.usable[:, None, None, None]
+        dv, lam = xp.where(keep, dv, xp.nan), xp.where(keep, lam, xp.nan)
+        return (dv, lam) if rhs_v.ndim == 4 else (dv[..., 0], lam[..., 0])
+
+    def _once(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        return separate(self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2])
+
+    def _largest(self, part_v: Array, part_c: Array) -> Array:
+        """(batch, count) largest entry of both parts."""
+        xp = self._xp
+        top = xp.abs(part_v).max(axis=(1, 2))
+        return xp.maximum(top, xp.abs(part_c).max(axis=(1, 2))) if part_c.shape[2] else top

@@ -1,0 +1,80 @@
+"""The KKT system of Eq. 12, factored once and solved many times: [[H + diag(sigma), Aᵀ], [A, 0]] [dv; lam] = rhs.
+
+Two ways that agree: the window elimination in compiled C (the CPU's fast way) and block cyclic reduction over NumPy
+or CuPy (the paper's, and the way of a machine without a compiler).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+
+from octo import native
+from octo.errors import ShapeError, UnknownNameError
+from octo.solver import elimination
+from octo.solver.blocks import Array, array_module
+from octo.solver.cyclic_reduction import CyclicReductionFactor
+
+Method = Literal["auto", "elimination", "cyclic_reduction"]
+METHODS: tuple[Method, ...] = ("auto", "elimination", "cyclic_reduction")
+
+
+class KKTFactor(Protocol):
+    """What a factored batch offers; every array has a leading batch axis.
+
+    negative: eigenvalues or pivots that should be positive and are not (one or more where `stop` left early);
+    first_bad: unit of the first one, −1 for none or unknown; usable: can solve; residual (batch, count): the relative residual last computed by ``solve``.
+    """
+
+    negative: Array
+    first_bad: Array
+    usable: Array
+    residual: Array
+
+    @property
+    def inertia_ok(self) -> Array:
+        """Where the Hessian is positive definite on the null space of the constraints."""
+        ...
+
+    def solve(
+        self,
+        rhs_v: Array,
+        rhs_c: Array | None = None,
+        *,
+        refine: int = 1,
+        tolerance: float = 1e-14,
+        check: bool = False,
+    ) -> tuple[Array, Array]:
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of the right-hand side (rhs_v, rhs_c)."""
+        ...
+
+
+def factorize(
+    H: Array,
+    A: Array,
+    sigma: float | Array | None = None,
+    *,
+    method: Method = "auto",
+    stop: bool = True,
+    threads: int = 1,
+) -> KKTFactor:
+    """Factor the KKT matrix of a batch; H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), held by reference.
+
+    sigma: None, a number, (batch,), (batch, K) or (batch, K, nc), added to the diagonal of H.
+    method: "auto" takes the elimination for NumPy arrays where there is a compiler, cyclic reduction otherwise.
+    stop: leave a member at its first wrong pivot (it is then not `usable`); cyclic reduction always goes on.
+    threads: of the elimination, over the members of the batch.
+    """
+    if method not in METHODS:
+        raise UnknownNameError("method", method, METHODS)
+    if method == "auto":
+        on_cpu = array_module(H) is np
+        method = "elimination" if on_cpu and native.compiler() is not None else "cyclic_reduction"
+    if method == "elimination":
+        return elimination.factorize(H, A, sigma, stop=stop, threads=threads)
+    if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:
+        raise ShapeError("H", H.shape, "(batch, K, 3, nc, nc)")
+    if A.ndim != 5 or A.shape[:3] != H.shape[:3] or A.shape[4] != H.shape[4]:
+        raise ShapeError("A", A.shape, "(batch, K, 3, ma, nc)")
+    return CyclicReductionFactor(H, A, sigma)
