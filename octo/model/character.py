@@ -13,6 +13,7 @@ with hinges turning about ``axis`` through ``anchor``, both in the body's frame 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -92,6 +93,7 @@ class Character:
         "zxy" (yaw, roll, pitch; singular at roll ±90°). The innermost and the outermost angle are unbounded.
     default_pose: (nx,) the configuration a start is searched from.
     dropped: sentences naming what the robot's file says and octo does not model.
+    poses: further configurations (nx,) by name: the keyframes of the robot's file.
     """
 
     name: str
@@ -102,6 +104,7 @@ class Character:
     chart: Literal["zyx", "zxy"] = "zyx"
     default_pose: Array | None = None
     dropped: tuple[str, ...] = ()
+    poses: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for b, body in enumerate(self.bodies):

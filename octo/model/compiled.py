@@ -1,0 +1,209 @@
+"""MuJoCo's compiled model -> Character: trees, welded links fused, joints, masses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from octo.errors import ModelError
+from octo.model.actuators import joint_actuation
+from octo.model.character import Array, Body, Character, Joint, floating_base
+from octo.model.contacts import contact_spheres, self_collision_pairs
+from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of, rotation_of
+
+Chart = Literal["zyx", "zxy"]
+AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
+BALL_ORDER = "zyx"  # a ball joint is three hinges about the body's z, then y, then x axis
+
+
+@dataclass
+class Tree:
+    """The character's bodies as they are collected, and where every MuJoCo body went."""
+
+    chart: Chart = "zyx"
+    bodies: list[Body] = field(default_factory=list)
+    source: list[int] = field(default_factory=list)  # MuJoCo's index of each body
+    carriers: dict[int, Carrier] = field(default_factory=dict)
+    fused: list[tuple[str, str]] = field(default_factory=list)
+
+
+def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
+    """The character of a compiled model: links welded together become one body, masses are kept exactly."""
+    model, notes = source.model, list(dropped)
+    tree = Tree()
+    if source.free_body is not None:
+        tree.chart = _least_singular_chart(rotation_of(model.body_quat[source.free_body]))
+    for b in _body_order(source):
+        _add_body(tree, source, b, notes)
+    if tree.fused:
+        notes.append(f"links welded to their parents are fused into them: {', '.join(f'{a} into {b}' for a, b in tree.fused)}")
+    bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
+    base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
+    try:
+        plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=configuration(tree, source, model.qpos0))
+    except ModelError as error:
+        raise ModelError(f"{source.file}: {error}") from None
+    contacts = contact_spheres(plain, source, tree.carriers, notes)
+    character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
+    return replace(character, pairs=self_collision_pairs(character))
+
+
+def _body_order(source: RobotFile) -> list[int]:
+    """MuJoCo's bodies that belong to the robot, parents first, the floating tree before all others."""
+    model = source.model
+    kept = [b for b in range(1, model.nbody) if b not in source.left_out]
+    if source.free_body is None:
+        return kept
+    root = model.body_rootid[source.free_body]
+    return sorted(kept, key=lambda b: model.body_rootid[b] != root)
+
+
+def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
+    model = source.model
+    position, rotation = model.body_pos[b].copy(), rotation_of(model.body_quat[b])
+    parent = tree.carriers.get(int(model.body_parentid[b]))
+    name = name_of(model, "body", b)
+    welded = model.body_jntnum[b] == 0 and b != source.free_body
+    if parent is not None:
+        position, rotation = parent.position + parent.rotation @ position, parent.rotation @ rotation
+        if welded:
+            tree.carriers[b] = Carrier(parent.body, rotation, position)
+            tree.fused.append((name, tree.bodies[parent.body].name))
+            return
+    elif welded and not _holds_anything(model, b):
+        return
+    if b == source.free_body:
+        joints, position, rotation = _free_joints(model, b, tree.chart, notes), np.zeros(3), np.eye(3)
+    else:
+        joints = tuple(joint for j in _joints_of(model, b) for joint in _joints(source, j, notes))
+    tree.carriers[b] = Carrier(len(tree.bodies), np.eye(3), np.zeros(3))
+    tree.bodies.append(Body(name, -1 if parent is None else parent.body, joints, position, rotation))
+    tree.source.append(b)
+
+
+def _holds_anything(model: Any, b: int) -> bool:
+    """Whether a body fixed to the world has mass or carries something that moves; marks and decoration do not."""
+    if model.body_subtreemass[b] > 0.0:
+        return True
+    return any(model.body_jntnum[c] > 0 and model.body_rootid[c] == model.body_rootid[b] for c in range(b, model.nbody))
+
+
+def _joints_of(model: Any, b: int) -> range:
+    return range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+
+
+def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Joint, ...]:
+    """The floating base, with the armature and damping of the file's free joint if it has one."""
+    joints = floating_base(chart=chart)
+    if model.body_jntnum[b] == 0:
+        return joints
+    first = model.body_dofadr[b]
+    armature, damping = model.dof_armature[first : first + 6], model.dof_damping[first : first + 6]
+    if armature[3:].any() or damping[3:].any():
+        notes.append(f"armature and damping of the free joint of {name_of(model, 'body', b)}: taken about yaw, pitch and roll")
+    return tuple(replace(j, armature=float(a), damping=float(d)) for j, a, d in zip(joints, armature, damping, strict=True))
+
+
+def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
+    """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball, nothing for a removed free one."""
+    mujoco, model = import_mujoco(), source.model
+    kind, name, dof = model.jnt_type[j], name_of(model, "joint", j), model.jnt_dofadr[j]
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        return ()
+    actuated, limit, gear = joint_actuation(source, j)
+    common = {
+        "anchor": model.jnt_pos[j].copy(),
+        "actuated": actuated,
+        "torque_limit": limit,
+        "gear": gear,
+        "armature": float(model.dof_armature[dof]),
+        "damping": float(model.dof_damping[dof]),
+        "stiffness": float(model.jnt_stiffness[j]),
+    }
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        notes.append(_ball_note(model, j, name))
+        return tuple(Joint(f"{name}_{c}", "hinge", AXES[c], **common) for c in BALL_ORDER)
+    address = model.jnt_qposadr[j]
+    lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+    return (
+        Joint(
+            name,
+            "slide" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "hinge",
+            model.jnt_axis[j].copy(),
+            lower=float(lower),
+            upper=float(upper),
+            reference=float(model.qpos0[address]),
+            rest=float(model.qpos_spring[address]),
+            **common,
+        ),
+    )
+
+
+def _ball_note(model: Any, j: int, name: str) -> str:
+    extra = [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"] if model.jnt_limited[j] else []
+    dof = model.jnt_dofadr[j]
+    if model.dof_armature[dof] or model.dof_damping[dof] or model.jnt_stiffness[j]:
+        extra.append("armature, damping and spring act about each hinge")
+    return "; ".join([f"ball joint {name} is three hinges about z, y, x (singular at y = ±90°)", *extra])
+
+
+def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
+    """Body ``k`` with mass, centre of mass and inertia of all links fused into it."""
+    model, parts = source.model, []
+    for b, carrier in tree.carriers.items():
+        if carrier.body == k and model.body_mass[b] > 0.0 and model.body(b).name not in source.massless:
+            axes = carrier.rotation @ rotation_of(model.body_iquat[b])
+            com = carrier.position + carrier.rotation @ model.body_ipos[b]
+            parts.append((float(model.body_mass[b]), com, axes @ np.diag(model.body_inertia[b]) @ axes.T))
+    mass = sum(m for m, _, _ in parts)
+    if mass == 0.0:
+        return tree.bodies[k]
+    com = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for m, c, own in parts:
+        r = c - com
+        inertia += own + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return replace(tree.bodies[k], mass=mass, com=com, inertia=inertia)
+
+
+def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
+    """x (nx,) of MuJoCo's qpos (nq,)."""
+    mujoco, model = import_mujoco(), source.model
+    x: list[float] = []
+    for b in tree.source:
+        if b == source.free_body and model.body_jntnum[b] == 0:
+            x += [*model.body_pos[b], *chart_angles(rotation_of(model.body_quat[b]), tree.chart)]
+        for j in _joints_of(model, b):
+            address = model.jnt_qposadr[j]
+            if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+                if b == source.free_body:
+                    turn = rotation_of(qpos[address + 3 : address + 7])
+                    x += [*qpos[address : address + 3], *chart_angles(turn, tree.chart)]
+            elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
+                x += chart_angles(rotation_of(qpos[address : address + 4]), BALL_ORDER)
+            else:
+                x.append(qpos[address])
+    return np.array(x, dtype=float)
+
+
+def _keyframes(tree: Tree, source: RobotFile) -> dict[str, Array]:
+    model = source.model
+    return {name_of(model, "key", k): configuration(tree, source, model.key_qpos[k]) for k in range(model.nkey)}
+
+
+def _least_singular_chart(rotation: Array) -> Chart:
+    """zyx, unless the base stands so close to its singular pitch (60° and more) that zxy is better."""
+    pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])  # sines of the middle angles of zyx and of zxy
+    return "zxy" if pitch > 0.87 and roll < pitch else "zyx"
+
+
+def chart_angles(rotation: Array, chart: str) -> list[float]:
+    """The three angles (rad) of the chart's hinges, outermost first, that turn by ``rotation`` (3, 3)."""
+    R = rotation
+    if chart == "zyx":
+        return [math.atan2(R[1, 0], R[0, 0]), math.asin(-np.clip(R[2, 0], -1.0, 1.0)), math.atan2(R[2, 1], R[2, 2])]
+    return [math.atan2(-R[0, 1], R[1, 1]), math.asin(np.clip(R[2, 1], -1.0, 1.0)), math.atan2(-R[2, 0], R[2, 2])]

@@ -1,0 +1,123 @@
+"""What an MJCF says and octo does not model: one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from octo.model.actuators import actuator_count, control_index, drives_joint, is_motor
+from octo.model.robot_file import import_mujoco, name_of
+
+
+def left_out_features(model: Any, left_out: frozenset[int], free_body: int | None) -> list[str]:
+    """Sentences about what of the robot's part of ``model`` octo leaves out."""
+    return [
+        *_joint_features(model, left_out),
+        *_actuator_features(model, free_body),
+        *_ties(model),
+        *_world_features(model),
+    ]
+
+
+def _listed(what: str, names: Iterable[str]) -> list[str]:
+    names = list(names)
+    return [f"{what}: {', '.join(names)}"] if names else []
+
+
+def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
+    joints = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) not in left_out]
+    bodies = [b for b in range(1, model.nbody) if b not in left_out]
+
+    def named(condition: Any) -> list[str]:
+        return [name_of(model, "joint", j) for j in joints if condition(j, model.jnt_dofadr[j])]
+
+    sentences = _listed("dry friction (frictionloss) of joints", named(lambda j, d: model.dof_frictionloss[d] > 0.0))
+    sentences += _listed("springs that are not linear", named(lambda j, d: np.any(_poly(model, "jnt_stiffnesspoly", j))))
+    sentences += _listed("damping that is not linear", named(lambda j, d: np.any(_poly(model, "dof_dampingpoly", d))))
+    sentences += _listed("plastic springs", named(lambda j, d: _poly(model, "jnt_plasticadr", j, -1) >= 0))
+    heavy = [name_of(model, "body", b) for b in bodies if model.body_gravcomp[b] != 0.0]
+    sentences += _listed("gravity compensation of bodies", heavy)
+    return sentences + _listed(
+        "mocap bodies stand still", [name_of(model, "body", b) for b in bodies if model.body_mocapid[b] >= 0]
+    )
+
+
+def _poly(model: Any, name: str, index: int, default: float = 0.0) -> Any:
+    """A field of newer MuJoCo models, ``default`` in older ones."""
+    return getattr(model, name)[index] if hasattr(model, name) and len(getattr(model, name)) else default
+
+
+def _actuator_features(model: Any, free_body: int | None) -> list[str]:
+    mujoco = import_mujoco()
+    sentences, laws, one_sided = [], [], []
+    owners: dict[int, list[str]] = {}
+    for a in range(actuator_count(model)):
+        name = name_of(model, "actuator", a)
+        if not drives_joint(model, a):
+            kind = mujoco.mjtTrn(model.actuator_trntype[a]).name.removeprefix("mjTRN_").lower()
+            sentences.append(f"actuator {name} on a {kind}: only joints are actuated")
+            continue
+        j = int(model.actuator_trnid[a, 0])
+        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
+            sentences.append(f"actuator {name} on the free joint of {name_of(model, 'body', int(model.jnt_bodyid[j]))}")
+            continue
+        owners.setdefault(j, []).append(name)
+        if not is_motor(model, a):
+            laws.append(name)
+        limits = [(model.actuator_forcelimited[a], model.actuator_forcerange[a])]
+        control = control_index(model, a)
+        if is_motor(model, a):
+            limits.append((model.actuator_ctrllimited[control], model.actuator_ctrlrange[control]))
+        if any(limited and not np.isclose(-interval[0], interval[1]) for limited, interval in limits):
+            one_sided.append(name)
+    sentences += _listed("control laws (servo, activation, muscle) of actuators, u is the torque at the joint", laws)
+    sentences += _listed("ranges that are not symmetric, the larger side counts, of actuators", one_sided)
+    for j, names in owners.items():
+        if len(names) > 1:
+            sentences.append(
+                f"joint {name_of(model, 'joint', j)} has {len(names)} actuators ({', '.join(names)}): one torque with the sum of their limits"
+            )
+    return sentences
+
+
+def _ties(model: Any) -> list[str]:
+    """Equality constraints and tendons."""
+    mujoco, sentences = import_mujoco(), []
+    for e in range(model.neq):
+        kind = mujoco.mjtEq(model.eq_type[e]).name.removeprefix("mjEQ_").lower()
+        sentences.append(f"equality constraint {name_of(model, 'equality', e)} ({kind})")
+    for t in range(model.ntendon):
+        what = [
+            w
+            for w, on in (
+                ("limits", model.tendon_limited[t]),
+                ("spring", model.tendon_stiffness[t]),
+                ("damping", model.tendon_damping[t]),
+            )
+            if on
+        ]
+        sentences.append(f"tendon {name_of(model, 'tendon', t)}{' with ' + ', '.join(what) if what else ''}")
+    return sentences
+
+
+def _world_features(model: Any) -> list[str]:
+    sentences = []
+    option = model.opt
+    if option.density or option.viscosity or np.any(option.wind):
+        sentences.append(f"fluid (density {option.density:g}, viscosity {option.viscosity:g}, wind)")
+    if not np.allclose(option.gravity, (0.0, 0.0, -9.81), atol=0.02):
+        sentences.append(
+            f"gravity {tuple(float(v) for v in option.gravity)}: gravity is a parameter of the problem, 9.81 m/s² down unless said otherwise"
+        )
+    if model.nflex:
+        sentences.append(f"{model.nflex} deformable bodies (flex)")
+    if model.nplugin:
+        sentences.append(f"{model.nplugin} plugins")
+    friction = {float(f) for f in model.geom_friction[:, 0]} - {1.0}
+    if friction or model.npair:
+        sentences.append("contact parameters of geoms (friction, solref, margin): the contact law is the problem's")
+    if model.nexclude:
+        sentences.append(f"{model.nexclude} contact exclusions: self-collision pairs are chosen by octo")
+    return sentences

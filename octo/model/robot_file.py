@@ -1,0 +1,72 @@
+"""A robot file as MuJoCo compiled it, with what only the file says; the one place that imports MuJoCo for the importers."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octo.errors import MissingExtraError
+from octo.model.character import Array
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """A compiled robot file and what the compiled model does not say.
+
+    Attributes
+    ----------
+    model: mujoco.MjModel.
+    free_body: MuJoCo's index of the body that floats, None for a fixed base.
+    massless: bodies whose mass is a stand-in for zero.
+    effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
+    left_out: MuJoCo's indices of bodies that are no part of the robot.
+    """
+
+    model: Any
+    name: str
+    file: str
+    free_body: int | None = None
+    massless: frozenset[str] = frozenset()
+    effort: Mapping[str, float] | None = None
+    left_out: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """Where a MuJoCo body is in the body of the character that carries it."""
+
+    body: int  # index of the character's body
+    rotation: Array  # (3, 3), to the carrying body's frame
+    position: Array  # (3,) m
+
+
+def import_mujoco() -> Any:
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError:
+        raise MissingExtraError("reading robot files", "robots") from None
+
+
+def one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a quaternion (4,), real part first, of any length but zero."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """The file's name of an element, or its kind and number."""
+    return getattr(model, kind)(index).name or f"{kind}{index}"

@@ -1,0 +1,113 @@
+"""Collision shapes -> spheres whose common hull is the shape or lies just inside it.
+
+Every function returns centres (k, 3) m in the shape's own frame and radii (k,) m. A flat-sided shape is a set of small
+spheres set into its corners, so that its faces stay where they are and a corner is a smooth contact.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from octo.model.character import Array
+
+Spheres = tuple[Array, Array]
+SKIN = 0.2  # radius of a corner sphere, as a part of the shape's smallest half size
+FLAT = 1.0 / 3.0  # a side this much thinner than the next one is rounded completely: its corners merge in pairs
+CIRCLE_POINTS = 8
+BALL_TOLERANCE = 0.1  # a mesh whose hull is this close to a ball, as a part of its radius, is one sphere
+
+
+def sphere(radius: float) -> Spheres:
+    return np.zeros((1, 3)), np.array([radius])
+
+
+def capsule(radius: float, half_length: float) -> Spheres:
+    """The two end spheres of a capsule along z."""
+    return np.array([[0.0, 0.0, half_length], [0.0, 0.0, -half_length]]), np.full(2, radius)
+
+
+def ellipsoid(half: Array) -> Spheres:
+    """Two spheres on every axis that touch the surface at its ends and stay inside."""
+    centers, radii = [], []
+    for axis in range(3):
+        # The smallest radius of curvature at the end of the axis bounds a sphere that touches there from inside.
+        radius = min(min(half) ** 2 / half[axis], min(half))
+        for sign in (1.0, -1.0):
+            center = np.zeros(3)
+            center[axis] = sign * (half[axis] - radius)
+            centers.append(center)
+            radii.append(radius)
+    return np.array(centers), np.array(radii)
+
+
+def box(half: Array) -> Spheres:
+    """Eight spheres in the corners; in a plate they are as thick as the plate, so that only four differ."""
+    small, middle, _ = np.sort(half)
+    radius = small if small <= FLAT * middle else SKIN * small
+    corners = np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (half - radius)
+    return corners, np.full(8, radius)
+
+
+def cylinder(radius: float, half_length: float) -> Spheres:
+    """Eight spheres in each rim of a cylinder along z; a rod is a capsule, a disc has one rim."""
+    if radius <= FLAT * half_length:
+        return capsule(radius, half_length - radius)
+    skin = half_length if half_length <= FLAT * radius else SKIN * min(radius, half_length)
+    angles = 2.0 * math.pi * np.arange(CIRCLE_POINTS) / CIRCLE_POINTS
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1) * (radius - skin)
+    z = half_length - skin
+    centers = [np.column_stack([rim, np.full(CIRCLE_POINTS, end)]) for end in (z, -z)]
+    return np.concatenate(centers), np.full(2 * CIRCLE_POINTS, skin)
+
+
+def hull(vertices: Array) -> Spheres:
+    """The vertices (k, 3) of a convex hull as points, or one sphere where they lie on a ball."""
+    if len(vertices) >= 12:
+        # |v|² = 2 v·c + (r² - |c|²): the ball through the vertices in the least-squares sense.
+        matrix = np.column_stack([2.0 * vertices, np.ones(len(vertices))])
+        solution = np.linalg.lstsq(matrix, (vertices**2).sum(axis=1), rcond=None)[0]
+        center = solution[:3]
+        distance = np.linalg.norm(vertices - center, axis=1)
+        radius = float(distance.mean())
+        # A shallow cap fits a large ball as well: the vertices must surround the centre.
+        around = np.all(vertices.min(axis=0) < center - 0.7 * radius) and np.all(vertices.max(axis=0) > center + 0.7 * radius)
+        if around and np.abs(distance - radius).max() <= BALL_TOLERANCE * radius:
+            return center[None], np.array([radius])
+    return vertices, np.zeros(len(vertices))
+
+
+def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int]:
+    """The spheres that matter: a greedy choice whose hull is the hull of all but for ``tolerance`` (m).
+
+    The height of a set of spheres in the direction d is max(d·c + r). Starting from the extremes along the axes, the
+    sphere that closes the largest gap in height over all directions is added, until the gap is below ``tolerance`` or
+    ``most`` spheres are chosen. Inner, doubled and nearly doubled spheres are never chosen.
+    """
+    heights = centers @ _DIRECTIONS.T + radii[:, None]  # (k, directions) m
+    chosen: list[int] = []
+    reached = np.full(heights.shape[1], -math.inf)
+    goal = heights.max(axis=0)
+    while len(chosen) < most:
+        gap = goal - reached
+        direction = len(chosen) if not chosen else int(np.argmax(gap))
+        if chosen and gap[direction] <= tolerance:
+            break
+        new = int(np.argmax(heights[:, direction]))
+        chosen.append(new)
+        reached = np.maximum(reached, heights[new])
+    return sorted(chosen)
+
+
+def _sphere_directions(count: int) -> Array:
+    """Unit vectors (count + 6, 3): down, up and the other axes, then evenly over the sphere (Fibonacci's spiral)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
+    spiral = np.column_stack([np.cos(turn) * np.sqrt(1.0 - z**2), np.sin(turn) * np.sqrt(1.0 - z**2), z])
+    axes = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    return np.concatenate([axes, spiral])
+
+
+_DIRECTIONS = _sphere_directions(400)
