@@ -2,9 +2,10 @@
 
 Every other block of the symmetric block-tridiagonal matrix is eliminated, which leaves one of half the blocks; log2
 levels. A pivot block is factored by its eigenvalues, V diag(d) Vᵀ: that pivots inside the block, shows its inertia,
-and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). An eigenvalue that is nothing but
-rounding becomes −SHIFT: the rows of a fixed or first unit touch only other units, so that a pivot block can be
-singular where the matrix is not, and refinement removes what the shift changed.
+and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). The last block is kept to the end:
+the rows of a fixed last unit touch earlier units only, so that it is singular until those are eliminated. A pivot
+block can be singular elsewhere too, where the matrix is not or where rows are dependent: an eigenvalue that is
+nothing but rounding becomes −SHIFT, and refinement removes what that changed.
 """
 
 from __future__ import annotations
@@ -22,12 +23,16 @@ EQUILIBRATIONS = 3  # passes of Ruiz scaling: the largest entry of every row and
 
 @dataclass(frozen=True)
 class _Level:
-    """One level: what eliminates blocks 1, 3, 5 … of those that were left."""
+    """One level: what eliminates the E blocks second to last, fourth to last, …; with an even number of blocks the
 
-    half: Array  # (batch, O, B, B), V / sqrt|d|
-    sign: Array  # (batch, O, B, 1), of d
-    left: Array  # (batch, O, B, B), halfᵀ times the block towards the block before
-    right: Array  # (batch, O or O-1, B, B), halfᵀ times the block towards the block after
+    first is one of them (`lead` is 1) and has no block before it.
+    """
+
+    lead: int
+    half: Array  # (batch, E, B, B), V / sqrt|d|
+    sign: Array  # (batch, E, B, 1), of d
+    left: Array  # (batch, E - lead, B, B), halfᵀ times the block towards the block before
+    right: Array  # (batch, E, B, B), halfᵀ times the block towards the block after
 
 
 class ReducedSBT:
@@ -49,16 +54,17 @@ class ReducedSBT:
         self._expected, self._levels = expected, list[_Level]()
         block = xp.arange(diagonal.shape[1])
         while diagonal.shape[1] > 1:
-            half, sign = self._pivots(diagonal[:, 1::2], block[1::2])
+            lead = 1 - diagonal.shape[1] % 2
+            half, sign = self._pivots(diagonal[:, 1 - lead :: 2], block[1 - lead :: 2])
             turned = xp.swapaxes(half, -1, -2)
-            left, right = turned @ lower[:, 0::2], turned[:, : lower.shape[1] // 2] @ xp.swapaxes(lower[:, 1::2], -1, -2)
-            self._levels.append(_Level(half, sign, left, right))
-            weighted_left, after = sign * left, right.shape[1]
-            diagonal = diagonal[:, 0::2].copy()
-            diagonal[:, : left.shape[1]] -= xp.swapaxes(left, -1, -2) @ weighted_left
-            diagonal[:, 1 : after + 1] -= xp.swapaxes(right, -1, -2) @ (sign[:, :after] * right)
-            lower = -(xp.swapaxes(right, -1, -2) @ weighted_left[:, :after])
-            block = block[0::2]
+            left, right = turned[:, lead:] @ lower[:, lead::2], turned @ xp.swapaxes(lower[:, 1 - lead :: 2], -1, -2)
+            self._levels.append(_Level(lead, half, sign, left, right))
+            weighted = sign[:, lead:] * left
+            diagonal = diagonal[:, lead::2].copy()
+            diagonal[:, : left.shape[1]] -= xp.swapaxes(left, -1, -2) @ weighted
+            diagonal[:, 1 - lead :] -= xp.swapaxes(right, -1, -2) @ (sign * right)
+            lower = -(xp.swapaxes(right[:, lead:], -1, -2) @ weighted)
+            block = block[lead::2]
         self._last = self._pivots(diagonal, block)
 
     def _pivots(self, pivot: Array, block: Array) -> tuple[Array, Array]:
@@ -80,20 +86,21 @@ class ReducedSBT:
         xp = self._xp
         r, held = rhs * self.scale[..., None], []
         for level in self._levels:
-            w = level.sign * (xp.swapaxes(level.half, -1, -2) @ r[:, 1::2])
+            lead, before = level.lead, level.left.shape[1]
+            w = level.sign * (xp.swapaxes(level.half, -1, -2) @ r[:, 1 - lead :: 2])
             held.append(w)
-            r, after = r[:, 0::2].copy(), level.right.shape[1]
-            r[:, : w.shape[1]] -= xp.swapaxes(level.left, -1, -2) @ w
-            r[:, 1 : after + 1] -= xp.swapaxes(level.right, -1, -2) @ w[:, :after]
+            r = r[:, lead::2].copy()
+            r[:, :before] -= xp.swapaxes(level.left, -1, -2) @ w[:, lead:]
+            r[:, 1 - lead :] -= xp.swapaxes(level.right, -1, -2) @ w
         half, sign = self._last
         x = half @ (sign * (xp.swapaxes(half, -1, -2) @ r))
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
-            after, odd = level.right.shape[1], level.left.shape[1]
-            reach = level.left @ x[:, :odd]
-            reach[:, :after] += level.right @ x[:, 1 : after + 1]
-            both = xp.empty((x.shape[0], x.shape[1] + odd, *x.shape[2:]))
-            both[:, 0::2] = x
-            both[:, 1::2] = level.half @ (w - level.sign * reach)
+            lead, before = level.lead, level.left.shape[1]
+            reach = level.right @ x[:, 1 - lead :]
+            reach[:, lead:] += level.left @ x[:, :before]
+            both = xp.empty((x.shape[0], x.shape[1] + w.shape[1], *x.shape[2:]))
+            both[:, lead::2] = x
+            both[:, 1 - lead :: 2] = level.half @ (w - level.sign * reach)
             x = both
         return x * self.scale[..., None]
 
@@ -136,8 +143,8 @@ class CyclicReductionFactor:
         self._reduced = ReducedSBT(matrix, expected=2 * ma)
         self.usable = finite
         self.negative = xp.where(finite, self._reduced.negatives - K * ma, 1)
-        self.first_bad = xp.where(finite, 2 * self._reduced.excess_block, 0)
-        self.first_bad = xp.where(self.first_bad < 0, -1, self.first_bad)
+        shown = finite & (self.negative > 0) & (self._reduced.excess_block >= 0)
+        self.first_bad = xp.where(shown, 2 * self._reduced.excess_block, -1)
         self.shifted = self._reduced.shifted
         self.residual = xp.full((batch, 1), xp.nan)
 
