@@ -95,7 +95,7 @@ class _Balance:
         self.free = robot.unactuated
         self.dt = float(self.p[self.dynamics.layout.index("dt")])
         self.weight = robot.mass * GRAVITY  # N
-        self.lift = self._vertical_slide()
+        self.root, self.lift = self._vertical_slide()
         self.start = self._touching(self._along_the_ground(self.start))
         self.length = self._length()
         kinds = [robot.joints[j].kind for j in self.free]
@@ -126,17 +126,21 @@ class _Balance:
         radius = np.array([robot.contacts[k].radius for k in chosen])
         return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
 
-    def _vertical_slide(self) -> int | None:
-        """The unactuated slide that lifts the robot, if any: the steepest one of the bodies hung on the world."""
-        robot, best, steepest = self.dynamics.character, None, 0.5
+    def _vertical_slide(self) -> tuple[int, int | None]:
+        """The body hung on the world that an unactuated, steep slide lifts, and that slide; else the base and None."""
+        robot = self.dynamics.character
         for b, body in enumerate(robot.bodies):
-            if body.parent != -1:
-                continue
             for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
-                rise = float((body.rotation @ joint.axis)[2])
-                if joint.kind == "slide" and not joint.actuated and abs(rise) > steepest:
-                    best, steepest = j, abs(rise)
-        return best
+                steep = abs(float((body.rotation @ joint.axis)[2])) > 0.7
+                if body.parent == -1 and joint.kind == "slide" and not joint.actuated and steep:
+                    return b, j
+        return robot.base_body, None
+
+    def _lifting_axis(self) -> Array:
+        """(3,) world direction in which the lifting slide moves the robot."""
+        body = self.dynamics.character.bodies[self.root]
+        j = self.lift - int(self.dynamics.character.first_joint[self.root]) if self.lift is not None else 0
+        return body.rotation @ body.joints[j].axis
 
     def _along_the_ground(self, x: Array) -> Array:
         """x with a floating base turned as a slope is turned from the level: feet that were in one plane stay in it."""
@@ -144,13 +148,13 @@ class _Balance:
         if robot.base != "floating":
             return x
         rotation, origin = body_poses(robot, x)
-        outward = self.ground(origin[None, robot.base_body])[1][0]
+        outward = self.ground(origin[None, self.root])[1][0]
         axis = np.cross([0.0, 0.0, 1.0], outward)
         if np.linalg.norm(axis) < 1e-12:
             return x
         turn = axis_rotation(axis / np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), outward[2]))
-        x, first = x.copy(), int(robot.first_joint[robot.base_body]) + 3
-        R = robot.bodies[robot.base_body].rotation.T @ turn @ rotation[robot.base_body]
+        x, first = x.copy(), int(robot.first_joint[self.root]) + 3
+        R = robot.bodies[self.root].rotation.T @ turn @ rotation[self.root]
         if robot.chart == "zyx":
             angles = (np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(np.clip(R[2, 0], -1, 1)), np.arctan2(R[2, 1], R[2, 2]))
         else:
@@ -166,8 +170,7 @@ class _Balance:
         if j is None or not robot.terrain_contacts:
             return x
         x = x.copy()
-        body = next(b for b, path in enumerate(robot.path) if j in path)
-        up = float((robot.bodies[body].rotation @ robot.joints[j].axis)[2])
+        up = float(self._lifting_axis()[2])
         for _ in range(50):
             gap = float(np.min(self.gaps(x)))
             x[j] -= gap / up  # a fixed point on a slope: the distance shrinks by its cosine each time
@@ -187,30 +190,39 @@ class _Balance:
         if not robot.terrain_contacts:
             return 1.0
         _, origin = body_poses(robot, self.start)
-        return max(float(self.ground(origin[None, robot.base_body])[0][0] - np.min(self.gaps(self.start))), 0.05)
+        return max(float(self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))), 0.05)
 
     # --- unknowns ---------------------------------------------------------------------------------------------------
 
     def _directions(self) -> tuple[NDArray[np.intp], Array]:
         """Places in ``free`` that the pose is searched over, and directions (free, k) in which only a drift is.
 
-        The floating base drifts along the ground in x and y and turns about z; any other robot drifts in the
-        coordinates that no force depends on.
+        A robot that can be lifted drifts along the ground with its other slides, which the lifting slide compensates
+        on a slope, and turns about the vertical; a robot hung on the world drifts along the slides that no force feels.
         """
         robot, m = self.dynamics.character, len(self.free)
-        if robot.base == "floating":
-            first = int(robot.first_joint[robot.base_body])
-            x, y, z, yaw = (int(np.flatnonzero(self.free == first + k)[0]) for k in range(4))
-            drift = np.zeros((m, 3))
-            _, origin = body_poses(robot, self.start)
-            outward = self.ground(origin[None, robot.base_body])[1][0]
-            drift[x, 0] = drift[y, 1] = drift[yaw, 2] = 1.0
-            drift[z, :2] = -outward[:2] / max(float(outward[2]), 0.1)
-            return np.setdiff1d(np.arange(m), [x, y, yaw]).astype(np.intp), drift
-        _, stiffness, _, _ = self.linearised(self.start, np.zeros(m), np.zeros(m))
-        size = np.max(np.abs(self.row_scale[:, None] * stiffness * self.step_scale), axis=0)
-        idle = size <= 1e-9 * max(float(np.max(size)), 1e-9)
-        return np.flatnonzero(~idle).astype(np.intp), np.eye(m)[:, idle]
+        zero = np.zeros(m)
+        force, stiffness, _, _ = self.linearised(self.start, zero, zero)
+        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0) + np.abs(force * self.row_scale)
+        place = {int(j): k for k, j in enumerate(self.free)}
+        body = robot.bodies[self.root]
+        _, origin = body_poses(robot, self.start)
+        outward = self.ground(origin[None, self.root])[1][0]
+        columns: dict[int, Array] = {}
+        for j, joint in enumerate(body.joints, start=int(robot.first_joint[self.root])):
+            if self.lift is None or j == self.lift or joint.actuated:
+                continue
+            axis = body.rotation @ joint.axis
+            if joint.kind == "slide":
+                columns[place[j]] = np.eye(m)[place[j]]
+                columns[place[j]][place[self.lift]] = -(outward @ axis) / (outward @ self._lifting_axis())
+            elif abs(axis[2]) > 0.9:
+                columns[place[j]] = np.eye(m)[place[j]]
+        if self.lift is None:
+            idle = [k for j, k in place.items() if robot.joints[j].kind == "slide" and felt[k] <= 1e-12]
+            columns = {k: np.eye(m)[k] for k in idle}
+        drift = np.array(list(columns.values())).reshape(-1, m).T
+        return np.setdiff1d(np.arange(m), list(columns)).astype(np.intp), drift
 
     def linearised(self, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
         """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives (free, free) to x, v and a."""
@@ -234,7 +246,7 @@ class _Balance:
         reason = ""
         for prepare in (lambda: self.start, self.settled):
             x = prepare()
-            for sliding in (False, True):
+            for sliding in (False, True)[: 1 if self.lift is None else 2]:
                 found, residual = self.newton(x, sliding)
                 objection = self.objection(found, residual)
                 if not objection and self.stable(found):
@@ -284,7 +296,7 @@ class _Balance:
 
         Starting each step at rest damps the fall; the solution of a step is then that of V(x) + ½|x - x_i|²_M/dt².
         """
-        robot, x, duration = self.dynamics.character, self.start, 0.01
+        x, duration = self.start, 0.01
         kept = [j for k, j in enumerate(self.free) if k not in self.still]
         for _ in range(SETTLING_STEPS):
             p = self.p.copy()
@@ -297,18 +309,19 @@ class _Balance:
                 continue
             change = (moved - x)[self.free][self.still] / self.step_scale[self.still]
             x, duration = moved, min(1.5 * duration, 1.0)
-            if self.tilt(x) > MOST_TILT or (duration >= 0.2 and float(np.max(np.abs(change), initial=0.0)) < 1e-4):
+            at_rest = duration >= 0.2 and float(np.max(np.abs(change), initial=0.0)) < 1e-4
+            if at_rest or (self.lift is not None and self.tilt(x) > MOST_TILT):
                 break
         x = x.copy()
         x[kept] = self.start[kept]
-        return self._touching(x) if robot.base == "floating" else x
+        return self._touching(x)
 
     # --- does it stand? ---------------------------------------------------------------------------------------------
 
     def tilt(self, x: Array) -> float:
         """rad between the vertical axis of the base now and at the start."""
         robot = self.dynamics.character
-        ups = [body_poses(robot, pose)[0][robot.base_body][2] for pose in (self.start, x)]
+        ups = [body_poses(robot, pose)[0][self.root][2] for pose in (self.start, x)]
         return float(np.arccos(np.clip(ups[0] @ ups[1], -1.0, 1.0)))
 
     def stable(self, x: Array) -> bool:
@@ -316,23 +329,25 @@ class _Balance:
         zero = np.zeros(len(self.free))
         stiffness = self.linearised(x, zero, zero)[1] * self.step_scale * self.step_scale[:, None]
         square = stiffness[np.ix_(self.still, self.still)]
-        return bool(np.all(np.linalg.eigvalsh(0.5 * (square + square.T)) > 0.0))
+        return bool(np.all(np.linalg.eigvalsh(0.5 * (square + square.T)) >= -1e-9 * self.weight * self.length))
 
     def _base_clearance(self, x: Array) -> float:
         """m, lowest contact of the base body above the ground; infinite where it has none."""
         robot = self.dynamics.character
-        own = [k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == robot.base_body]
-        return float(np.min(self.gaps(x)[own])) if own and robot.base == "floating" else np.inf
+        own = [k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == self.root]
+        return float(np.min(self.gaps(x)[own])) if own and self.lift is not None else np.inf
 
     def objection(self, x: Array, residual: float) -> str:
         """Why x is no static pose, or nothing."""
         robot = self.dynamics.character
-        if robot.base == "floating" and self.tilt(x) > MOST_TILT:
-            return f"the base tips over by {np.rad2deg(self.tilt(x)):.0f} degrees"
+        if self.lift is not None and self.tilt(x) > MOST_TILT:
+            return f"{robot.bodies[self.root].name} tips over by {np.rad2deg(self.tilt(x)):.0f} degrees"
         if not residual <= TOLERANCE:
+            if self.lift is not None and not robot.terrain_contacts:
+                return "it has no contact to stand on"
             return f"a residual of {residual:.1e} mg is left"
         if self.clearance > 0.1 * self.length and self._base_clearance(x) < 0.0:
-            return f"{robot.bodies[robot.base_body].name} comes down on the ground"
+            return f"{robot.bodies[self.root].name} comes down on the ground"
         return ""
 
 

@@ -63,5 +63,6 @@ def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca
     """Outward unit normal ∇φ/|∇φ| (3,) at ``point``."""
     if isinstance(terrain, Plane):
         return ca.vertcat(p["normal_x"], p["normal_y"], p["normal_z"])
-    gradient = ca.gradient(terrain.distance(point, p), point)
+    free = ca.SX.sym("point", 3)  # the point itself may be an expression, which CasADi cannot differentiate by
+    gradient = ca.substitute(ca.gradient(terrain.distance(free, p), free), free, point)
     return gradient / ca.norm_2(gradient)
