@@ -56,7 +56,7 @@ def function_text(fd: ca.Function) -> str:
     value = ca.densify(fd(x_next, x, x_prev, p))
     inputs = [*(ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")), p, lam]
     jac = ca.jacobian(value, z)
-    hess = ca.jacobian(ca.mtimes(jac.T, lam), z)
+    hess = ca.triu2symm(ca.triu(ca.jacobian(ca.mtimes(jac.T, lam), z)))
     outputs = [value, ca.vec(ca.densify(jac.T)), ca.vec(ca.densify(hess))]
     outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
     options = {"cse": True}

@@ -80,23 +80,28 @@ static void octo_loop_write(const octo_input *in, const octo_work *s, int k, oct
       for (int r = 0; r < 3; ++r) motion[r] += lam * s->loop_motion[b][r];
     }
   GRID(a, loop.count, b, loop.count) {
-    int i = loop.dof[a], j = loop.dof[b], same = (a < loop.split) == (b < loop.split), up = a < b ? a : b, low = a < b ? b : a;
-    const double *omega = in->kin[0] + 12 * NB + 6 * loop.dof[up], *D = s->loop_motion[low];
+    if (b < a) continue;
+    int i = loop.dof[a], j = loop.dof[b], same = (a < loop.split) == (b < loop.split);
+    const double *omega = in->kin[0] + 12 * NB + 6 * i, *D = s->loop_motion[b];
     double g = s->loop_slope[a] * s->loop_slope[b], h = octo_dot(s->loop_motion[a], s->loop_motion[b]), bend[3];
     octo_cross(omega, D, bend);
     if (same) h += octo_dot(d, bend);
-    JAC(i, 0, j) += phi[1] * g + phi[0] * h;
+    double stiffness = phi[1] * g + phi[0] * h;
+    JAC(i, 0, j) += stiffness;
+    if (a != b) JAC(j, 0, i) += stiffness;
     if (in->order < 2) continue;
     double change = octo_dot(s->loop_change[a], s->loop_motion[b]) + octo_dot(s->loop_motion[a], s->loop_change[b]);
     if (same) {
       change += octo_dot(motion, bend);
-      octo_cross(s->loop_turn[up], D, bend);
+      octo_cross(s->loop_turn[a], D, bend);
       change += octo_dot(d, bend);
-      octo_cross(omega, s->loop_change[low], bend);
+      octo_cross(omega, s->loop_change[b], bend);
       change += octo_dot(d, bend);
     }
     double mixed = s->loop_bend[a] * s->loop_slope[b] + s->loop_slope[a] * s->loop_bend[b];
-    HESS(0, i, 0, j) += phi[2] * slope * g + phi[1] * (mixed + slope * h) + phi[0] * change;
+    double curvature = phi[2] * slope * g + phi[1] * (mixed + slope * h) + phi[0] * change;
+    HESS(0, i, 0, j) += curvature;
+    if (a != b) HESS(0, j, 0, i) += curvature;
   }
 }
 
