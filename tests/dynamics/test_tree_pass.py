@@ -150,7 +150,7 @@ def random_tree(rng, base, bodies=9):
                 mass=rng.uniform(0.5, 2.0) if heavy else 0.0,
                 com=0.1 * rng.standard_normal(3),
                 inertia=shape @ shape.T + 0.01 * np.eye(3) if heavy else np.zeros((3, 3)),
-            )  # fmt: skip
+            )
         )
     spheres = tuple(
         ContactSphere(
