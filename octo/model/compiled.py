@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.errors import ModelError
+from octo.errors import ModelError, RobotFileError
 from octo.model.actuators import joint_actuation
 from octo.model.character import Array, Body, Character, Joint, floating_base
 from octo.model.contacts import contact_spheres, self_collision_pairs
-from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of, rotation_of
+from octo.model.mass_matrix import check_mass_matrix
+from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, rotation_of
 
 Chart = Literal["zyx", "zxy"]
 AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
@@ -47,6 +48,9 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
         plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=configuration(tree, source, model.qpos0))
     except ModelError as error:
         raise ModelError(f"{source.file}: {error}") from None
+    if plain.nx == 0:
+        raise RobotFileError(f"{source.file}: has no joints and nothing moves; base='floating' makes its body free")
+    check_mass_matrix(plain, source.file)
     contacts = contact_spheres(plain, source, tree.carriers, notes)
     character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
     return replace(character, pairs=self_collision_pairs(character))
@@ -153,20 +157,20 @@ def _ball_note(model: Any, j: int, name: str) -> str:
 
 def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
     """Body ``k`` with mass, centre of mass and inertia of all links fused into it."""
-    model, parts = source.model, []
+    parts = []
     for b, carrier in tree.carriers.items():
-        if carrier.body == k and model.body_mass[b] > 0.0 and model.body(b).name not in source.massless:
-            axes = carrier.rotation @ rotation_of(model.body_iquat[b])
-            com = carrier.position + carrier.rotation @ model.body_ipos[b]
-            parts.append((float(model.body_mass[b]), com, axes @ np.diag(model.body_inertia[b]) @ axes.T))
-    mass = sum(m for m, _, _ in parts)
+        own = source.inertial(b)
+        if carrier.body == k and own.mass > 0.0:
+            R = carrier.rotation
+            parts.append(Inertial(own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
+    mass = sum(part.mass for part in parts)
     if mass == 0.0:
         return tree.bodies[k]
-    com = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
+    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
-    for m, c, own in parts:
-        r = c - com
-        inertia += own + m * (r @ r * np.eye(3) - np.outer(r, r))
+    for part in parts:
+        r = part.com - com
+        inertia += part.inertia + part.mass * (r @ r * np.eye(3) - np.outer(r, r))
     return replace(tree.bodies[k], mass=mass, com=com, inertia=inertia)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,48 +14,80 @@ from octo.model.character import Array, Character, ContactSphere
 from octo.model.kinematics import sphere_centers
 from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of, rotation_of
 
-END_TOLERANCE, END_SPHERES = 0.05, 12  # of the bodies at the ends of limbs: of the body's size, at most
-INNER_TOLERANCE, INNER_SPHERES = 0.12, 8  # of all others
+END_TOLERANCE, END_SPHERES = 0.05, 8  # of a body at the end of a limb: of the body's size, at most
+BASE_TOLERANCE, BASE_SPHERES = 0.1, 8  # of the first body that moves
+AT_END = 0.9  # a geom whose reach is this part of its limb's is at its end
+SMALL = 0.35  # a mesh at the end whose size is at most this part of the limb's reach is a ball
+COMPACT = 2.0  # if its longest side is at most this often its shortest
 SAME_PLACE = 0.004  # m; spheres of two bodies that stay this close in every pose are one
 PAIR_CLEARANCE = 0.005  # m between the spheres of a pair in the default pose
 PAIR_RADIUS = 0.005  # m; smaller spheres are corners, no use against each other
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """A sphere of one geom, in the frame of the body of the character that carries it."""
+class Shape:
+    """The spheres of one geom, in the frame of the body of the character that carries it."""
 
     name: str
+    kind: str
     body: int
-    position: Array  # (3,) m
-    radius: float  # m
+    centers: Array  # (k, 3) m
+    radii: Array  # (k,) m
+
+    def with_spheres(self, spheres: shapes.Spheres) -> Shape:
+        return Shape(self.name, self.kind, self.body, *spheres)
 
 
 def contact_spheres(
     character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
 ) -> tuple[ContactSphere, ...]:
-    """The spheres of every moving body: its geoms' spheres, pruned; those at the ends of the limbs first, lowest first."""
+    """The spheres of every moving body: those at the ends of the limbs first, the lowest of these before the others.
+
+    A geom at the end of a limb, and the geoms of the base, keep their form; every other geom becomes a rod or a ball.
+    """
     ground = _ground(character, source, carriers, notes)
     moving = [b for b, path in enumerate(character.path) if path]
-    by_body: dict[int, list[Candidate]] = {b: [] for b in moving}
+    by_body: dict[int, list[Shape]] = {b: [] for b in moving}
     for g in range(source.model.ngeom):
         carrier = carriers.get(int(source.model.geom_bodyid[g]))
         if carrier is None or not _collides(source.model, g, ground, character.base == "floating"):
             continue
         if carrier.body in by_body:
-            by_body[carrier.body] += _candidates(source.model, g, carrier, notes)
+            by_body[carrier.body] += _shape(source.model, g, carrier, notes)
     ends = end_bodies(character)
-    kept = []
-    for b in moving:
-        if by_body[b]:
-            limits = (END_TOLERANCE, END_SPHERES) if b in ends else (INNER_TOLERANCE, INNER_SPHERES)
-            kept += _pruned(by_body[b], *limits)
-    kept = _without_shared(character, kept)
     touches = bool(ground) or character.base == "floating"
-    if kept and not touches:
+    spheres: list[ContactSphere] = []
+    for b, own in by_body.items():
+        limits = (END_TOLERANCE, END_SPHERES) if b in ends else (BASE_TOLERANCE, BASE_SPHERES)
+        spheres += _pruned(_simplified(character, b, own, b in ends, b == moving[0]), touches, *limits)
+    spheres = _without_shared(character, spheres)
+    if spheres and not touches:
         notes.append("contact with the terrain: the base is fixed and the file has no ground")
-    spheres = [ContactSphere(c.name, c.body, c.position, c.radius, touches) for c in kept]
     return tuple(_unique_names(_ordered(character, spheres, ends)))
+
+
+def _simplified(character: Character, b: int, own: list[Shape], at_end: bool, is_base: bool) -> list[Shape]:
+    """The shapes of body ``b`` with what cannot be a foot, a hand or a corner of the trunk reduced to rods and balls."""
+    if is_base or not own:
+        return own
+    anchor = _anchor(character, b)
+    reach = {id(shape): _reach(shape.centers, shape.radii, anchor) for shape in own}
+    farthest = max(reach.values())
+    result = []
+    for shape in own:
+        if at_end and reach[id(shape)] >= AT_END * farthest:
+            if shape.kind == "mesh" and len(shape.radii) > 1 and _compact(shape.centers, farthest):
+                outward = shape.centers.mean(axis=0) - anchor
+                shape = shape.with_spheres(shapes.end_ball(shape.centers, outward / np.linalg.norm(outward)))
+        elif len(shape.radii) > 2:
+            shape = shape.with_spheres(shapes.rod(shape.centers, shape.radii))
+        result.append(shape)
+    return result
+
+
+def _compact(vertices: Array, reach: float) -> bool:
+    sides = np.ptp(vertices, axis=0)
+    return bool(np.linalg.norm(sides) <= SMALL * reach and sides.max() <= COMPACT * sides.min())
 
 
 def _ground(character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]) -> list[int]:
@@ -101,7 +133,7 @@ def _kind(mujoco: Any, model: Any, g: int) -> str:
     return str(mujoco.mjtGeom(model.geom_type[g]).name).removeprefix("mjGEOM_").lower()
 
 
-def _candidates(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[Candidate]:
+def _shape(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[Shape]:
     mujoco = import_mujoco()
     kind, size = _kind(mujoco, model, g), np.array(model.geom_size[g], dtype=float)
     link = name_of(model, "body", int(model.geom_bodyid[g]))
@@ -122,8 +154,7 @@ def _candidates(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[
         notes.append(f"geom {name} of {link}: a {kind} cannot be a contact of a moving body")
         return []
     centers = centers @ rotation_of(model.geom_quat[g]).T + model.geom_pos[g]
-    centers = centers @ carrier.rotation.T + carrier.position
-    return [Candidate(name, carrier.body, c, float(r)) for c, r in zip(centers, radii, strict=True)]
+    return [Shape(name, kind, carrier.body, centers @ carrier.rotation.T + carrier.position, radii)]
 
 
 def _hull_vertices(model: Any, mesh: int) -> Array:
@@ -137,29 +168,33 @@ def _hull_vertices(model: Any, mesh: int) -> Array:
     return vertices[model.mesh_graph[graph + 2 + on_hull : graph + 2 + 2 * on_hull]]
 
 
-def _pruned(candidates: list[Candidate], tolerance: float, most: int) -> list[Candidate]:
-    centers, radii = np.array([c.position for c in candidates]), np.array([c.radius for c in candidates])
-    size = float(np.linalg.norm((centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)))
-    return [candidates[k] for k in shapes.prune(centers, radii, tolerance * size, most)]
-
-
-def _without_shared(character: Character, candidates: list[Candidate]) -> list[Candidate]:
-    """Drop a sphere that stays inside, or in the place of, one of another body: two links that share a knee."""
-    if not candidates:
+def _pruned(own: list[Shape], touches: bool, tolerance: float, most: int) -> list[ContactSphere]:
+    """The spheres of one body that make up its hull."""
+    if not own:
         return []
-    spheres = tuple(ContactSphere(c.name, c.body, c.position, c.radius) for c in candidates)
-    bare = Character(character.name, character.bodies, spheres, base=character.base, chart=character.chart)
+    centers, radii = np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
+    names = [shape.name for shape in own for _ in shape.radii]
+    size = float(np.linalg.norm((centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)))
+    chosen = shapes.prune(centers, radii, tolerance * size, most)
+    return [ContactSphere(names[k], own[0].body, centers[k], float(radii[k]), touches) for k in chosen]
+
+
+def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[ContactSphere]:
+    """Drop a sphere that stays inside, or in the place of, one of another body: two links that share a knee."""
+    if not spheres:
+        return []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (4, character.nx))
-    centers = sphere_centers(bare, poses)  # (4, k, 3) m
-    radii = np.array([c.radius for c in candidates])
+    centers = sphere_centers(replace(character, contacts=tuple(spheres)), poses)  # (4, k, 3) m
+    radii = np.array([sphere.radius for sphere in spheres])
     away = np.linalg.norm(centers[:, :, None] - centers[:, None], axis=-1).max(axis=0)  # (k, k) m, over the poses
+    inside = away <= radii[None, :] - radii[:, None] + SAME_PLACE
     dropped: set[int] = set()
     # Later bodies are further out: the outer link keeps the sphere of a joint that two links share.
-    for k, other in itertools.permutations(range(len(candidates)), 2):
+    for k, other in zip(*np.nonzero(inside), strict=True):
         smaller = radii[k] < radii[other] or (radii[k] == radii[other] and k < other)
-        if other not in dropped and smaller and away[k, other] <= radii[other] - radii[k] + SAME_PLACE:
-            dropped.add(k)
-    return [c for k, c in enumerate(candidates) if k not in dropped]
+        if k != other and other not in dropped and smaller:
+            dropped.add(int(k))
+    return [sphere for k, sphere in enumerate(spheres) if k not in dropped]
 
 
 def end_bodies(character: Character) -> list[int]:
@@ -168,23 +203,36 @@ def end_bodies(character: Character) -> list[int]:
     return [b for b, path in enumerate(character.path) if path and b not in parents]
 
 
-def _reach(character: Character, sphere: ContactSphere) -> float:
-    """Distance (m) of a sphere's far side from the joint its body hangs on."""
-    joints = character.bodies[sphere.body].joints
-    anchor = joints[-1].anchor if joints else np.zeros(3)
-    return float(np.linalg.norm(sphere.position - anchor)) + sphere.radius
+def default_pose(character: Character) -> Array:
+    return np.zeros(character.nx) if character.default_pose is None else character.default_pose
+
+
+def _anchor(character: Character, b: int) -> Array:
+    """Where body ``b`` hangs on its parent (3,) m, in its own frame."""
+    joints = character.bodies[b].joints
+    return joints[-1].anchor if joints and joints[-1].kind == "hinge" else np.zeros(3)
+
+
+def _reach(centers: Array, radii: Array, anchor: Array) -> float:
+    """Distance (m) of the far side of spheres from the joint their body hangs on."""
+    return float(np.max(np.linalg.norm(centers - anchor, axis=1) + radii))
+
+
+def _sphere_reach(character: Character, sphere: ContactSphere) -> float:
+    return _reach(sphere.position[None], np.array([sphere.radius]), _anchor(character, sphere.body))
 
 
 def _ordered(character: Character, spheres: list[ContactSphere], ends: list[int]) -> list[ContactSphere]:
     """The ends of limbs first, those that stand lowest in the default pose before the others."""
-    posed = Character(character.name, character.bodies, tuple(spheres), base=character.base, chart=character.chart)
-    height = sphere_centers(posed, character.default_pose)[:, 2] if spheres else np.zeros(0)
+    height = (
+        sphere_centers(replace(character, contacts=tuple(spheres)), default_pose(character))[:, 2] if spheres else np.zeros(0)
+    )
     lowest = {b: min(h for h, s in zip(height, spheres, strict=True) if s.body == b) for b in {s.body for s in spheres}}
 
     def key(sphere: ContactSphere) -> tuple[bool, float, int, float]:
         end = sphere.body in ends
         step = round(lowest[sphere.body] / 0.05) if end else 0  # left and right differ by rounding only
-        return not end, step, sphere.body, -_reach(character, sphere) if end else 0.0
+        return not end, step, sphere.body, -_sphere_reach(character, sphere) if end else 0.0
 
     return sorted(spheres, key=key)
 
@@ -207,15 +255,15 @@ def self_collision_pairs(character: Character) -> tuple[tuple[int, int], ...]:
     for b in end_bodies(character):
         own = [k for k, s in enumerate(character.contacts) if s.body == b and s.radius >= PAIR_RADIUS]
         if own:
-            outermost.append(max(own, key=lambda k: _reach(character, character.contacts[k])))
+            outermost.append(max(own, key=lambda k: _sphere_reach(character, character.contacts[k])))
     if len(outermost) < 2:
         return ()
-    centers = sphere_centers(character, character.default_pose)
+    centers = sphere_centers(character, default_pose(character))
     gap = {}
     for a, b in itertools.combinations(outermost, 2):
         first, second = character.contacts[a], character.contacts[b]
         gap[a, b] = float(np.linalg.norm(centers[a] - centers[b])) - first.radius - second.radius
-    pairs = set()
+    pairs: set[tuple[int, int]] = set()
     for k in outermost:
         near = sorted((pair for pair in gap if k in pair), key=lambda pair: round(gap[pair], 6))[:2]
         pairs.update(pair for pair in near if gap[pair] > PAIR_CLEARANCE)

@@ -13,6 +13,15 @@ from octo.errors import MissingExtraError
 from octo.model.character import Array
 
 
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """Mass properties of one link."""
+
+    mass: float  # kg
+    com: Array  # (3,) m, link frame
+    inertia: Array  # (3, 3) kg m² about the com, link axes
+
+
 @dataclass(frozen=True)
 class RobotFile:
     """A compiled robot file and what the compiled model does not say.
@@ -21,7 +30,7 @@ class RobotFile:
     ----------
     model: mujoco.MjModel.
     free_body: MuJoCo's index of the body that floats, None for a fixed base.
-    massless: bodies whose mass is a stand-in for zero.
+    inertials: by body, where the file itself (a URDF) says them: MuJoCo cannot compile all of them.
     effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
     """
@@ -30,9 +39,17 @@ class RobotFile:
     name: str
     file: str
     free_body: int | None = None
-    massless: frozenset[str] = frozenset()
+    inertials: Mapping[str, Inertial] | None = None
     effort: Mapping[str, float] | None = None
     left_out: frozenset[int] = frozenset()
+
+    def inertial(self, b: int) -> Inertial:
+        """Mass properties of MuJoCo's body ``b``."""
+        if self.inertials is not None:
+            return self.inertials[self.model.body(b).name]
+        axes = rotation_of(self.model.body_iquat[b])
+        inertia = axes @ np.diag(self.model.body_inertia[b]) @ axes.T
+        return Inertial(float(self.model.body_mass[b]), self.model.body_ipos[b].copy(), inertia)
 
 
 @dataclass(frozen=True, eq=False)

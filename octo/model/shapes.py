@@ -79,6 +79,29 @@ def hull(vertices: Array) -> Spheres:
     return vertices, np.zeros(len(vertices))
 
 
+def rod(centers: Array, radii: Array) -> Spheres:
+    """Two spheres along the longest direction of a set of spheres, or one where it is about as thick as long."""
+    around = centers - centers.mean(axis=0)
+    axes = np.linalg.eigh(around.T @ around)[1].T[::-1]  # rows, longest first
+    along = centers @ axes.T
+    top, bottom = (along + radii[:, None]).max(axis=0), (along - radii[:, None]).min(axis=0)
+    half, middle = (top - bottom) / 2.0, (top + bottom) / 2.0
+    radius = float(half[1:].mean())
+    reach = float(half[0]) - radius
+    if reach <= 0.25 * radius:
+        return (middle @ axes)[None], np.array([float(half.mean())])
+    return np.array([middle @ axes + reach * axes[0], middle @ axes - reach * axes[0]]), np.full(2, radius)
+
+
+def end_ball(vertices: Array, outward: Array) -> Spheres:
+    """One sphere in the end of a compact hull: as thick as the hull, reaching as far in the direction ``outward``."""
+    top, bottom = vertices.max(axis=0), vertices.min(axis=0)
+    radius = float(np.median(top - bottom)) / 2.0
+    center = (top + bottom) / 2.0
+    center = center + outward * (float((vertices @ outward).max()) - radius - center @ outward)
+    return center[None], np.array([radius])
+
+
 def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int]:
     """The spheres that matter: a greedy choice whose hull is the hull of all but for ``tolerance`` (m).
 

@@ -1,5 +1,5 @@
-"""URDF files: checked and prepared as an XML tree, compiled by MuJoCo, which by itself would fuse the root link to the
-world, invent masses, and stop at meshes it cannot read."""
+"""URDF files: checked and prepared as an XML tree, then compiled by MuJoCo, which by itself would fuse the root link to
+the world, invent masses, and stop at meshes it cannot read."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
-from octo.model.character import Character
+from octo.model.character import Array, Character
 from octo.model.compiled import character_of
-from octo.model.robot_file import RobotFile, import_mujoco, one_line
+from octo.model.kinematics import axis_rotation
+from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line
 
 MOVABLE = {"revolute", "continuous", "prismatic"}
 READABLE_MESHES = {".stl", ".obj", ".msh"}
-WORLD = "octo_world"  # the link that MuJoCo turns into the world in place of the root
-LIGHT = 1e-10  # kg, stands in for a massless link while MuJoCo compiles; the character gets zero
+STAND_IN = 1e-10  # kg or kg m², for what MuJoCo refuses to compile; the character gets what the file says
 
 
 @dataclass
@@ -34,7 +34,7 @@ class Prepared:
     root: str  # link that hangs on the world
     meshes: dict[str, bytes] = field(default_factory=dict)
     mesh_files: dict[str, str] = field(default_factory=dict)  # name inside the prepared file -> as written
-    massless: set[str] = field(default_factory=set)
+    inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
     effort: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
     dropped: list[str] = field(default_factory=list)
 
@@ -44,7 +44,7 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     prepared = prepare(path)
     model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
-    source = RobotFile(model, prepared.name, path.name, free, frozenset(prepared.massless), prepared.effort)
+    source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, prepared.effort)
     return character_of(source, prepared.dropped)
 
 
@@ -66,15 +66,17 @@ def prepare(path: Path) -> Prepared:
     _check_masses(prepared)
     _note_joints(prepared)
     _collect_geometry(prepared)
-    _hang_on_world(prepared)
+    _rename_world(prepared)
     return prepared
 
 
 def compile_prepared(prepared: Prepared) -> Any:
     """MuJoCo's model of a prepared URDF on a fixed base; a mesh that does not compile is dropped by name."""
-    broken = _unreadable(prepared.meshes) if not _compiles(prepared) else {}
-    for name, reason in broken.items():
-        _drop_mesh(prepared, name, reason)
+    try:
+        return make_spec(prepared).compile()
+    except ValueError:
+        for name, reason in _unreadable(prepared.meshes).items():
+            _drop_mesh(prepared, name, reason)
     try:
         return make_spec(prepared).compile()
     except ValueError as error:
@@ -91,17 +93,23 @@ def make_spec(prepared: Prepared) -> Any:
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a volume is not needed: open surfaces are common
     for body in spec.bodies:
-        if body.name in prepared.massless:
-            body.explicitinertial, body.mass, body.ipos, body.inertia = True, LIGHT, np.zeros(3), np.full(3, LIGHT)
+        inertial = prepared.inertials.get(body.name)
+        if inertial is not None:
+            _give_inertial(body, inertial)
     return spec
 
 
-def _compiles(prepared: Prepared) -> bool:
-    try:
-        make_spec(prepared).compile()
-    except ValueError:
-        return False
-    return True
+def _give_inertial(body: Any, inertial: Inertial) -> None:
+    """Set mass, centre and inertia of an MjSpec body; a ball's where MuJoCo would refuse the file's."""
+    small, middle, large = np.linalg.eigvalsh(inertial.inertia)
+    legal = inertial.mass > 0.0 and small > STAND_IN and small + middle >= large
+    body.explicitinertial, body.mass, body.ipos = True, max(inertial.mass, STAND_IN), inertial.com
+    body.iquat = [1.0, 0.0, 0.0, 0.0]
+    if legal:
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia
+        body.fullinertia = [xx, yy, zz, xy, xz, yz]
+    else:
+        body.fullinertia, body.inertia = [math.nan, 0.0, 0.0, 0.0, 0.0, 0.0], np.full(3, max(middle, STAND_IN))
 
 
 def _unreadable(meshes: Mapping[str, bytes]) -> dict[str, str]:
@@ -181,7 +189,7 @@ def _check_joints(prepared: Prepared) -> None:
             raise RobotFileError(
                 f"{file}: joint {name!r}: type is {kind!r}, allowed are revolute, continuous, prismatic, fixed, floating"
             )
-        if kind in MOVABLE and np.linalg.norm(_numbers(file, joint, "axis", "xyz", (1.0, 0.0, 0.0))) == 0.0:
+        if kind in MOVABLE and np.linalg.norm(_numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0")) == 0.0:
             raise RobotFileError(f"{file}: joint {name!r}: axis is zero, must have a direction")
         limit = joint.find("limit")
         if kind in ("revolute", "prismatic") and limit is not None:
@@ -209,20 +217,14 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
 
 def _check_masses(prepared: Prepared) -> None:
     """Masses and inertias as written; MuJoCo would invent, refuse or balance some of them."""
-    file, mass = prepared.path.name, {}
+    file = prepared.path.name
     for link in prepared.tree.findall("link"):
         name = str(link.get("name"))
-        inertial = link.find("inertial")
-        mass[name] = 0.0
-        if inertial is not None:
-            mass[name] = _number(file, f"link {name!r}: mass", _attribute(inertial, "mass", "value"))
-            if mass[name] < 0.0:
-                raise RobotFileError(f"{file}: link {name!r}: mass is {mass[name]} kg, must not be negative")
-            _check_inertia(file, name, inertial)
-        if mass[name] == 0.0:
-            prepared.massless.add(name)
-            if inertial is not None:
-                link.remove(inertial)
+        element = link.find("inertial")
+        prepared.inertials[name] = _inertial(prepared, name, element)
+        if element is not None:
+            link.remove(element)
+    mass = {name: inertial.mass for name, inertial in prepared.inertials.items()}
     if sum(mass.values()) <= 0.0:
         raise RobotFileError(f"{file}: total mass is {sum(mass.values())} kg, must be positive")
     child_joints: dict[str, list[ElementTree.Element]] = {name: [] for name in mass}
@@ -247,14 +249,28 @@ def _check_moved_mass(
     return total
 
 
-def _check_inertia(file: str, link: str, inertial: ElementTree.Element) -> None:
-    entries = {}
-    for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
-        entries[key] = _number(file, f"link {link!r}: inertia {key}", _attribute(inertial, "inertia", key))
-    xx, yy, zz, xy, xz, yz = entries.values()
-    smallest = float(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0])
-    if smallest < -1e-9 * max(abs(v) for v in entries.values()):
-        raise ModelError(f"{file}: link {link!r}: smallest principal inertia is {smallest:.3g} kg m², must not be negative")
+def _inertial(prepared: Prepared, link: str, element: ElementTree.Element | None) -> Inertial:
+    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without <inertial>."""
+    file = prepared.path.name
+    if element is None:
+        return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+    mass = _number(file, f"link {link!r}: mass", _attribute(element, "mass", "value"))
+    if mass < 0.0:
+        raise RobotFileError(f"{file}: link {link!r}: mass is {mass} kg, must not be negative")
+    com, angles = (_numbers(file, f"link {link!r}: inertial origin", element, "origin", key) for key in ("xyz", "rpy"))
+    keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    entries = [_number(file, f"link {link!r}: inertia {key}", _attribute(element, "inertia", key, "0")) for key in keys]
+    xx, yy, zz, xy, xz, yz = entries
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    small, middle, large = np.linalg.eigvalsh(inertia)
+    slack = 1e-3 * large  # rounding of printed numbers
+    if small < -slack or small + middle < large - slack:
+        prepared.dropped.append(
+            f"link {link}: no rigid body has principal inertias {small:.3g}, {middle:.3g}, {large:.3g}; used as written"
+        )
+    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
+    turn = yaw @ pitch @ roll
+    return Inertial(mass, com, turn @ inertia @ turn.T)
 
 
 def _note_joints(prepared: Prepared) -> None:
@@ -271,6 +287,8 @@ def _note_joints(prepared: Prepared) -> None:
             joint.remove(mimic)
         if joint.get("type") != "continuous" and (limit is None or limit.get("lower", "0") == limit.get("upper", "0")):
             dropped.append(f"joint {name}: no range in <limit>, taken as unlimited")
+            joint.set("type", "continuous" if joint.get("type") == "revolute" else "prismatic")
+            _forget_range(limit)
     _note(dropped, "velocity limits", (j for j in movable if float(_attribute(j, "limit", "velocity", "0")) > 0.0))
     rubbing = [j for j in movable if float(_attribute(j, "dynamics", "friction", "0")) != 0.0]
     _note(dropped, "dry friction", rubbing)
@@ -282,6 +300,12 @@ def _note_joints(prepared: Prepared) -> None:
         dropped.append(f"{len(transmissions)} transmissions: u is the torque at the joint")
     for element in transmissions:
         prepared.tree.remove(element)
+
+
+def _forget_range(limit: ElementTree.Element | None) -> None:
+    for end in ("lower", "upper"):
+        if limit is not None:
+            limit.attrib.pop(end, None)
 
 
 def _note(dropped: list[str], what: str, joints: Iterable[ElementTree.Element]) -> None:
@@ -340,18 +364,17 @@ def find_mesh(written: str, urdf: Path) -> Path | None:
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
-def _hang_on_world(prepared: Prepared) -> None:
-    """Put a bare link above the root: MuJoCo turns the first link into the world and forgets its mass."""
-    for element in prepared.tree.iter():
-        for key in ("name", "link"):
-            if element.tag in ("link", "parent", "child") and element.get(key) == "world":
-                element.set(key, "world_link")  # MuJoCo's own name for the world
-    prepared.massless = {"world_link" if name == "world" else name for name in prepared.massless}
-    prepared.root = "world_link" if prepared.root == "world" else prepared.root
-    prepared.tree.insert(0, ElementTree.Element("link", name=WORLD))
-    joint = ElementTree.SubElement(prepared.tree, "joint", name=f"{WORLD}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=WORLD)
-    ElementTree.SubElement(joint, "child", link=prepared.root)
+def _rename_world(prepared: Prepared) -> None:
+    """A link called "world" would become MuJoCo's world and lose its mass."""
+
+    def renamed(link: str) -> str:
+        return "world_link" if link == "world" else link
+
+    for tag, key in (("link", "name"), ("parent", "link"), ("child", "link")):
+        for element in prepared.tree.iter(tag):
+            element.set(key, renamed(str(element.get(key))))
+    prepared.inertials = {renamed(link): inertial for link, inertial in prepared.inertials.items()}
+    prepared.root = renamed(prepared.root)
 
 
 def _attribute(element: ElementTree.Element, child: str, key: str, default: str = "nan") -> str:
@@ -369,6 +392,9 @@ def _number(file: str, what: str, text: str) -> float:
     return value
 
 
-def _numbers(file: str, joint: ElementTree.Element, child: str, key: str, default: tuple[float, ...]) -> np.ndarray:
-    text = _attribute(joint, child, key, " ".join(map(str, default)))
-    return np.array([_number(file, f"joint {joint.get('name')!r}: {child}", word) for word in text.split()])
+def _numbers(file: str, what: str, element: ElementTree.Element, child: str, key: str, default: str = "0 0 0") -> Array:
+    """Three numbers (3,) of an attribute of a child."""
+    words = _attribute(element, child, key, default).split()
+    if len(words) != 3:
+        raise RobotFileError(f"{file}: {what} {key} is {' '.join(words)!r}, must be three numbers")
+    return np.array([_number(file, f"{what} {key}", word) for word in words])
