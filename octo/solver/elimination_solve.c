@@ -14,14 +14,13 @@ ptrdiff_t octo_scratch_room(ptrdiff_t K) { return ROUND(K * (2 * (NC + MA) + HEL
 
 #if VL == 8
 typedef double quad __attribute__((vector_size(32)));
-typedef double pair __attribute__((vector_size(16)));
 static inline double total(vec a) {
-    quad b = __builtin_shufflevector(a, a, 0, 1, 2, 3) + __builtin_shufflevector(a, a, 4, 5, 6, 7);
-    pair c = __builtin_shufflevector(b, b, 0, 1) + __builtin_shufflevector(b, b, 2, 3);
-    return c[0] + c[1];
+    union { vec whole; quad half[2]; } u = {a};
+    quad b = u.half[0] + u.half[1];
+    return (b[0] + b[2]) + (b[1] + b[3]);
 }
 #else
-static inline double total(vec a) { return (a[0] + a[1]) + (a[2] + a[3]); }
+static inline double total(vec a) { return (a[0] + a[2]) + (a[1] + a[3]); }
 #endif
 
 static inline double dot(const double *a, const double *b) {
@@ -127,29 +126,49 @@ static void sweeps(int K, int count, const unit *units, const double *store, dou
         }
 }
 
+#if NC >= VL
+#define CHUNKS ((NC + VL - 1) / VL)  /* vectors of a row of H or A, unpadded in memory: the last one overlaps */
+#define CHUNK(c) ((c) * VL + VL <= NC ? (c) * VL : NC - VL)
+
+/* sums[i] += row i of the block times v, and back += the block transposed times w (where back is given) */
+static inline __attribute__((always_inline)) void block_products(int rows, const double *block, const double *v,
+                                                                 const double *w, vec *sums, double *back) {
+    vec z[CHUNKS], turned[CHUNKS];
+    for (int c = 0; c < CHUNKS; c++) z[c] = *(const loose *)(v + CHUNK(c)), turned[c] = (vec){0};
+    for (int i = 0; i < CHUNKS * VL - NC; i++) z[CHUNKS - 1][i] = 0;     /* counted in the vector before */
+    for (int i = 0; i < rows; i++)
+        for (int c = 0; c < CHUNKS; c++) {
+            vec row = *(const loose *)(block + i * NC + CHUNK(c));
+            sums[i] += row * z[c];
+            if (back) turned[c] += row * w[i];
+        }
+    if (!back) return;
+    for (int c = 0; c < CHUNKS; c++)
+        for (int i = c * VL - CHUNK(c); i < VL; i++) back[CHUNK(c) + i] -= turned[c][i];
+}
+#else
+static void block_products(int rows, const double *block, const double *v, const double *w, vec *sums, double *back) {
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < NC; j++) {
+            sums[i][0] += block[i * NC + j] * v[j];
+            if (back) back[j] -= block[i * NC + j] * w[i];
+        }
+}
+#endif
+
 /* F = f - (H + sigma) V - A' Lam, G = h - A V, for one right-hand side of one unit; adds to earlier units' F */
 static void unit_residual(int k, const double *H, const double *A, const double *weight, int per_variable,
                           const double *V, const double *Lam, double *F, double *G) {
-    int reach = k < 2 ? k : 2;
-    for (int i = 0; i < NC; i++) F[i] -= weight ? weight[per_variable ? i : 0] * V[i] : 0;
-    for (int o = 0; o <= reach; o++) {
-        const double *v = V - o * NC, *h = H + o * NC * NC, *a = A + o * MA * NC;
-        double *to = F - o * NC, back[NC] = {0};
-        for (int i = 0; i < NC; i++) {
-            double sum = 0, own = V[i];
-            for (int j = 0; j < NC; j++) sum += h[i * NC + j] * v[j];
-            F[i] -= sum;
-            if (o > 0)
-                for (int j = 0; j < NC; j++) back[j] += h[i * NC + j] * own;
-        }
-        for (int i = 0; i < MA; i++) {
-            double sum = 0, own = Lam[i];
-            for (int j = 0; j < NC; j++) sum += a[i * NC + j] * v[j];
-            G[i] -= sum;
-            for (int j = 0; j < NC; j++) back[j] += a[i * NC + j] * own;
-        }
-        for (int j = 0; j < NC; j++) to[j] -= back[j];
+    vec own[NC], rows[MA ? MA : 1];
+    memset(own, 0, sizeof own), memset(rows, 0, sizeof rows);
+    block_products(NC, H, V, NULL, own, NULL);
+    block_products(MA, A, V, Lam, rows, F);
+    for (int o = 1; o <= (k < 2 ? k : 2); o++) {
+        block_products(NC, H + o * NC * NC, V - o * NC, V, own, F - o * NC);
+        block_products(MA, A + o * MA * NC, V - o * NC, Lam, rows, F - o * NC);
     }
+    for (int i = 0; i < NC; i++) F[i] -= total(own[i]) + (weight ? weight[per_variable ? i : 0] * V[i] : 0);
+    for (int i = 0; i < MA; i++) G[i] -= total(rows[i]);
 }
 
 /* F, G = right-hand sides - KKT (V, Lam); sizes[c] = largest residual / largest right-hand side */
