@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from octo.errors import ShapeError
+from octo.solver import blas
 from octo.solver.blocks import SBT, Array, KKTBlocks, array_module, interleave, separate
 
 ROUNDING = 1e-11  # an eigenvalue of a pivot block of the equilibrated matrix, entries up to 1, below this is none
@@ -140,7 +141,8 @@ class CyclicReductionFactor:
         keep = finite[:, None, None, None]  # one member that is not finite must not stop the others
         identity = xp.eye(matrix.diagonal.shape[-1])
         matrix = SBT(xp.where(keep, matrix.diagonal, identity), xp.where(keep, matrix.lower, 0.0))
-        self._reduced = ReducedSBT(matrix, expected=2 * ma)
+        with blas.one_thread():
+            self._reduced = ReducedSBT(matrix, expected=2 * ma)
         self.usable = finite
         self.negative = xp.where(finite, self._reduced.negatives - K * ma, 1)
         shown = finite & (self.negative > 0) & (self._reduced.excess_block >= 0)
@@ -196,7 +198,8 @@ class CyclicReductionFactor:
         return (dv, lam) if rhs_v.ndim == 4 else (dv[..., 0], lam[..., 0])
 
     def _once(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
-        return separate(self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2])
+        with blas.one_thread():
+            return separate(self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2])
 
     def _largest(self, part_v: Array, part_c: Array) -> Array:
         """(batch, count) largest entry of both parts."""

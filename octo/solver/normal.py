@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import ShapeError
+from octo.solver import blas
 from octo.solver.blocks import block_times, transposed_times
 from octo.solver.elimination import Floats, address, aligned, library
 
@@ -37,7 +38,8 @@ class NormalFactor:
             self._units = aligned((self._library.octo_normal_bytes() * batch * K + 7) // 8)
             self._library.octo_normal_factor(batch, threads, K, address(self.A), address(self._units), address(self.dropped))
         elif ma:
-            self._blocks = _Blocks(self.A)
+            with blas.one_thread():
+                self._blocks = _Blocks(self.A)
             self.dropped[:] = self._blocks.dropped
 
     def solve(self, rhs: Floats, *, refine: int = 1) -> Floats:

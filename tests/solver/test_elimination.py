@@ -62,7 +62,7 @@ def test_inertia_is_that_of_the_dense_matrix(random_system, split, nc, ma, lower
 @pytest.mark.parametrize("rows_touch", [(0, 1, 2), (1, 2), (2,)])
 def test_first_bad_is_the_last_unit_that_cannot_be_left_free(random_system, split, rows_touch):
     """Unit k is bad when the Hessian is indefinite on {A v = 0, v_j = 0 for j < k} and definite for every k above."""
-    K, nc, ma = 6, 5, 2
+    K, nc, ma = 6, 6, 4
     for seed in range(6):
         system = random_system(seed, 1, K, nc, ma, lowered=2.5, rows_touch=rows_touch)
         (H,), (A,) = split(system)
@@ -75,7 +75,7 @@ def test_first_bad_is_the_last_unit_that_cannot_be_left_free(random_system, spli
         assert factorize(system.H, system.A, stop=False).first_bad[0] == expected
 
 
-@pytest.mark.parametrize("nc,ma,rank", [(18, 6, 3), (4, 3, 1), (12, 8, 4), (6, 4, 0)])
+@pytest.mark.parametrize("nc,ma,rank", [(18, 6, 3), (4, 3, 1), (6, 4, 0)])
 def test_structurally_singular_first_rows(random_system, nc, ma, rank):
     """The rows of the first units may touch fewer variables than they are many, when later units make up for it."""
     system = random_system(3, 2, 8, nc, ma)
@@ -89,7 +89,7 @@ def test_structurally_singular_first_rows(random_system, nc, ma, rank):
 
 @pytest.mark.parametrize("kind", ["zero", "repeated", "combined"])
 def test_dependent_rows_are_counted_and_harmless(random_system, split, kind):
-    K, nc, ma = 7, 8, 3
+    K, nc, ma = 7, 6, 4
     system = random_system(5, 1, K, nc, ma)
     if kind == "zero":
         system.A[:, 0, :, 1] = 0.0
@@ -142,7 +142,7 @@ def test_a_nan_member_leaves_the_others_bit_identical(random_system, poisoned, t
 
 
 def test_a_nan_right_hand_side_stays_in_its_member(random_system):
-    system = random_system(2, 2, 5, 6, 2)
+    system = random_system(2, 2, 5, 6, 4)
     factor = factorize(system.H, system.A)
     expected = factor.solve(-system.b, -system.C)
     system.b[0, 2, 1] = np.nan
@@ -188,7 +188,7 @@ def test_badly_scaled_rows_and_weak_hessian(random_system):
 
 
 def test_wrong_shapes_are_refused(random_system):
-    system = random_system(0, 1, 3, 4, 2)
+    system = random_system(0, 1, 3, 4, 3)
     with pytest.raises(ShapeError, match="H has shape"):
         factorize(system.H[0], system.A)
     with pytest.raises(ShapeError, match="A has shape"):
