@@ -14,12 +14,12 @@ from octo.model.character import Array, Character, ContactSphere
 from octo.model.kinematics import sphere_centers
 from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of, rotation_of
 
-END_TOLERANCE, END_SPHERES = 0.05, 8  # of a body at the end of a limb: of the body's size, at most
-BASE_TOLERANCE, BASE_SPHERES = 0.1, 8  # of the first body that moves
+TOLERANCE = 0.05  # of the hull of a body, as a part of its size
+MOST_SPHERES = 8  # of a body; a first moving body that needs more becomes a box
 AT_END = 0.9  # a geom whose reach is this part of its limb's is at its end
 SMALL = 0.35  # a mesh at the end whose size is at most this part of the limb's reach is a ball
 COMPACT = 2.0  # if its longest side is at most this often its shortest
-SAME_PLACE = 0.004  # m; spheres of two bodies that stay this close in every pose are one
+SHARED = 0.25  # a sphere that never leaves one of another body by more than this part of its radius is not needed
 PAIR_CLEARANCE = 0.005  # m between the spheres of a pair in the default pose
 PAIR_RADIUS = 0.005  # m; smaller spheres are corners, no use against each other
 
@@ -33,9 +33,10 @@ class Shape:
     body: int
     centers: Array  # (k, 3) m
     radii: Array  # (k,) m
+    rod: shapes.Spheres  # the same as a rod or a ball
 
     def with_spheres(self, spheres: shapes.Spheres) -> Shape:
-        return Shape(self.name, self.kind, self.body, *spheres)
+        return replace(self, centers=spheres[0], radii=spheres[1])
 
 
 def contact_spheres(
@@ -58,17 +59,27 @@ def contact_spheres(
     touches = bool(ground) or character.base == "floating"
     spheres: list[ContactSphere] = []
     for b, own in by_body.items():
-        limits = (END_TOLERANCE, END_SPHERES) if b in ends else (BASE_TOLERANCE, BASE_SPHERES)
-        spheres += _pruned(_simplified(character, b, own, b in ends, b == moving[0]), touches, *limits)
+        shaped = _boxed(own) if b == moving[0] else _simplified(character, b, own, b in ends)
+        spheres += _pruned(shaped, touches)
     spheres = _without_shared(character, spheres)
     if spheres and not touches:
         notes.append("contact with the terrain: the base is fixed and the file has no ground")
     return tuple(_unique_names(_ordered(character, spheres, ends)))
 
 
-def _simplified(character: Character, b: int, own: list[Shape], at_end: bool, is_base: bool) -> list[Shape]:
-    """The shapes of body ``b`` with what cannot be a foot, a hand or a corner of the trunk reduced to rods and balls."""
-    if is_base or not own:
+def _boxed(own: list[Shape]) -> list[Shape]:
+    """The shapes of the trunk, or one box around them where they are many."""
+    if not own:
+        return own
+    centers, radii = np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
+    if len(radii) <= MOST_SPHERES:
+        return own
+    return [replace(own[0], centers=corners, radii=skins) for corners, skins in [shapes.bounding_box(centers, radii)]]
+
+
+def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) -> list[Shape]:
+    """The shapes of body ``b`` with all that cannot be a foot or a hand reduced to rods and balls."""
+    if not own:
         return own
     anchor = _anchor(character, b)
     reach = {id(shape): _reach(shape.centers, shape.radii, anchor) for shape in own}
@@ -80,7 +91,7 @@ def _simplified(character: Character, b: int, own: list[Shape], at_end: bool, is
                 outward = shape.centers.mean(axis=0) - anchor
                 shape = shape.with_spheres(shapes.end_ball(shape.centers, outward / np.linalg.norm(outward)))
         elif len(shape.radii) > 2:
-            shape = shape.with_spheres(shapes.rod(shape.centers, shape.radii))
+            shape = shape.with_spheres(shape.rod)
         result.append(shape)
     return result
 
@@ -153,8 +164,10 @@ def _shape(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[Shape
     else:
         notes.append(f"geom {name} of {link}: a {kind} cannot be a contact of a moving body")
         return []
-    centers = centers @ rotation_of(model.geom_quat[g]).T + model.geom_pos[g]
-    return [Shape(name, kind, carrier.body, centers @ carrier.rotation.T + carrier.position, radii)]
+    rod, rod_radii = shapes.rod(centers, radii)
+    R = carrier.rotation @ rotation_of(model.geom_quat[g])
+    t = carrier.position + carrier.rotation @ model.geom_pos[g]
+    return [Shape(name, kind, carrier.body, centers @ R.T + t, radii, (rod @ R.T + t, rod_radii))]
 
 
 def _hull_vertices(model: Any, mesh: int) -> Array:
@@ -168,14 +181,14 @@ def _hull_vertices(model: Any, mesh: int) -> Array:
     return vertices[model.mesh_graph[graph + 2 + on_hull : graph + 2 + 2 * on_hull]]
 
 
-def _pruned(own: list[Shape], touches: bool, tolerance: float, most: int) -> list[ContactSphere]:
+def _pruned(own: list[Shape], touches: bool) -> list[ContactSphere]:
     """The spheres of one body that make up its hull."""
     if not own:
         return []
     centers, radii = np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
     names = [shape.name for shape in own for _ in shape.radii]
     size = float(np.linalg.norm((centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)))
-    chosen = shapes.prune(centers, radii, tolerance * size, most)
+    chosen = shapes.prune(centers, radii, TOLERANCE * size, MOST_SPHERES)
     return [ContactSphere(names[k], own[0].body, centers[k], float(radii[k]), touches) for k in chosen]
 
 
@@ -187,7 +200,7 @@ def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[
     centers = sphere_centers(replace(character, contacts=tuple(spheres)), poses)  # (4, k, 3) m
     radii = np.array([sphere.radius for sphere in spheres])
     away = np.linalg.norm(centers[:, :, None] - centers[:, None], axis=-1).max(axis=0)  # (k, k) m, over the poses
-    inside = away <= radii[None, :] - radii[:, None] + SAME_PLACE
+    inside = away <= (1.0 + SHARED) * radii[None, :] - radii[:, None]
     dropped: set[int] = set()
     # Later bodies are further out: the outer link keeps the sphere of a joint that two links share.
     for k, other in zip(*np.nonzero(inside), strict=True):
@@ -250,21 +263,26 @@ def _unique_names(spheres: list[ContactSphere]) -> list[ContactSphere]:
 
 
 def self_collision_pairs(character: Character) -> tuple[tuple[int, int], ...]:
-    """The outermost spheres of the limbs against each other, each against its two nearest, none touching at the start."""
-    outermost = []
+    """The ends of the limbs against each other, each against its two nearest; none touches in the default pose."""
+    tips = {}
     for b in end_bodies(character):
-        own = [k for k, s in enumerate(character.contacts) if s.body == b and s.radius >= PAIR_RADIUS]
-        if own:
-            outermost.append(max(own, key=lambda k: _sphere_reach(character, character.contacts[k])))
-    if len(outermost) < 2:
-        return ()
+        reach = {
+            k: _sphere_reach(character, s) for k, s in enumerate(character.contacts) if s.body == b and s.radius >= PAIR_RADIUS
+        }
+        if reach:
+            tips[b] = [k for k, value in reach.items() if value >= AT_END * max(reach.values())]
     centers = sphere_centers(character, default_pose(character))
-    gap = {}
-    for a, b in itertools.combinations(outermost, 2):
-        first, second = character.contacts[a], character.contacts[b]
-        gap[a, b] = float(np.linalg.norm(centers[a] - centers[b])) - first.radius - second.radius
+    radii = np.array([sphere.radius for sphere in character.contacts])
+    nearest: dict[tuple[int, int], tuple[float, int, int]] = {}  # limbs -> gap (m), spheres
+    for first, second in itertools.combinations(tips, 2):
+        gaps = [
+            (round(float(np.linalg.norm(centers[a] - centers[b]) - radii[a] - radii[b]), 6), a, b)
+            for a, b in itertools.product(tips[first], tips[second])
+        ]
+        nearest[first, second] = min(gaps)
     pairs: set[tuple[int, int]] = set()
-    for k in outermost:
-        near = sorted((pair for pair in gap if k in pair), key=lambda pair: round(gap[pair], 6))[:2]
-        pairs.update(pair for pair in near if gap[pair] > PAIR_CLEARANCE)
+    for limb in tips:
+        for gap, a, b in sorted(value for limbs, value in nearest.items() if limb in limbs)[:2]:
+            if gap > PAIR_CLEARANCE:
+                pairs.add((a, b))
     return tuple(sorted(pairs))

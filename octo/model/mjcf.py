@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,15 +20,10 @@ UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
 def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
     """The character of an MJCF; ``base`` "auto" is the one written in the file."""
-    mujoco = import_mujoco()
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}") from None
-    if model.nbody == 1:
-        raise RobotFileError(f"{path.name}: has no <body>")
     notes: list[str] = []
+    spec, model = _compiled(path, notes)
+    if model.nbody == 1:
+        raise RobotFileError(f"{path.name}: has no <body>, must have one at least")
     free, others = _robot_tree(model, notes)
     if base == "fixed":
         free = None
@@ -37,6 +33,34 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     source = RobotFile(model, name, path.name, free, left_out=others)
     notes += left_out_features(model, others, free)
     return character_of(source, notes)
+
+
+def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
+    """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give no mass."""
+    mujoco = import_mujoco()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        _drop_missing_meshes(path, spec, notes)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # deprecated settings of the compiler still do what the file means
+            return spec, spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}") from None
+
+
+def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
+    folder = Path(spec.modelfiledir) / spec.meshdir
+    missing = {
+        mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()
+    }
+    for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
+        if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
+            what = f"mesh file {missing[geom.meshname].file} is missing and body {geom.parent.name!r} takes its mass from it"
+            raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
+        spec.delete(geom)
+    for mesh in missing.values():
+        notes.append(f"mesh {mesh.file}: the file is missing")
+        spec.delete(mesh)
 
 
 def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:

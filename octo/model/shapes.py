@@ -80,17 +80,25 @@ def hull(vertices: Array) -> Spheres:
 
 
 def rod(centers: Array, radii: Array) -> Spheres:
-    """Two spheres along the longest direction of a set of spheres, or one where it is about as thick as long."""
-    around = centers - centers.mean(axis=0)
-    axes = np.linalg.eigh(around.T @ around)[1].T[::-1]  # rows, longest first
-    along = centers @ axes.T
-    top, bottom = (along + radii[:, None]).max(axis=0), (along - radii[:, None]).min(axis=0)
+    """Two spheres along the longest side of the box around a set of spheres, or one where it is about as thick as long.
+
+    The frame must be the shape's own: MuJoCo turns a mesh to its principal axes.
+    """
+    top, bottom = (centers + radii[:, None]).max(axis=0), (centers - radii[:, None]).min(axis=0)
     half, middle = (top - bottom) / 2.0, (top + bottom) / 2.0
-    radius = float(half[1:].mean())
-    reach = float(half[0]) - radius
+    longest = int(np.argmax(half))
+    radius = float(np.delete(half, longest).mean())
+    reach = float(half[longest]) - radius
     if reach <= 0.25 * radius:
-        return (middle @ axes)[None], np.array([float(half.mean())])
-    return np.array([middle @ axes + reach * axes[0], middle @ axes - reach * axes[0]]), np.full(2, radius)
+        return middle[None], np.array([float(half.mean())])
+    return np.array([middle + reach * np.eye(3)[longest], middle - reach * np.eye(3)[longest]]), np.full(2, radius)
+
+
+def bounding_box(centers: Array, radii: Array) -> Spheres:
+    """The corners of the box around a set of spheres, along the axes."""
+    top, bottom = (centers + radii[:, None]).max(axis=0), (centers - radii[:, None]).min(axis=0)
+    corners, skins = box((top - bottom) / 2.0)
+    return corners + (top + bottom) / 2.0, skins
 
 
 def end_ball(vertices: Array, outward: Array) -> Spheres:
@@ -109,7 +117,7 @@ def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int
     sphere that closes the largest gap in height over all directions is added, until the gap is below ``tolerance`` or
     ``most`` spheres are chosen. Inner, doubled and nearly doubled spheres are never chosen.
     """
-    heights = centers @ _DIRECTIONS.T + radii[:, None]  # (k, directions) m
+    heights = np.round(centers @ _DIRECTIONS.T + radii[:, None], 7)  # (k, directions) m; rounded: mirror images tie
     chosen: list[int] = []
     reached = np.full(heights.shape[1], -math.inf)
     goal = heights.max(axis=0)
@@ -125,12 +133,15 @@ def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int
 
 
 def _sphere_directions(count: int) -> Array:
-    """Unit vectors (count + 6, 3): down, up and the other axes, then evenly over the sphere (Fibonacci's spiral)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
+    """Unit vectors (6 + 8 count, 3): down, up and the other axes, then ``count`` in every octant, mirror images of each
+    other so that a symmetric shape stays symmetric."""
+    k = np.arange(8 * count) + 0.5
+    z, turn = 1.0 - 2.0 * k / (8 * count), math.pi * (1.0 + math.sqrt(5.0)) * k  # Fibonacci's spiral
     spiral = np.column_stack([np.cos(turn) * np.sqrt(1.0 - z**2), np.sin(turn) * np.sqrt(1.0 - z**2), z])
+    octant = spiral[(spiral > 0.0).all(axis=1)]
+    mirrored = [octant * signs for signs in itertools.product((1.0, -1.0), repeat=3)]
     axes = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    return np.concatenate([axes, spiral])
+    return np.concatenate([axes, *mirrored])
 
 
-_DIRECTIONS = _sphere_directions(400)
+_DIRECTIONS = _sphere_directions(50)

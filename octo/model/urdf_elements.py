@@ -1,0 +1,200 @@
+"""The elements of a URDF, read and checked: names, the tree, masses, joints. Errors name file, element and value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
+from octo.model.character import Array
+from octo.model.kinematics import axis_rotation
+from octo.model.robot_file import Inertial
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+ALLOWED = "allowed are revolute, continuous, prismatic, fixed and, at the root, floating"
+
+
+def attribute(element: Element, child: str, key: str, default: str = "nan") -> str:
+    found = element.find(child)
+    return default if found is None else found.get(key, default)
+
+
+def number(file: str, what: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number")
+    return value
+
+
+def numbers(file: str, what: str, element: Element, child: str, key: str, default: str = "0 0 0") -> Array:
+    """Three numbers (3,) of an attribute of a child."""
+    words = attribute(element, child, key, default).split()
+    if len(words) != 3:
+        raise RobotFileError(f"{file}: {what} {key} is {' '.join(words)!r}, must be three numbers")
+    return np.array([number(file, f"{what} {key}", word) for word in words])
+
+
+def ends(joint: Element) -> tuple[str, str]:
+    """Parent and child link of a checked joint."""
+    return attribute(joint, "parent", "link"), attribute(joint, "child", "link")
+
+
+def check_names(file: str, tree: Element) -> None:
+    for tag in ("link", "joint"):
+        names = [element.get("name") for element in tree.findall(tag)]
+        for name in names:
+            if not name:
+                raise RobotFileError(f"{file}: a <{tag}> has no name, every one must")
+            if names.count(name) > 1:
+                raise RobotFileError(f"{file}: {tag} name {name!r} occurs {names.count(name)} times, names must differ")
+    if not tree.findall("link"):
+        raise RobotFileError(f"{file}: has no <link>, must have one at least")
+
+
+def find_root(file: str, tree: Element) -> str:
+    """Name of the one link that is nobody's child."""
+    links = [str(link.get("name")) for link in tree.findall("link")]
+    parents: dict[str, str] = {}
+    for joint in tree.findall("joint"):
+        for end in ("parent", "child"):
+            link = attribute(joint, end, "link", "")
+            if link not in links:
+                raise RobotFileError(f"{file}: joint {joint.get('name')!r}: {end} link is {link!r}, must be a link of the file")
+        parent, child = ends(joint)
+        if child in parents:
+            raise UnsupportedFeatureError(f"{file}: link {child!r} is the child of two joints; closed loops are not modelled")
+        parents[child] = parent
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotFileError(
+            f"{file}: {len(roots)} links have no parent ({', '.join(roots) or 'all are in a loop'}), exactly one must"
+        )
+    reached = {roots[0]}
+    for _ in links:
+        reached |= {child for child, parent in parents.items() if parent in reached}
+    if len(reached) != len(links):
+        raise UnsupportedFeatureError(
+            f"{file}: links {', '.join(set(links) - reached)} form a loop; closed loops are not modelled"
+        )
+    return roots[0]
+
+
+def check_joint(file: str, joint: Element) -> None:
+    """Type, axis and range of one joint."""
+    name, kind, limit = joint.get("name"), joint.get("type"), joint.find("limit")
+    if kind == "planar":
+        raise UnsupportedFeatureError(f"{file}: joint {name!r} is planar; {ALLOWED}")
+    if kind not in (*MOVABLE, "fixed", "floating"):
+        raise RobotFileError(f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}")
+    if kind in MOVABLE and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any():
+        raise RobotFileError(f"{file}: joint {name!r}: axis is 0 0 0, must have a direction")
+    if kind in ("revolute", "prismatic") and limit is not None:
+        lower, upper = (number(file, f"joint {name!r}: limit {end}", limit.get(end, "0")) for end in ("lower", "upper"))
+        if lower > upper:
+            raise RobotFileError(f"{file}: joint {name!r}: lower limit is {lower}, must not be above the upper limit {upper}")
+
+
+def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, Inertial]:
+    """Mass properties of every link as written; links whose inertia no rigid body has are noted."""
+    inertials, unphysical = {}, []
+    for link in tree.findall("link"):
+        name = str(link.get("name"))
+        inertials[name] = _inertial(file, name, link.find("inertial"))
+        small, middle, large = np.linalg.eigvalsh(inertials[name].inertia)
+        slack = 1e-3 * large  # rounding of printed numbers
+        if small < -slack or small + middle < large - slack:
+            unphysical.append(f"{name} ({small:.2g}, {middle:.2g}, {large:.2g} kg m²)")
+    if unphysical:
+        dropped.append(f"principal inertias that no rigid body has are used as written: {', '.join(unphysical)}")
+    total = sum(inertial.mass for inertial in inertials.values())
+    if total <= 0.0:
+        raise RobotFileError(f"{file}: total mass is {total} kg, must be positive")
+    return inertials
+
+
+def _inertial(file: str, link: str, element: Element | None) -> Inertial:
+    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without <inertial>."""
+    if element is None:
+        return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+    mass = number(file, f"link {link!r}: mass", attribute(element, "mass", "value"))
+    if mass < 0.0:
+        raise RobotFileError(f"{file}: link {link!r}: mass is {mass} kg, must not be negative")
+    com, angles = (numbers(file, f"link {link!r}: inertial origin", element, "origin", key) for key in ("xyz", "rpy"))
+    keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    xx, yy, zz, xy, xz, yz = (number(file, f"link {link!r}: inertia {k}", attribute(element, "inertia", k, "0")) for k in keys)
+    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
+    turn = yaw @ pitch @ roll
+    return Inertial(mass, com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
+
+
+def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial], link: str) -> float:
+    """Mass (kg) from ``link`` on; every movable joint must carry some."""
+    total = inertials[link].mass
+    for joint in tree.findall("joint"):
+        parent, child = ends(joint)
+        if parent != link:
+            continue
+        carried = check_moved_mass(file, tree, inertials, child)
+        if carried == 0.0 and joint.get("type") in MOVABLE:
+            what = f"joint {joint.get('name')!r} moves link {child!r} of mass 0 kg and nothing else"
+            raise ModelError(f"{file}: {what}, must move some mass")
+        total += carried
+    return total
+
+
+def read_efforts(file: str, movable: Iterable[Element]) -> dict[str, float]:
+    """N m or N by joint; an effort of zero or none is no limit."""
+    efforts = {}
+    for joint in movable:
+        name = str(joint.get("name"))
+        effort = number(file, f"joint {name!r}: effort", attribute(joint, "limit", "effort", "0"))
+        efforts[name] = abs(effort) if effort != 0.0 else math.inf
+    return efforts
+
+
+def drop_joint_features(tree: Element, dropped: list[str]) -> None:
+    """Note and remove what joints say and octo does not model, one sentence for each kind of thing."""
+    joints = tree.findall("joint")
+    movable = [joint for joint in joints if joint.get("type") in MOVABLE]
+    for joint in movable:
+        name, mimic, limit = joint.get("name"), joint.find("mimic"), joint.find("limit")
+        if mimic is not None:
+            tie = f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
+            dropped.append(f"mimic joint {name}: it moves on its own, {name} = {tie} is lost")
+            joint.remove(mimic)
+        if joint.get("type") != "continuous" and (
+            limit is None or float(limit.get("lower", "0")) == float(limit.get("upper", "0"))
+        ):
+            dropped.append(f"joint {name}: no range in <limit>, taken as unlimited")
+            _forget_range(joint)
+    _note(dropped, "velocity limits", (j for j in movable if float(attribute(j, "limit", "velocity", "0")) > 0.0))
+    rubbing = [j for j in movable if float(attribute(j, "dynamics", "friction", "0")) != 0.0]
+    _note(dropped, "dry friction", rubbing)
+    for joint in rubbing:
+        joint.find("dynamics").set("friction", "0")  # type: ignore[union-attr]
+    _note(dropped, "safety controllers", (j for j in joints if j.find("safety_controller") is not None))
+    transmissions = tree.findall("transmission")
+    if transmissions:
+        dropped.append(f"{len(transmissions)} transmissions: u is the torque at the joint")
+
+
+def _forget_range(joint: Element) -> None:
+    """MuJoCo warns about an empty range."""
+    limit = joint.find("limit")
+    for end in ("lower", "upper"):
+        if limit is not None:
+            limit.attrib.pop(end, None)
+    if joint.get("type") == "revolute":
+        joint.set("type", "continuous")
+
+
+def _note(dropped: list[str], what: str, joints: Iterable[Element]) -> None:
+    names = [str(joint.get("name")) for joint in joints]
+    if names:
+        dropped.append(f"{what} of joints {', '.join(names)}")
