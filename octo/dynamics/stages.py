@@ -12,9 +12,10 @@ from __future__ import annotations
 import casadi as ca
 
 from octo.dynamics import symbolic
-from octo.dynamics.laws import ContactLaw
+from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout
 from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import normal as normal_of
 
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
@@ -88,18 +89,6 @@ def _rows(matrix: ca.SX) -> ca.SX:
     return ca.densify(ca.vec(matrix.T)) if matrix.shape[1] > 1 else ca.densify(matrix)
 
 
-def _twisted(pose: symbolic.Pose, twist: ca.SX) -> symbolic.Pose:
-    """(1 + τ̂)T: exact for the first derivative in τ."""
-    R, t = pose
-    return R + ca.skew(twist[:3]) @ R, t + ca.cross(twist[:3], t) + twist[3:]
-
-
-def _carried(V: ca.SX, twist: ca.SX) -> ca.SX:
-    """(1 + ad_τ)V: a twist fixed in a body that moves by τ."""
-    omega = ca.cross(twist[:3], V[:3])
-    return V + ca.vertcat(omega, ca.cross(twist[3:], V[:3]) + ca.cross(twist[:3], V[3:]))
-
-
 def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
     """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3), radius, p."""
     center, radius, p = ca.SX.sym("center", 3), ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
@@ -109,32 +98,106 @@ def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Functio
     return ca.Function(f"{PREFIX}gap", [center, radius, p], [ca.SX(depth + reach)], OPTIONS)
 
 
+class _Touch:
+    """One contact: centre c, contact point P, the old place U of the material point now at P, and their twists.
+
+    The material point moves in the body as the sphere rolls: m = local - radius Rᵀn(c), U = R1 m + t1. ``slide`` is
+    its world velocity R∂m/∂τ (3, 6) relative to the body, ``Q`` = R1Rᵀ carries it to U. Subscript τ: (3, 6) blocks.
+    """
+
+    def __init__(self, flat: list[ca.SX], sphere: ca.SX, terrain: Plane | Terrain, view: View):
+        (R, t), (R1, t1) = _pose(flat[0]), _pose(flat[1])
+        self.center = R @ sphere[:3] + t
+        point = ca.SX.sym("point", 3)
+        ground = symbolic.section(view, "terrain.")
+        normal = normal_of(terrain, point, ground)
+        at = ca.Function("normal", [point, ca.veccat(*ground.values())], [normal, ca.jacobian(normal, point)])
+        self.normal, self.bend = at(self.center, ca.veccat(*ground.values()))
+        self.radius = sphere[3]
+        self.P = self.center - self.radius * self.normal
+        self.Q = R1 @ R.T
+        self.U = R1 @ sphere[:3] + t1 - self.radius * self.Q @ self.normal
+        self.c_tau, self.U_now = _carry(self.center), _carry(self.U)
+        self.n_tau = self.bend @ self.c_tau
+        self.P_tau = self.c_tau - self.radius * self.n_tau
+        self.slide = self.radius * (ca.horzcat(-ca.skew(self.normal), ca.SX(3, 3)) - self.n_tau)  # P_tau - ω × P - v
+        self.U_tau = self.Q @ self.slide
+
+
+def _carry(point: ca.SX) -> ca.SX:
+    """(3, 6) velocity ω × point + v of a point carried by a twist."""
+    return ca.horzcat(-ca.skew(point), ca.SX.eye(3))
+
+
+def _force(law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX) -> ca.SX:
+    """Force (3,) N on the body of a sphere at c whose contact point was at U one step ago."""
+    n = normal_of(terrain, c, symbolic.section(view, "terrain."))
+    depth = -symbolic.contact_height(radius, c, terrain, view)
+    return law.force(depth, n, (c - radius * n - U) / view["dt"], symbolic.section(view, "contact."))
+
+
 def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
-    """Eq. 6 (or another law) of one contact. Inputs: poses next and now (12 each), sphere (4: place, radius), p, V."""
+    """Eq. 6 (or another law) of one contact. Inputs: poses next and now (12 each), sphere (4: place, radius), p, V.
+
+    The law is differentiated with respect to the six numbers (c, U) alone; twists enter by the chain rule.
+    """
     flat = [ca.SX.sym(name, 12) for name in ("next", "now")]
     sphere, p, V = ca.SX.sym("sphere", 4), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
     view = layout.view(p)
-
-    def wrench(next_pose: symbolic.Pose, now: symbolic.Pose) -> ca.SX:
-        state = symbolic.contact_state(sphere[:3], sphere[3], next_pose, now, law, terrain, view)
-        return -ca.vertcat(ca.cross(state.point, state.force), state.force)
-
-    pose, now = _pose(flat[0]), _pose(flat[1])
-    last, first, last1, first1 = (ca.SX.sym(name, 6) for name in ("last", "first", "last1", "first1"))
-    twists = ca.vertcat(last, first, last1, first1)
-    out = [wrench(pose, now)]
+    touch = _Touch(flat, sphere, terrain, view)
+    c, U = ca.SX.sym("c", 3), ca.SX.sym("U", 3)
+    f = _force(law, terrain, view, sphere[3], c, U)
+    at_law = [c, U, sphere[3], p]
+    here = [touch.center, touch.U, sphere[3], p]
+    force, f_c, f_U = ca.Function("force", at_law, [f, ca.jacobian(f, c), ca.jacobian(f, U)])(*here)
+    P = ca.skew(touch.P)
+    out = [-ca.vertcat(P @ force, force)]
     if order >= 1:
-        w = wrench(_twisted(pose, last), _twisted(now, last1))
-        out += [ca.jacobian(w, last), ca.jacobian(w, last1)]
+        f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
+        out += [-ca.vertcat(P @ f_tau - ca.skew(force) @ touch.P_tau, f_tau), -ca.vertcat(P @ f_now, f_now)]
     if order == 2:
-        moved, moved1 = (_twisted(_twisted(q, a), b) for q, a, b in ((pose, first, last), (now, first1, last1)))
-        psi = ca.dot(_carried(_carried(V, first), last), wrench(moved, moved1))
-        force = ca.gradient(psi, last)
-        out += [ca.jacobian(force, first), ca.jacobian(force, last1), ca.jacobian(ca.gradient(psi, last1), first1)]
-    inputs = [*flat, sphere, p, V]
-    raw = ca.Function("contact_raw", [*inputs, twists], [_rows(ca.SX(o)) for o in out])
-    at_rest = raw.call([*inputs, ca.SX(ca.DM.zeros(24))], True, False)
-    return ca.Function(f"{PREFIX}contact{order}", inputs, [ca.densify(ca.simplify(o)) for o in at_rest], OPTIONS)
+        delta = ca.cross(V[:3], touch.P) + V[3:]
+        held = ca.SX.sym("delta", 3)
+        gradient, h = _curvature_of(-ca.dot(held, f), ca.vertcat(c, U), [*at_law, held], [*here, delta])
+        out += _contact_curvature(touch, V[:3], delta, force, (gradient, h, f_c, f_U), terrain, view)
+    return ca.Function(f"{PREFIX}contact{order}", [*flat, sphere, p, V], [_rows(ca.SX(o)) for o in out], OPTIONS)
+
+
+def _curvature_of(value: ca.SX, variables: ca.SX, inputs: list[ca.SX], at: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
+    h, g = ca.hessian(value, variables)
+    gradient, hessian = ca.Function("law", inputs, [g, h])(*at)
+    return gradient, hessian
+
+
+def _contact_curvature(
+    touch: _Touch, omega: ca.SX, delta: ca.SX, force: ca.SX, law: tuple[ca.SX, ...], terrain: Plane | Terrain, view: View
+) -> list[ca.SX]:
+    """K, T1, L1 of ψ = -δ·f(c, U), where δ = V_ω × P + V_v is carried by the body: δ_τ = ω × δ + V_ω × slide."""
+    (gradient, h, f_c, f_U), c_tau, U_tau, slide = law, touch.c_tau, touch.U_tau, touch.slide
+    g_c, g_U, g_delta = gradient[:3], gradient[3:], -force
+    V = ca.skew(omega)
+    delta_tau = ca.horzcat(-ca.skew(delta), ca.SX(3, 3)) + V @ slide
+    z = ca.vertcat(c_tau, U_tau)
+    mixed = -(f_c @ c_tau + f_U @ U_tau)  # ∂²ψ/∂δ∂(c, U)
+    # the material point's second order, R∂²m = -radius ∂²(Rᵀn), moves U and δ alike: its coefficient is ``pull``
+    n, pull = -touch.radius * touch.normal, touch.Q.T @ g_U + ca.cross(g_delta, omega)
+    bent = -touch.radius * touch.bend.T @ pull
+    half = delta_tau.T @ mixed - _raise(ca.skew(g_delta) @ V @ slide + touch.radius * ca.skew(pull) @ touch.n_tau)
+    K = z.T @ h @ z + half + half.T - touch.radius * c_tau.T @ _normal_curvature(touch, pull, terrain, view) @ c_tau
+    turning = (g_c + bent) @ touch.center.T + g_delta @ delta.T + n @ pull.T
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(_g_form(turning, g_c + bent))
+    T1 = z.T @ (h[:, 3:] @ touch.U_now) - delta_tau.T @ (f_U @ touch.U_now) - _raise(ca.skew(g_U) @ U_tau).T
+    L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + _raise(_g_form(g_U @ touch.U.T, g_U))
+    return [K, T1, L1]
+
+
+def _normal_curvature(touch: _Touch, pull: ca.SX, terrain: Plane | Terrain, view: View) -> ca.SX:
+    """∂²(pull·n)/∂c² (3, 3) of the terrain's normal."""
+    point, held = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
+    ground = symbolic.section(view, "terrain.")
+    values = ca.veccat(*ground.values())
+    bend, _ = ca.hessian(ca.dot(held, normal_of(terrain, point, ground)), point)
+    return ca.Function("bend", [point, held, values], [bend])(touch.center, pull, values)
 
 
 def joint(order: int, layout: Layout) -> ca.Function:
