@@ -19,6 +19,8 @@ Controls = Array | Callable[[float, Array, Array], Array]
 
 TOLERANCE = 1e-10  # m or rad: the displacement that the remaining force gives the joint's own inertia in one step
 ITERATIONS = 60
+CONTINUATIONS = 40
+MOST_DAMPING = 1e12
 LONGEST = 0.5  # m or rad, of one Newton step: linearised rotations mean nothing beyond
 
 
@@ -49,7 +51,7 @@ class Motion:
     @property
     def velocity(self) -> Array:
         """(N+1, nx) rad/s and m/s, backward differences: at x_0 … x_N."""
-        return np.diff(self.x, axis=0) / self.dt
+        return np.asarray(np.diff(self.x, axis=0) / self.dt, dtype=float)
 
 
 class Stepper:
@@ -64,78 +66,148 @@ class Stepper:
 
     def __init__(self, dynamics: Dynamics, p: Array, free: NDArray[np.intp] | None = None):
         self.dynamics = dynamics
-        self.p = np.ascontiguousarray(p, dtype=float).reshape(1, -1)
+        self.p = np.array(p, dtype=float).reshape(1, -1)  # its own: shorter steps change dt
         self.free = np.arange(dynamics.nx) if free is None else np.asarray(free, dtype=np.intp)
         self._square = np.ix_(self.free, self.free)
         self._nodes = np.empty((1, 3, dynamics.nx))
 
-    def __call__(self, x: Array, x_prev: Array, load: Array | None = None, guess: Array | None = None) -> tuple[Array, float]:
-        """x_next (nx,) with FD(x_next, x, x_prev) = load (nx,) in the free rows, and the residual left.
+    def __call__(self, x: Array, x_prev: Array, load: Array | None = None) -> tuple[Array, float]:
+        """x_next (nx,) with FD(x_next, x, x_prev) = load (nx,) in the free rows, and the residual left, m or rad.
 
-        Newton from the extrapolated configuration; where that fails, from the one that stands still.
+        Newton from the extrapolated configuration; where that fails, along the solutions of shorter steps; where a
+        solution ends before the whole step, descent from the configuration that stands still.
         """
-        load = np.zeros(len(self._nodes[0, 0])) if load is None else load
-        starts = [2.0 * x - x_prev, x] if guess is None else [guess, x]
-        best, left = x, np.inf
-        for start in starts:
-            tried, residual = self._newton(start, x, x_prev, load)
-            if residual < left:
-                best, left = tried, residual
-            if left <= TOLERANCE:
-                break
+        load = np.zeros(len(x)) if load is None else load
+        self._nodes[0, 0], self._nodes[0, 1] = x_prev, x
+        best, left = self._newton(2.0 * x - x_prev, load)
+        for fallback in (self._continue, self._descend):
+            if left > TOLERANCE:
+                tried, residual = fallback(load)
+                if residual < left:
+                    best, left = tried, residual
         return best, left
 
-    def _evaluate(self, x_next: Array, load: Array, order: int) -> tuple[Array, Array | None]:
+    def _continue(self, load: Array) -> tuple[Array, float]:
+        """Newton along solutions of shorter steps, dt s with s from 0 to 1: each one starts the next."""
+        x_prev, x = self._nodes[0, 0].copy(), self._nodes[0, 1].copy()
+        place = self.dynamics.layout.index("dt")
+        dt = self.p[0, place]
+        solved, rate, reached, advance = x, x - x_prev, 0.0, 0.25
+        for _ in range(CONTINUATIONS):
+            s = min(1.0, reached + advance)
+            self.p[0, place], self._nodes[0, 0] = s * dt, x - s * (x - x_prev)
+            x_next, left = self._newton(x + s * rate, load)
+            if left <= TOLERANCE:
+                solved, rate, reached, advance = x_next, (x_next - x) / s, s, 1.5 * advance
+                if s == 1.0:
+                    break
+            else:
+                advance *= 0.4
+        self.p[0, place], self._nodes[0, 0] = dt, x_prev
+        return (solved, 0.0) if reached == 1.0 else self._newton(x + rate, load)
+
+    def _evaluate(self, x_next: Array, load: Array, order: int) -> tuple[Array, Array]:
+        """FD - load (free,) at x_next and its derivatives (nx, 3 nx), of order 1."""
         self._nodes[0, 2] = x_next
         fd, jac, _ = self.dynamics.evaluate(self._nodes, self.p, order=order)
-        return (fd[0, 0] - load)[self.free], None if jac is None else jac[0, 0]
+        return (fd[0, 0] - load)[self.free], np.empty(0) if jac is None else jac[0, 0]
 
-    def _newton(self, start: Array, x: Array, x_prev: Array, load: Array) -> tuple[Array, float]:
-        """Newton on the free rows; a step that does not help is shortened, then damped by the inertia M/dt²."""
-        n, free, damping = self.dynamics.nx, self.free, 0.0
-        self._nodes[0, 0], self._nodes[0, 1] = x_prev, x
-        x_next = x.copy()
-        x_next[free] = start[free]
+    def _at(self, start: Array) -> Array:
+        """The configuration x with the free coordinates of ``start``."""
+        x_next = self._nodes[0, 1].copy()
+        x_next[self.free] = start[self.free]
+        return x_next
+
+    def _newton(self, start: Array, load: Array) -> tuple[Array, float]:
+        """Newton that shortens a step until the scaled force shrinks, and gives up when it does not."""
+        n = self.dynamics.nx
+        x_next = self._at(start)
         force, jac = self._evaluate(x_next, load, 1)
-        assert jac is not None
-        inertia = jac[:, 2 * n :][self._square]  # ∂FD/∂x_prev is M/dt², nearly
-        scale = 1.0 / np.maximum(np.diag(inertia), 1e-12 * np.max(np.diag(inertia)))
+        scale = _scale(jac[:, 2 * n :][self._square])
         norm = float(np.linalg.norm(scale * force))
         for _ in range(ITERATIONS):
             if not norm > TOLERANCE:
                 break
-            matrix = jac[:, :n][self._square] + damping * inertia
-            change = _solve(matrix, -force)
-            change *= min(1.0, LONGEST / max(float(np.max(np.abs(change))), 1e-300))
+            change = _shortened(_solve(jac[:, :n][self._square], -force))
             length = 1.0
-            while length > 1e-3:
+            while length > 0.05:
                 trial = x_next.copy()
-                trial[free] += length * change
-                tried, _ = self._evaluate(trial, load, 0)
-                trial_norm = float(np.linalg.norm(scale * tried))
-                if trial_norm <= (1.0 - 1e-4 * length) * norm:
+                trial[self.free] += length * change
+                tried_norm = float(np.linalg.norm(scale * self._evaluate(trial, load, 0)[0]))
+                if tried_norm <= (1.0 - 1e-4 * length) * norm:
                     break
                 length *= 0.5
             else:
-                damping = max(1.0, 4.0 * damping)
-                if damping > 1e8:
+                break
+            x_next, norm = trial, tried_norm
+            force, jac = self._evaluate(x_next, load, 1)
+        return x_next, norm if np.isfinite(norm) else np.inf
+
+    def _descend(self, load: Array) -> tuple[Array, float]:
+        """Descent on the potential whose gradient FD nearly is (all but friction): the inertia's plus V(x_next).
+
+        Its matrix is made positive definite with the inertia M/dt² at rest; a step is accepted by the slope
+        force·change at its end, which must not have grown past the one at its start.
+        """
+        n, x = self.dynamics.nx, self._nodes[0, 1].copy()
+        still = np.repeat(x[None, None], 3, axis=1)
+        at_rest = self.dynamics.evaluate(still, self.p, order=1)[1]
+        assert at_rest is not None
+        inertia = at_rest[0, 0][:, 2 * n :][self._square]
+        scale = _scale(inertia)
+        inertia = inertia + 1e-3 * np.diag(1.0 / scale)  # the base's chart is singular somewhere
+        x_next, damping = x, 0.0
+        force, jac = self._evaluate(x_next, load, 1)
+        best, left = x_next, float(np.linalg.norm(scale * force))
+        for _ in range(3 * ITERATIONS):
+            if not left > TOLERANCE:
+                break
+            matrix = jac[:, :n][self._square]
+            while damping <= MOST_DAMPING and not _definite(matrix + damping * inertia):
+                damping = max(0.25, 2.0 * damping)
+            change = _shortened(_solve(matrix + damping * inertia, -force))
+            trial = x_next.copy()
+            trial[self.free] += change
+            tried, tried_jac = self._evaluate(trial, load, 1)
+            slope = float(force @ change)
+            if not float(tried @ change) <= 0.9 * abs(slope):
+                damping = max(0.25, 4.0 * damping)
+                if damping > MOST_DAMPING:
                     break
                 continue
-            damping = 0.0 if damping <= 1.0 else 0.25 * damping
-            x_next, norm = trial, trial_norm
-            force, jac = self._evaluate(x_next, load, 1)
-            assert jac is not None
-        return x_next, norm if np.isfinite(norm) else np.inf
+            x_next, force, jac = trial, tried, tried_jac
+            damping = 0.0 if damping <= 0.25 else 0.25 * damping
+            norm = float(np.linalg.norm(scale * force))
+            if norm < left:
+                best, left = x_next, norm
+        return best, left if np.isfinite(left) else np.inf
+
+
+def _scale(inertia: Array) -> Array:
+    """(free,) displacement in one step per unit of force: the inverse of the diagonal of M/dt²."""
+    diagonal = np.abs(np.diag(inertia))
+    return 1.0 / np.maximum(diagonal, 1e-12 * np.max(diagonal))
+
+
+def _shortened(change: Array) -> Array:
+    return change * min(1.0, LONGEST / max(float(np.max(np.abs(change))), 1e-300))
+
+
+def _definite(matrix: Array) -> bool:
+    try:
+        np.linalg.cholesky(matrix + matrix.T)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _solve(matrix: Array, right: Array) -> Array:
+    """Newton's step; none at all (zero) where the matrix is singular or not finite."""
     try:
-        change = np.linalg.solve(matrix, right)
-        if np.isfinite(change).all():
-            return change
+        change = np.asarray(np.linalg.solve(matrix, right), dtype=float)
     except np.linalg.LinAlgError:
-        pass
-    return np.linalg.lstsq(matrix, right, rcond=None)[0]
+        return np.zeros_like(right)
+    return change if np.isfinite(change).all() else np.zeros_like(right)
 
 
 def step(dynamics: Dynamics, x: Array, x_prev: Array, u: Array | None, p: Array) -> Array:
