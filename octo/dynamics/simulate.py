@@ -46,7 +46,7 @@ class Motion:
     @property
     def time(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
-        return self.dt * np.arange(len(self.u) + 1)
+        return np.asarray(self.dt * np.arange(len(self.u) + 1), dtype=float)
 
     @property
     def velocity(self) -> Array:
