@@ -160,13 +160,11 @@ def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
     parts = []
     for b, carrier in tree.carriers.items():
         own = source.inertial(b)
-        if carrier.body == k and own.mass > 0.0:
+        if carrier.body == k and (own.mass > 0.0 or own.inertia.any()):
             R = carrier.rotation
             parts.append(Inertial(own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
     mass = sum(part.mass for part in parts)
-    if mass == 0.0:
-        return tree.bodies[k]
-    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
+    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
     inertia = np.zeros((3, 3))
     for part in parts:
         r = part.com - com

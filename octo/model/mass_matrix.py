@@ -41,7 +41,7 @@ def mass_matrix(character: Character, x: Array) -> Array:
     M = np.diag([joint.armature for joint in character.joints]).astype(float)
     for b, body in enumerate(character.bodies):
         path = list(character.path[b])
-        if body.mass == 0.0 or not path:
+        if not path:
             continue
         com = origin[b] + rotation[b] @ body.com
         angular, linear = twists[path, :3], twists[path, 3:] + np.cross(twists[path, :3], com)
