@@ -1,7 +1,8 @@
 """Contact laws: force on the body from penetration depth and velocity, as small CasADi functions.
 
 A law has ``parameters`` (names and defaults of its run-time parameters), ``reach(p)`` (it is active where
-depth > -reach) and ``force(depth, normal, velocity, p)``. A new law is a class with these three.
+depth > -reach) and ``force(depth, normal, velocity, p)``, its force where it is active: the caller cuts it off
+elsewhere, by a branch where there is one. A new law is a class with these three.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class Smooth:
     def force(self, depth: ca.SX, normal: ca.SX, velocity: ca.SX, p: View) -> ca.SX:
         onset = p["onset"]
         rise = (depth + onset) ** 2 / (4.0 * ca.fmax(onset, 1e-12))
-        d = ca.if_else(depth > -onset, ca.if_else(depth < onset, rise, depth), 0.0)
+        d = ca.if_else(depth < onset, rise, depth)
         normal_force = p["w_perp"] * d**2
         return normal_force * normal + self.friction.force(normal_force, d**2, _tangential(velocity, normal), p)
 
@@ -121,7 +122,6 @@ class Compliant:
         soft_depth = p["sigma"] * (ca.fmax(z, 0.0) + ca.log1p(ca.exp(-ca.fabs(z))))
         s = ca.dot(normal, velocity) / p["dissipation_velocity"]
         damping = ca.if_else(s < 0.0, 1.0 - s, ca.if_else(s < 2.0, (s - 2.0) ** 2 / 4.0, 0.0))
-        spring = p["stiffness"] * soft_depth * damping
-        normal_force = ca.if_else(depth > -self.reach(p), spring, 0.0)
+        normal_force = p["stiffness"] * soft_depth * damping
         tangential = _tangential(velocity, normal)
         return normal_force * normal + self.friction.force(normal_force, soft_depth**2, tangential, p)

@@ -30,6 +30,24 @@ def _axial(N: ca.SX) -> ca.SX:
     return ca.vertcat(N[2, 1] - N[1, 2], N[0, 2] - N[2, 0], N[1, 0] - N[0, 1])
 
 
+def _moved(V: ca.SX, point: ca.SX) -> ca.SX:
+    """The linear part (3,) of a twist about ``point``."""
+    return V[3:] + ca.cross(V[:3], point)
+
+
+def _wrench(moment: ca.SX, force: ca.SX, point: ca.SX) -> ca.SX:
+    """A wrench about ``point``, about the world origin."""
+    return ca.vertcat(moment + ca.cross(point, force), force)
+
+
+def _about(block: ca.SX, left: ca.SX, right: ca.SX) -> ca.SX:
+    """A form (6, 6) of twists about the points ``left`` and ``right``, as a form of twists about the world origin."""
+    a, b = ca.skew(left), ca.skew(right)
+    A, B, C, D = block[:3, :3], block[:3, 3:], block[3:, :3], block[3:, 3:]
+    A, C = A - B @ b, C - D @ b
+    return ca.blockcat([[A + a @ C, B + a @ D], [C, D]])
+
+
 def _q_form(Q: ca.SX, q_r: ca.SX, q_t: ca.SX, mass: ca.SX) -> ca.SX:
     """Matrix (6, 6) of the bilinear form tr(τ̂_i Q τ̂_jᵀ) with the homogeneous Q = [[Q, q_r], [q_tᵀ, mass]]."""
     turn = ca.trace(Q) * ca.SX.eye(3) - Q.T
@@ -42,13 +60,14 @@ def _g_form(N: ca.SX, f: ca.SX) -> ca.SX:
 
 
 def _raise(upper: ca.SX) -> ca.SX:
-    return ca.vertcat(upper, ca.SX.zeros(3, 6))
+    return ca.vertcat(upper, ca.SX(3, 6))
 
 
 def body(order: int, layout: Layout) -> ca.Function:
     """Inertia and gravity of one body.
 
     Inputs: three poses (12), inertia (10: com, second moment xx xy xz yy yz zz, mass), p and, for order 2, V (6).
+    Forms are written about the centre of mass of each node, where T M T'ᵀ = diag(Q, mass), then moved to the origin.
     """
     flat = [ca.SX.sym(name, 12) for name in ("next", "now", "previous")]
     inertia, p, V = ca.SX.sym("inertia", 10), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
@@ -57,30 +76,26 @@ def body(order: int, layout: Layout) -> ca.Function:
     com, m, k = inertia[:3], inertia[9], inertia[3:9]
     M = ca.blockcat([[k[0], k[1], k[2]], [k[1], k[3], k[4]], [k[2], k[4], k[5]]])
     rate = 1.0 / view["dt"] ** 2
+    now, old = -2.0 * rate, rate  # of T and T_prev in the second difference
     gravity = ca.vertcat(view["gravity_x"], view["gravity_y"], view["gravity_z"])
     c0, c1, c2 = R0 @ com + t0, R1 @ com + t1, R2 @ com + t2
     turn = R0 - 2.0 * R1 + R2  # before the mass matrix, which would amplify the rounding of the difference
     move = turn @ com + (t0 - 2.0 * t1 + t2)
     S = R0 @ M
-    f = m * (rate * move - gravity)
-    N = rate * (turn @ S.T) + f @ c0.T  # [N | f] = F T̂ᵀ, F the body's generalised force
-    out = [ca.vertcat(_axial(N), f)]
-    Q0, Q1, Q2 = S @ R0.T + m * c0 @ c0.T, S @ R1.T + m * c0 @ c1.T, S @ R2.T + m * c0 @ c2.T
+    f, N = m * (rate * move - gravity), rate * (turn @ S.T)  # [N | f] = F T̂ᵀ, F the body's generalised force
+    out = [_wrench(_axial(N), f, c0)]
+    Q0, Q1, Q2, zero = ca.triu2symm(ca.triu(S @ R0.T)), S @ R1.T, S @ R2.T, ca.SX(3, 1)
     if order >= 1:
-        P = rate * _q_form(Q0, m * c0, m * c0, m) + _raise(_g_form(N, f))
-        B1 = -2.0 * rate * _q_form(Q1, m * c0, m * c1, m)
-        B2 = rate * _q_form(Q2, m * c0, m * c2, m)
-        out += [P, B1, B2]
+        out.append(_about(rate * _q_form(Q0, zero, zero, m) + _raise(_g_form(N, f)), c0, c0))
+        out.append(_about(_q_form(now * Q1, zero, zero, now * m), c0, c1))
+        out.append(_about(_q_form(old * Q2, zero, zero, old * m), c0, c2))
     if order == 2:
-        omega, v = ca.skew(V[:3]), V[3:]
-        delta = m * (ca.cross(V[:3], c0) + v)
-        VQ0, VQ1, VQ2 = (omega @ Q + m * v @ c.T for Q, c in ((Q0, c0), (Q1, c1), (Q2, c2)))
-        both = _q_form(VQ0 + VQ0.T, delta, delta, ca.SX(0))
-        K = rate * both + _raise(_g_form(N @ omega.T + f @ v.T + rate * VQ0, rate * delta))
-        still = ca.SX.zeros(3)
-        T1, T2 = (factor * _q_form(VQ, delta, still, ca.SX(0)) for factor, VQ in ((-2.0 * rate, VQ1), (rate, VQ2)))
-        L1, L2 = (_g_form(factor * VQ, factor * delta) for factor, VQ in ((-2.0 * rate, VQ1), (rate, VQ2)))
-        out += [K, T1, T2, _raise(L1), _raise(L2)]
+        omega, v, none = ca.skew(V[:3]), _moved(V, c0), ca.SX(1, 1)
+        VQ0, VQ1, VQ2, delta = rate * omega @ Q0, now * omega @ Q1, old * omega @ Q2, rate * m * v
+        K = _q_form(VQ0 + VQ0.T, delta, delta, none) + _raise(_g_form(N @ omega.T + f @ v.T + VQ0, delta))
+        out.append(_about(K, c0, c0))
+        out += [_about(_q_form(VQ1, -2.0 * delta, zero, none), c0, c1), _about(_q_form(VQ2, delta, zero, none), c0, c2)]
+        out += [_about(_raise(_g_form(VQ1, -2.0 * delta)), c1, c1), _about(_raise(_g_form(VQ2, delta)), c2, c2)]
     return ca.Function(f"{PREFIX}body{order}", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS)
 
 
@@ -99,34 +114,31 @@ def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Functio
 
 
 class _Touch:
-    """One contact: centre c, contact point P, the old place U of the material point now at P, and their twists.
+    """One contact seen from its sphere's centre c, and the twists (3, 6) of what its law depends on.
 
-    The material point moves in the body as the sphere rolls: m = local - radius Rᵀn(c), U = R1 m + t1. ``slide`` is
-    its world velocity R∂m/∂τ (3, 6) relative to the body, ``Q`` = R1Rᵀ carries it to U. Subscript τ: (3, 6) blocks.
+    The contact point is c + arm, arm = -radius n(c). The material point there was at U one step ago:
+    U = T1 T⁻¹(c + arm), and it moves in the body as the sphere rolls. ``slide`` is its velocity relative to the body,
+    ``Q`` = R1Rᵀ carries it to U. The twists of the next node are about c, those of the present node about U.
     """
 
     def __init__(self, flat: list[ca.SX], sphere: ca.SX, terrain: Plane | Terrain, view: View):
         (R, t), (R1, t1) = _pose(flat[0]), _pose(flat[1])
         self.center = R @ sphere[:3] + t
-        point = ca.SX.sym("point", 3)
+        point, pull = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
         ground = symbolic.section(view, "terrain.")
-        normal = normal_of(terrain, point, ground)
-        at = ca.Function("normal", [point, ca.veccat(*ground.values())], [normal, ca.jacobian(normal, point)])
-        self.normal, self.bend = at(self.center, ca.veccat(*ground.values()))
-        self.radius = sphere[3]
-        self.P = self.center - self.radius * self.normal
+        place = [point, ca.veccat(*ground.values())]
+        n = normal_of(terrain, point, ground)
+        at = self.center, place[1]
+        normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
+        self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
+        curvature = ca.Function("curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]])
+        self.arm_curvature = lambda along: -sphere[3] * curvature(*at, along)  # ∂²(along·arm)/∂c²
         self.Q = R1 @ R.T
-        self.U = R1 @ sphere[:3] + t1 - self.radius * self.Q @ self.normal
-        self.c_tau, self.U_now = _carry(self.center), _carry(self.U)
-        self.n_tau = self.bend @ self.c_tau
-        self.P_tau = self.c_tau - self.radius * self.n_tau
-        self.slide = self.radius * (ca.horzcat(-ca.skew(self.normal), ca.SX(3, 3)) - self.n_tau)  # P_tau - ω × P - v
+        self.U = R1 @ sphere[:3] + t1 + self.Q @ self.arm
+        self.c_tau = self.U_now = ca.horzcat(ca.SX(3, 3), ca.SX.eye(3))
+        self.arm_tau = self.bend @ self.c_tau
+        self.slide = self.arm_tau + ca.horzcat(ca.skew(self.arm), ca.SX(3, 3))
         self.U_tau = self.Q @ self.slide
-
-
-def _carry(point: ca.SX) -> ca.SX:
-    """(3, 6) velocity ω × point + v of a point carried by a twist."""
-    return ca.horzcat(-ca.skew(point), ca.SX.eye(3))
 
 
 def _force(law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX) -> ca.SX:
@@ -145,59 +157,43 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
     sphere, p, V = ca.SX.sym("sphere", 4), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
     view = layout.view(p)
     touch = _Touch(flat, sphere, terrain, view)
-    c, U = ca.SX.sym("c", 3), ca.SX.sym("U", 3)
+    c, U, held = ca.SX.sym("c", 3), ca.SX.sym("U", 3), ca.SX.sym("delta", 3)
     f = _force(law, terrain, view, sphere[3], c, U)
-    at_law = [c, U, sphere[3], p]
-    here = [touch.center, touch.U, sphere[3], p]
+    at_law, here = [c, U, sphere[3], p], [touch.center, touch.U, sphere[3], p]
     force, f_c, f_U = ca.Function("force", at_law, [f, ca.jacobian(f, c), ca.jacobian(f, U)])(*here)
-    P = ca.skew(touch.P)
-    out = [-ca.vertcat(P @ force, force)]
+    arm = ca.skew(touch.arm)
+    out = [-_wrench(arm @ force, force, touch.center)]
     if order >= 1:
         f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
-        out += [-ca.vertcat(P @ f_tau - ca.skew(force) @ touch.P_tau, f_tau), -ca.vertcat(P @ f_now, f_now)]
+        P = -ca.vertcat(arm @ f_tau - ca.skew(force) @ (touch.c_tau + touch.arm_tau), f_tau)
+        out += [_about(P, touch.center, touch.center), _about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U)]
     if order == 2:
-        delta = ca.cross(V[:3], touch.P) + V[3:]
-        held = ca.SX.sym("delta", 3)
-        gradient, h = _curvature_of(-ca.dot(held, f), ca.vertcat(c, U), [*at_law, held], [*here, delta])
-        out += _contact_curvature(touch, V[:3], delta, force, (gradient, h, f_c, f_U), terrain, view)
+        delta = ca.cross(V[:3], touch.arm) + _moved(V, touch.center)
+        h, g = ca.hessian(-ca.dot(held, f), ca.vertcat(c, U))
+        g, h = ca.Function("law", [*at_law, held], [g, h])(*here, delta)
+        K, T1, L1 = _contact_curvature(touch, V[:3], delta, force, (g, h, f_c, f_U))
+        out += [_about(K, touch.center, touch.center), _about(T1, touch.center, touch.U), _about(L1, touch.U, touch.U)]
     return ca.Function(f"{PREFIX}contact{order}", [*flat, sphere, p, V], [_rows(ca.SX(o)) for o in out], OPTIONS)
 
 
-def _curvature_of(value: ca.SX, variables: ca.SX, inputs: list[ca.SX], at: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
-    h, g = ca.hessian(value, variables)
-    gradient, hessian = ca.Function("law", inputs, [g, h])(*at)
-    return gradient, hessian
-
-
 def _contact_curvature(
-    touch: _Touch, omega: ca.SX, delta: ca.SX, force: ca.SX, law: tuple[ca.SX, ...], terrain: Plane | Terrain, view: View
+    touch: _Touch, omega: ca.SX, delta: ca.SX, force: ca.SX, law: tuple[ca.SX, ca.SX, ca.SX, ca.SX]
 ) -> list[ca.SX]:
-    """K, T1, L1 of ψ = -δ·f(c, U), where δ = V_ω × P + V_v is carried by the body: δ_τ = ω × δ + V_ω × slide."""
-    (gradient, h, f_c, f_U), c_tau, U_tau, slide = law, touch.c_tau, touch.U_tau, touch.slide
-    g_c, g_U, g_delta = gradient[:3], gradient[3:], -force
-    V = ca.skew(omega)
-    delta_tau = ca.horzcat(-ca.skew(delta), ca.SX(3, 3)) + V @ slide
+    """K, T1, L1 of ψ = -δ·f(c, U), where δ = V_ω × arm + V_c is carried by the body: δ_τ = ω × δ + V_ω × slide."""
+    (g, h, f_c, f_U), c_tau, U_tau, slide = law, touch.c_tau, touch.U_tau, touch.slide
+    g_c, g_U, g_delta = g[:3], g[3:], -force
+    delta_tau = ca.horzcat(-ca.skew(delta), ca.SX(3, 3)) + ca.skew(omega) @ slide
     z = ca.vertcat(c_tau, U_tau)
     mixed = -(f_c @ c_tau + f_U @ U_tau)  # ∂²ψ/∂δ∂(c, U)
-    # the material point's second order, R∂²m = -radius ∂²(Rᵀn), moves U and δ alike: its coefficient is ``pull``
-    n, pull = -touch.radius * touch.normal, touch.Q.T @ g_U + ca.cross(g_delta, omega)
-    bent = -touch.radius * touch.bend.T @ pull
-    half = delta_tau.T @ mixed - _raise(ca.skew(g_delta) @ V @ slide + touch.radius * ca.skew(pull) @ touch.n_tau)
-    K = z.T @ h @ z + half + half.T - touch.radius * c_tau.T @ _normal_curvature(touch, pull, terrain, view) @ c_tau
-    turning = (g_c + bent) @ touch.center.T + g_delta @ delta.T + n @ pull.T
-    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(_g_form(turning, g_c + bent))
-    T1 = z.T @ (h[:, 3:] @ touch.U_now) - delta_tau.T @ (f_U @ touch.U_now) - _raise(ca.skew(g_U) @ U_tau).T
-    L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + _raise(_g_form(g_U @ touch.U.T, g_U))
+    # the material point's second order, R∂²(Rᵀarm), moves U and δ alike: its coefficient is ``pull``
+    pull = touch.Q.T @ g_U + ca.cross(g_delta, omega)
+    bent = touch.bend.T @ pull
+    half = delta_tau.T @ mixed - _raise(ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau)
+    K = z.T @ h @ z + half + half.T + c_tau.T @ touch.arm_curvature(pull) @ c_tau
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(_g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent))
+    T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - _raise(ca.skew(g_U) @ U_tau).T
+    L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + _raise(_g_form(ca.SX(3, 3), g_U))
     return [K, T1, L1]
-
-
-def _normal_curvature(touch: _Touch, pull: ca.SX, terrain: Plane | Terrain, view: View) -> ca.SX:
-    """∂²(pull·n)/∂c² (3, 3) of the terrain's normal."""
-    point, held = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
-    ground = symbolic.section(view, "terrain.")
-    values = ca.veccat(*ground.values())
-    bend, _ = ca.hessian(ca.dot(held, normal_of(terrain, point, ground)), point)
-    return ca.Function("bend", [point, held, values], [bend])(touch.center, pull, values)
 
 
 def joint(order: int, layout: Layout) -> ca.Function:

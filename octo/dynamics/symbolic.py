@@ -90,7 +90,8 @@ def contact_state(
     material = local - radius * (R.T @ outward)
     point = center - radius * outward
     velocity = ((center - (R_old @ local + t_old)) - radius * (outward - R_old @ (R.T @ outward))) / view["dt"]
-    force = law.force(depth, outward, velocity, section(view, "contact."))
+    own = section(view, "contact.")
+    force = ca.if_else(depth > -law.reach(own), law.force(depth, outward, velocity, own), ca.SX.zeros(3))
     return ContactState(depth, point, material, outward, velocity, force)
 
 
