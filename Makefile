@@ -1,0 +1,30 @@
+# Each target sets up what it needs in .venv: no root, no apt. PYTHON names another interpreter (3.11 or newer).
+PYTHON ?= $(firstword $(foreach version,3.13 3.12 3.11 3.14,$(shell command -v python$(version))) python3)
+BIN := .venv/bin
+
+.PHONY: demo test acceptance clean
+
+demo: .venv/ready
+	$(BIN)/python -m octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
+
+test: .venv/ready-dev
+	$(BIN)/python -m pytest
+
+acceptance: .venv/ready-dev
+	$(BIN)/python -m benchmarks.acceptance
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/ready: setup.cfg setup.py | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --editable '.[view,robots]'
+	touch $@
+
+# dm_control is read as a folder of MJCF files: its own dependencies (rendering, protobuf) are not needed.
+.venv/ready-dev: setup.cfg setup.py | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-deps dm_control
+	touch $@ .venv/ready
+
+clean:
+	rm -rf .venv demo build *.egg-info

@@ -1,0 +1,136 @@
+"""octo: from a robot file to a motion, by contact-aware trajectory optimisation without velocities.
+
+A trajectory is a list of configurations and nothing else; contact and friction are smooth functions of two of them.
+Everything a user needs is a name of this module; each is imported when it is first asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import types
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Character": "octo.model.character",
+    "load": "octo.model.load",
+    "describe": "octo.model.describe",
+    "Plane": "octo.model.terrain",
+    "Terrain": "octo.model.terrain",
+    "CustomDynamics": "octo.dynamics.evaluate",
+    "simulate": "octo.dynamics.simulate",
+    "Problem": "octo.problem.problem",
+    "Nodes": "octo.problem.basis",
+    "Hermite": "octo.problem.basis",
+    "Goal": "octo.goals",
+    "solve": "octo.solve",
+    "SqpOptions": "octo.solver.options",
+    "Solution": "octo.solver.solution",
+    "Status": "octo.solver.solution",
+    "plot": "octo.plot",
+    "view": "octo.viewer",
+}
+_COSTS = (
+    "BaseAngularVelocity",
+    "BaseHeight",
+    "BaseOrientation",
+    "CenterOfMassPosition",
+    "CenterOfMassVelocity",
+    "Clearance",
+    "Cost",
+    "ContactCost",
+    "CustomCost",
+    "Effort",
+    "FootLift",
+    "ForceRate",
+    "FrictionCone",
+    "JointAcceleration",
+    "JointVelocity",
+    "LoadSharing",
+    "NeighbourCost",
+    "PointPosition",
+    "PointVelocity",
+    "PoseTarget",
+    "Posture",
+    "Slip",
+    "TorqueLimit",
+)
+_HOME.update(dict.fromkeys(_COSTS, "octo.costs"))
+_MODULES = {"costs": "octo.costs", "errors": "octo.errors", "gallery": "octo.model.gallery", "laws": "octo.dynamics.laws"}
+
+__all__ = sorted([*_HOME, *_MODULES])
+
+if TYPE_CHECKING:
+    from octo import costs as costs
+    from octo import errors as errors
+    from octo.costs import BaseAngularVelocity as BaseAngularVelocity
+    from octo.costs import BaseHeight as BaseHeight
+    from octo.costs import BaseOrientation as BaseOrientation
+    from octo.costs import CenterOfMassPosition as CenterOfMassPosition
+    from octo.costs import CenterOfMassVelocity as CenterOfMassVelocity
+    from octo.costs import Clearance as Clearance
+    from octo.costs import ContactCost as ContactCost
+    from octo.costs import Cost as Cost
+    from octo.costs import CustomCost as CustomCost
+    from octo.costs import Effort as Effort
+    from octo.costs import FootLift as FootLift
+    from octo.costs import ForceRate as ForceRate
+    from octo.costs import FrictionCone as FrictionCone
+    from octo.costs import JointAcceleration as JointAcceleration
+    from octo.costs import JointVelocity as JointVelocity
+    from octo.costs import LoadSharing as LoadSharing
+    from octo.costs import NeighbourCost as NeighbourCost
+    from octo.costs import PointPosition as PointPosition
+    from octo.costs import PointVelocity as PointVelocity
+    from octo.costs import PoseTarget as PoseTarget
+    from octo.costs import Posture as Posture
+    from octo.costs import Slip as Slip
+    from octo.costs import TorqueLimit as TorqueLimit
+    from octo.dynamics import laws as laws
+    from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
+    from octo.dynamics.simulate import simulate as simulate
+    from octo.goals import Goal as Goal
+    from octo.model import gallery as gallery
+    from octo.model.character import Character as Character
+    from octo.model.describe import describe as describe
+    from octo.model.load import load as load
+    from octo.model.terrain import Plane as Plane
+    from octo.model.terrain import Terrain as Terrain
+    from octo.plot import plot as plot
+    from octo.problem.basis import Hermite as Hermite
+    from octo.problem.basis import Nodes as Nodes
+    from octo.problem.problem import Problem as Problem
+    from octo.solve import solve as solve
+    from octo.solver.options import SqpOptions as SqpOptions
+    from octo.solver.solution import Solution as Solution
+    from octo.solver.solution import Status as Status
+    from octo.viewer import view as view
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        value: Any = importlib.import_module(_MODULES[name])
+    elif name in _HOME:
+        value = getattr(importlib.import_module(_HOME[name]), name)
+    else:
+        raise AttributeError(f"module 'octo' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])
+
+
+class _Package(types.ModuleType):
+    """``octo.solve`` and ``octo.plot`` stay functions when the modules of those names are imported."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, types.ModuleType) and _HOME.get(name) == value.__name__:
+            value = getattr(value, name)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
