@@ -6,11 +6,13 @@
  * v_N is eliminated by signed Cholesky: its pivots are those of the reduced Hessian, so the inertia of the KKT matrix
  * is right exactly when all of them are positive. Columns are never permuted: T has zeros in its own columns B.
  *
+ * Two threads share one problem from both ends (split > 0): one eliminates units K-1 ... split+2 as above, the other
+ * units 0 ... split-1 forward in time, the window then being s = (v_{k+1}, v_{k+2}); rows belong to the thread whose
+ * units they touch first. Units split+1 and split, with what both left, come last.
+ *
  * Compiled with -DNC (variables a unit) and -DMA (rows a unit).
  */
 #include <math.h>
-#include <stddef.h>
-#include <stdlib.h>
 #include <string.h>
 
 #ifdef __AVX512F__
@@ -27,7 +29,8 @@
 #define LV (LD / VL)
 #define LS ROUND(SC, TILE_ROWS)      /* leading dimension of the Schur complement onto s */
 #define CARRY SC                     /* more carried rows than columns of s are dependent */
-#define ROWS (CARRY + MA)
+#define ROWS (2 * CARRY + MA)        /* rows of a unit: carried from both sides, or carried and own */
+#define OWN (3 * MA)                 /* own rows: MA, at the first unit forward those of three row blocks */
 #define ROW_TOLERANCE 1e-12          /* of a row scaled to largest entry 1 */
 #define PIVOT_TOLERANCE 1e-14        /* of the reduced diagonal entry before elimination */
 
@@ -37,11 +40,12 @@ typedef long long bits __attribute__((vector_size(8 * VL), may_alias));
 
 typedef struct {
     int rank, rows, carried_in, carried_out;
+    int first_row;                   /* own rows are first_row, first_row + 1, ... of the K MA rows of A */
     int column[NC];                  /* B in pivot order, then N in elimination order */
     int row[ROWS];                   /* active rows (carried first, then own): pivot rows in order, then carried out */
     ptrdiff_t at;                    /* offset of this unit's numbers */
     double sign[NC];
-    double scale[MA ? MA : 1];       /* own rows are multiplied by this power of two */
+    double scale[MA ? OWN : 1];      /* own rows are multiplied by this power of two */
 } unit;
 
 /* numbers of a unit: Y (r x LD), T (r x LD), U (n x LD), 1/sqrt|d| (n), P_BB (r x r), L\U (rows x r) */
@@ -53,8 +57,24 @@ typedef struct {
     _Alignas(64) double S[3][LS][LS];
     _Alignas(64) double X[2 * NC][LS];
     _Alignas(64) double W[ROUND(NC, TILE_ROWS)][LD];
-    double L[ROWS][NC], peak[ROWS];
+    double L[ROWS][NC], LU[ROWS * NC], peak[ROWS];
 } window;
+
+/* one direction's state between units; side 0 goes backward in time, side 1 forward */
+typedef struct {
+    int negative, bad, dependent, usable, carried;
+    const int *which;                /* carried rows, in the window's R of the last unit */
+    ptrdiff_t at;
+} progress;
+
+typedef struct {
+    int K, split, per_variable, stop;
+    const double *H, *A, *sigma;
+    unit *units;
+    double *store;
+    window *windows;                 /* one a side */
+    progress side[2];
+} factoring;
 
 ptrdiff_t octo_unit_bytes(void) { return sizeof(unit); }
 ptrdiff_t octo_window_bytes(void) { return sizeof(window); }
@@ -107,18 +127,20 @@ static __attribute__((noinline)) void strip(int vecs, int load, int rank, const 
 }
 
 /* P = [P_{v,s} | P_{v,v}] of unit k: blocks of H, sigma, and the two Schur complements that reach v_k */
-static double gather_hessian(int k, const double *H, const double *sigma, int per_variable, const double (*S1)[LS],
-                             const double (*S2)[LS], double (*P)[LD]) {
+static double gather_hessian(const factoring *f, int k, int side, const double (*S1)[LS], const double (*S2)[LS],
+                             double (*P)[LD]) {
     vec odd = {0};
-    for (int i = 0; i < NC; i++) {
+    const double *h = f->H + (ptrdiff_t)k * 3 * NC * NC, *h1 = h + (side ? 4 : 1) * NC * NC, *h2 = h + (side ? 8 : 2) * NC * NC;
+    const double *sigma = f->sigma ? f->sigma + (f->per_variable ? NC * k : k) : NULL;
+    int one = side || k > f->split, two = side || k > f->split + 1, across = side ? NC : 1, along = side ? 1 : NC;
+    for (int i = 0; i < NC; i++) {                    /* forward in time the couplings are those of later units, turned */
         double *row = P[i];
-        const double *h0 = H + i * NC, *h1 = h0 + NC * NC, *h2 = h1 + NC * NC;
-        for (int j = 0; j < NC; j++) row[j] = k > 0 ? h1[j] + S1[i][NC + j] : 0;
-        for (int j = 0; j < NC; j++) row[NC + j] = k > 1 ? h2[j] : 0;
+        for (int j = 0; j < NC; j++) row[j] = one ? h1[i * along + j * across] + S1[i][NC + j] : 0;
+        for (int j = 0; j < NC; j++) row[NC + j] = two ? h2[i * along + j * across] : 0;
         for (int j = 0; j < i; j++) row[SC + j] = P[j][SC + i];
-        for (int j = i; j < NC; j++) row[SC + j] = h0[j] + S1[i][j] + S2[NC + i][NC + j];
+        for (int j = i; j < NC; j++) row[SC + j] = h[i * NC + j] + S1[i][j] + S2[NC + i][NC + j];
         for (int j = 3 * NC; j < LD; j++) row[j] = 0;
-        row[SC + i] += sigma ? sigma[per_variable ? i : 0] : 0;
+        row[SC + i] += sigma ? sigma[f->per_variable ? i : 0] : 0;
         for (int j = 0; j < LV; j++) odd += *(vec *)(row + j * VL) * 0.0;
     }
     double sum = 0;
@@ -126,33 +148,59 @@ static double gather_hessian(int k, const double *H, const double *sigma, int pe
     return sum;
 }
 
-/* rows carried from unit k+1 (their s is now [v | first half of s]) followed by A_k, scaled */
-static double gather_rows(int k, const double *A, const double (*carried)[LD], const int *which, unit *u,
-                          double (*R)[LD], double *peak) {
+/* what side 1 left on units split and split+1 */
+static void merge_hessian(const factoring *f, int k, double (*P)[LD]) {
+    const double(*last)[LS] = f->windows[1].S[(f->split + 2) % 3], (*before)[LS] = f->windows[1].S[(f->split + 1) % 3];
+    for (int i = 0; i < NC; i++)
+        for (int j = 0; j < NC; j++) {
+            int low = i < j ? i : j, high = i < j ? j : i;
+            if (k > f->split) P[i][j] += last[j][NC + i];
+            P[i][SC + j] += k > f->split ? last[NC + low][NC + high] : last[low][high] + before[NC + low][NC + high];
+        }
+}
+
+/* a row over s = (a, b) of the unit before becomes one over v = a and the first half of s = b, or the reverse */
+static void carry_row(const double *from, int v, double *to) {
+    for (int j = 0; j < NC; j++) to[j] = from[NC - v + j];
+    for (int j = 0; j < NC; j++) to[NC + j] = 0;
+    for (int j = 0; j < NC; j++) to[SC + j] = from[v + j];
+    for (int j = 3 * NC; j < LD; j++) to[j] = 0;
+}
+
+/* row q of A, scaled by a power of two, in the columns of unit k's window */
+static double gather_row(const factoring *f, int k, int side, int q, double *row, double *scale) {
     double odd = 0;
-    for (int i = 0; i < u->carried_in; i++) {
-        const double *from = carried[which[i]];
-        for (int j = 0; j < NC; j++) R[i][j] = from[NC + j];
-        for (int j = 0; j < NC; j++) R[i][NC + j] = 0;
-        for (int j = 0; j < NC; j++) R[i][SC + j] = from[j];
-        for (int j = 3 * NC; j < LD; j++) R[i][j] = 0;
-        peak[i] = largest(R[i], SC);
+    int block = MA ? q / MA : 0, lag = side ? block - k : 0;
+    static const int place[3] = {SC, 0, NC};
+    for (int j = 0; j < 3; j++, lag += side ? -1 : 1) {
+        int there = lag >= 0 && lag < 3 && lag <= block;
+        const double *from = f->A + ((ptrdiff_t)(3 * block + (there ? lag : 0)) * MA + (MA ? q % MA : 0)) * NC;
+        for (int i = 0; i < NC; i++) row[place[j] + i] = there ? from[i] : 0;
     }
-    for (int i = 0; i < MA; i++) {
-        double *row = R[u->carried_in + i];
-        const double *a0 = A + i * NC, *a1 = a0 + MA * NC, *a2 = a1 + MA * NC;
-        for (int j = 0; j < NC; j++) row[j] = k > 0 ? a1[j] : 0;
-        for (int j = 0; j < NC; j++) row[NC + j] = k > 1 ? a2[j] : 0;
-        for (int j = 0; j < NC; j++) row[SC + j] = a0[j];
-        for (int j = 3 * NC; j < LD; j++) row[j] = 0;
-        double top = largest(row, 0);
-        int exponent = 0;
-        frexp(top, &exponent);
-        u->scale[i] = top > 0 && top < INFINITY ? ldexp(1.0, -exponent) : 1.0;
-        for (int j = 0; j < LV; j++) *(vec *)(row + j * VL) *= u->scale[i];
-        for (int j = 0; j < 3 * NC; j++) odd += row[j] * 0.0;
-        peak[u->carried_in + i] = largest(row, SC);
-    }
+    for (int j = 3 * NC; j < LD; j++) row[j] = 0;
+    double top = largest(row, 0);
+    int exponent = 0;
+    frexp(top, &exponent);
+    *scale = top > 0 && top < INFINITY ? ldexp(1.0, -exponent) : 1.0;
+    for (int j = 0; j < LV; j++) *(vec *)(row + j * VL) *= *scale;
+    for (int j = 0; j < 3 * NC; j++) odd += row[j] * 0.0;
+    return odd;
+}
+
+/* rows carried from the unit before, at unit split+1 those that side 1 carried, and own rows; not 0: not finite */
+static double gather_rows(const factoring *f, int k, int side, unit *u, window *w) {
+    const progress *own = f->side + side, *other = f->side + 1;
+    double odd = 0, (*R)[LD] = w->R[k & 1];
+    int merging = f->split > 0 && side == 0 && k <= f->split + 1, from_other = merging && k > f->split ? other->carried : 0;
+    u->carried_in = own->carried + from_other;
+    u->first_row = side == 0 ? k * MA : k == 0 ? 0 : (k + 2) * MA;
+    u->rows = u->carried_in + (merging ? 0 : side && k == 0 ? OWN : MA);
+    for (int i = 0; i < own->carried; i++) carry_row(w->R[~k & 1][own->which[i]], 0, R[i]);
+    for (int i = 0; i < from_other; i++)
+        carry_row(f->windows[1].R[(f->split - 1) & 1][other->which[i]], NC, R[own->carried + i]);
+    for (int i = u->carried_in; i < u->rows; i++)
+        odd += gather_row(f, k, side, u->first_row + i - u->carried_in, R[i], u->scale + i - u->carried_in);
+    for (int i = 0; i < u->rows; i++) w->peak[i] = largest(R[i], SC);
     return odd;
 }
 
@@ -276,39 +324,53 @@ static void complement(const unit *u, const double *numbers, window *w, double (
     for (int i = 0; i < LS; i += TILE_ROWS) strip((LS - i) / VL, 0, NC + r, w->X[0] + i, LS, numbers + i, S[i] + i, LS);
 }
 
-/* One member. verdict: negative pivots, first bad unit or -1, dependent rows, 1 where the factor can solve. */
-void octo_factor(int K, const double *H, const double *A, const double *sigma, int per_variable, int stop, unit *units,
-                 double *store, window *w, int *verdict) {
-    int negative = 0, bad = -1, dependent = 0, usable = 1, carried = 0;
-    ptrdiff_t at = 0;
-    const int *which = NULL;
-    memset(w->S, 0, sizeof w->S);
-    for (int k = K - 1; k >= 0; k--) {
-        unit *u = units + k;
-        double(*R)[LD] = w->R[k & 1], *numbers = store + at;
-        u->carried_in = carried, u->rows = carried + MA, u->at = at;
-        const double *weight = sigma ? sigma + (per_variable ? NC * k : k) : NULL;
-        double odd = gather_hessian(k, H + (ptrdiff_t)k * 3 * NC * NC, weight, per_variable, w->S[(k + 1) % 3],
-                                    w->S[(k + 2) % 3], w->P);
-        odd += gather_rows(k, A + (ptrdiff_t)k * 3 * MA * NC, w->R[~k & 1], which, u, R, w->peak);
-        /* T and L\U first land in scratch places of the full size, the rank is not known yet */
-        double *T = w->W[0], *LU = w->X[0];
-        dependent += eliminate_rows(u, R, w->L, w->peak, T, LU);
-        int r = u->rank, found;
-        at += ROOM(r, u->rows);
-        double *inverse = numbers + (ptrdiff_t)(NC + r) * LD, *PBB = inverse + NC;
-        memcpy(numbers + r * LD, T, (size_t)r * LD * sizeof(double));
-        memcpy(PBB + r * r, LU, (size_t)u->rows * r * sizeof(double));
-        substitute(u, numbers, PBB, w);
-        found = odd == 0 ? eliminate_variables(u, numbers + 2 * r * LD, inverse, w, stop) : -1;
-        if (found != 0 && bad < 0) bad = k;
-        if (found < 0) {
-            negative++, usable = 0;
-            break;
-        }
-        negative += found;
-        complement(u, numbers, w, w->S[k % 3]);
-        which = u->row + r, carried = u->carried_out;
-    }
-    verdict[0] = negative, verdict[1] = bad, verdict[2] = dependent + (usable ? carried : 0), verdict[3] = usable;
+/* one unit of one side; 0 when the side cannot go on */
+static int eliminate_unit(factoring *f, int k, int side) {
+    unit *u = f->units + k;
+    window *w = f->windows + side;
+    progress *p = f->side + side;
+    double *numbers = f->store + p->at;
+    int toward = side ? -1 : 1;                       /* the unit before this one in the order of elimination */
+    double odd = gather_hessian(f, k, side, w->S[(k + toward + 3) % 3], w->S[(k + 2 * toward + 3) % 3], w->P);
+    if (f->split > 0 && side == 0 && k <= f->split + 1) merge_hessian(f, k, w->P);
+    odd += gather_rows(f, k, side, u, w);
+    /* T and L\U first land in scratch places of the full size, the rank is not known yet */
+    p->dependent += eliminate_rows(u, w->R[k & 1], w->L, w->peak, w->W[0], w->LU);
+    int r = u->rank;
+    u->at = p->at, p->at += ROOM(r, u->rows);
+    double *inverse = numbers + (ptrdiff_t)(NC + r) * LD, *PBB = inverse + NC;
+    memcpy(numbers + r * LD, w->W[0], (size_t)r * LD * sizeof(double));
+    memcpy(PBB + r * r, w->LU, (size_t)u->rows * r * sizeof(double));
+    substitute(u, numbers, PBB, w);
+    int found = odd == 0 ? eliminate_variables(u, numbers + 2 * r * LD, inverse, w, f->stop) : -1;
+    if (found != 0 && p->bad < 0) p->bad = k;
+    p->negative += found < 0 ? 1 : found;
+    p->usable = found >= 0;
+    if (!p->usable) return 0;
+    complement(u, numbers, w, w->S[k % 3]);
+    p->which = u->row + r, p->carried = u->carried_out;
+    return 1;
+}
+
+static void factor_side(void *shared, int side) {
+    factoring *f = shared;
+    memset(f->windows[side].S, 0, sizeof f->windows[side].S);
+    f->side[side] = (progress){.bad = -1, .usable = 1, .at = side ? (f->K - f->split) * ROOM(NC, ROWS) : 0};
+    if (side)
+        for (int k = 0; k < f->split && eliminate_unit(f, k, 1); k++) {}
+    else
+        for (int k = f->K - 1; k >= (f->split ? f->split + 2 : 0) && eliminate_unit(f, k, 0); k--) {}
+}
+
+/* One member, the companion taking the first `split` units. verdict: negative pivots, a bad unit (the first one
+ * eliminated of side 0, else of side 1) or -1, dependent rows, 1 where the factor can solve. */
+static void octo_factor(factoring *f, companion *c, int *verdict) {
+    progress *back = f->side, *forward = f->side + 1;
+    both(c, factor_side, f);
+    if (f->split && back->usable && forward->usable)
+        for (int k = f->split + 1; k >= f->split && eliminate_unit(f, k, 0); k--) {}
+    verdict[0] = back->negative + forward->negative;
+    verdict[1] = back->bad >= 0 ? back->bad : forward->bad;
+    verdict[3] = back->usable && forward->usable;
+    verdict[2] = back->dependent + forward->dependent + (verdict[3] ? back->carried : 0);
 }

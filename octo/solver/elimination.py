@@ -1,5 +1,8 @@
 """Window elimination: the KKT matrix factored unit by unit, backward in time (elimination.c), the CPU's fast way.
 
+With two threads for a problem one of them comes forward in time to meet the other. The answer is then the same up to
+rounding; with any other number of threads it is the same to the last bit.
+
 A unit's constraint rows are solved for as many of its variables as they have rank; what is left of the Hessian is
 eliminated by Cholesky, so its pivots are those of the Hessian on the null space of the constraints. Hence the
 inertia: the KKT matrix has K·ma negative eigenvalues, and no more, exactly when all those pivots are positive.
@@ -23,6 +26,7 @@ _POINTER: Any = ctypes.c_void_p
 _INT: Any = ctypes.c_int
 _DOUBLE: Any = ctypes.c_double
 _SIZE: Any = ctypes.c_ssize_t
+SHARED_WORK = 40_000  # K·nc² from which two threads for one problem save more than starting the second costs
 _POOLED = 4  # memories kept for the next factorisation of the same shape
 
 
@@ -30,17 +34,17 @@ _POOLED = 4  # memories kept for the next factorisation of the same shape
 def library(nc: int, ma: int) -> ctypes.CDLL | None:
     """The compiled elimination for units of nc variables and ma rows; None without a compiler."""
     folder = importlib.resources.files(__package__)
-    parts = [(folder / name).read_text() for name in ("elimination.c", "elimination_solve.c", "normal.c")]
+    parts = [(folder / name).read_text() for name in ("threads.c", "elimination.c", "elimination_solve.c", "normal.c")]
     made = native.load("\n".join(parts), (f"-DNC={nc}", f"-DMA={ma}"))
     if made is None:
         return None
     for name in ("octo_unit_bytes", "octo_window_bytes", "octo_unit_room", "octo_scratch_room"):
         getattr(made, name).restype = _SIZE
     made.octo_scratch_room.argtypes = [_SIZE]
-    made.octo_factor_batch.argtypes = [_INT] * 3 + [_POINTER] * 3 + [_INT] * 2 + [_POINTER] * 4
+    made.octo_factor_batch.argtypes = [_INT] * 4 + [_POINTER] * 3 + [_INT] * 2 + [_POINTER] * 4
     made.octo_factor_batch.restype = None
     made.octo_solve_batch.argtypes = (
-        [_INT] * 3 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
+        [_INT] * 4 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
     ) + [_POINTER] * 4
     made.octo_solve_batch.restype = None
     made.octo_normal_bytes.restype = _SIZE
@@ -59,13 +63,18 @@ def aligned(doubles: int) -> Floats:
     return raw[skip : skip + doubles]
 
 
+def _split(batch: int, threads: int, K: int, nc: int) -> int:
+    """Units that a second thread eliminates from the front, where there are two threads for each problem; else 0."""
+    return (K - 2) // 2 if threads >= 2 * batch and K >= 8 and K * nc * nc >= SHARED_WORK else 0
+
+
 class _Memory:
     """What a factor is stored in; reused, because first touching megabytes costs as much as factoring."""
 
     def __init__(self, made: ctypes.CDLL, batch: int, K: int, threads: int):
         self.units = aligned((made.octo_unit_bytes() * batch * K + 7) // 8)
         self.store = aligned(made.octo_unit_room() * batch * K)
-        self.windows = aligned(made.octo_window_bytes() // 8 * threads)
+        self.windows = aligned(made.octo_window_bytes() // 8 * 2 * threads)
         self.scratch_room: int = made.octo_scratch_room(K) * threads
         self.at = [address(array) for array in (self.units, self.store, self.windows)]
         self._scratch: Floats | None = None
@@ -88,8 +97,9 @@ def address(array: NDArray) -> int:
 class EliminationFactor:
     """A factored batch. Holds H, A and sigma by reference: they must not change while it is used.
 
-    negative (batch,): non-positive pivots met; first_bad (batch,): the unit of the first one, -1 for none;
-    dependent (batch,): constraint rows that depend on others (their multiplier is 0); usable (batch,): can solve.
+    negative (batch,): non-positive pivots met; first_bad (batch,): the unit of the first one (with two threads a
+    problem: of one of them), -1 for none; dependent (batch,): constraint rows that depend on others (their
+    multiplier is 0); usable (batch,): can solve.
     """
 
     def __init__(self, H: Floats, A: Floats, sigma: Floats | None, *, stop: bool = True, threads: int = 1):
@@ -98,7 +108,8 @@ class EliminationFactor:
         if made is None:
             raise DeviceError("the window elimination needs a C compiler; use the method 'cyclic_reduction'")
         self.shape = (batch, K, nc, int(A.shape[3]))
-        self._library, self._key, self._threads = made, (*self.shape, threads), threads
+        self._library, self._key = made, (*self.shape, threads)
+        self._sizes = (batch, threads, K, _split(batch, threads, K, nc))
         self._held = (H, A, sigma)
         free = _pool.get(self._key)
         self._memory = free.pop() if free else _Memory(made, batch, K, threads)
@@ -106,7 +117,7 @@ class EliminationFactor:
         self._problem = (address(H), address(A), None if sigma is None else address(sigma), per_variable)
         verdict = np.empty((batch, 4), dtype=np.int32)
         self._verdict = verdict
-        made.octo_factor_batch(batch, threads, K, *self._problem, int(stop), *self._memory.at, address(verdict))
+        made.octo_factor_batch(*self._sizes, *self._problem, int(stop), *self._memory.at, address(verdict))
         self.negative, self.first_bad, self.dependent = verdict[:, 0], verdict[:, 1], verdict[:, 2]
         self.usable = verdict[:, 3] != 0
         self.residual: Floats = np.full((batch, 1), np.nan)
@@ -147,7 +158,7 @@ class EliminationFactor:
         dv, lam = np.empty(rhs_v.shape), np.empty((batch, K, ma, *rhs_v.shape[3:]))
         self.residual = np.full((batch, count), np.nan)
         self._library.octo_solve_batch(
-            *(batch, self._threads, K, *self._problem, *self._memory.at[:2], address(self._verdict)),
+            *(*self._sizes, *self._problem, *self._memory.at[:2], address(self._verdict)),
             *(count, address(rhs_v), None if rhs_c is None else address(rhs_c), refine, tolerance, int(check)),
             *(self._memory.scratch(count), address(dv), address(lam), address(self.residual)),
         )

@@ -1,6 +1,5 @@
 /* Solves with the factor of elimination.c (whose text precedes this one): down the units, up again, refinement.
  * The system is [[H + diag(sigma), A'], [A, 0]] [v; lam] = [f; h]; inside, gradients are -f and row constants -h. */
-#include <pthread.h>
 
 typedef struct {
     _Alignas(64) double g[LD];                        /* gradient over [s | v] */
@@ -10,7 +9,7 @@ typedef struct {
 
 #define HELD (2 * NC)                                 /* a unit's t (r), g_B (r), w (n), kept between the two sweeps */
 
-ptrdiff_t octo_scratch_room(ptrdiff_t K) { return ROUND(K * (2 * (NC + MA) + HELD) + (ptrdiff_t)sizeof(sweep) / 8, VL); }
+ptrdiff_t octo_scratch_room(ptrdiff_t K) { return ROUND(K * (2 * (NC + MA) + HELD) + 2 * (ptrdiff_t)sizeof(sweep) / 8, VL); }
 
 #if VL == 8
 typedef double quad __attribute__((vector_size(32)));
@@ -71,14 +70,15 @@ static void down(const unit *u, const double *numbers, sweep *s, const double *F
     }
 }
 
-/* unit k on the way up: v_k from s = (v_{k-1}, v_{k-2}), then the multipliers of its rows */
-static void up(int k, const unit *u, const double *numbers, sweep *s, double *V, double *Lam, const double *held) {
+/* unit k on the way up: v_k from s = (one, two), NULL where there is none, then the multipliers of its rows */
+static void up(const unit *u, const double *numbers, sweep *s, const double *one, const double *two, double *V,
+               double *Lam, const double *held) {
     int r = u->rank, n = NC - r;
     const double *Y = numbers, *T = Y + r * LD, *U = T + r * LD, *inverse = U + n * LD, *PBB = inverse + NC;
     const double *LU = PBB + r * r, *t = held, *gB = held + r, *w = gB + r;
     double lam[ROWS], e[NC], vB[NC], *z = s->z;
-    for (int j = 0; j < NC; j++) z[j] = k > 0 ? V[j - NC] : 0;
-    for (int j = 0; j < NC; j++) z[NC + j] = k > 1 ? V[j - 2 * NC] : 0;
+    for (int j = 0; j < NC; j++) z[j] = one ? one[j] : 0;
+    for (int j = 0; j < NC; j++) z[NC + j] = two ? two[j] : 0;
     for (int j = SC; j < LD; j++) z[j] = 0;
     for (int p = n - 1; p >= 0; p--)
         z[SC + u->column[r + p]] = -u->sign[p] * (w[p] + dot(U + p * LD, z)) * inverse[p];
@@ -102,28 +102,84 @@ static void up(int k, const unit *u, const double *numbers, sweep *s, double *V,
         for (int b = a + 1; b < r; b++) e[a] -= LU[b * r + a] * e[b];
     for (int i = 0; i < u->rows; i++) {
         int past = i - r;
-        lam[u->row[i]] = past < 0 ? e[i] : past < u->carried_out && k > 0 ? s->mu[past] : 0;
+        lam[u->row[i]] = past < 0 ? e[i] : past < u->carried_out ? s->mu[past] : 0;
     }
     for (int i = 0; i < u->carried_in; i++) s->mu[i] = lam[i];
-    for (int i = 0; i < MA; i++) Lam[i] = lam[u->carried_in + i] * u->scale[i];
+    for (int i = u->carried_in; i < u->rows; i++) Lam[i - u->carried_in] = lam[i] * u->scale[i - u->carried_in];
 }
 
-static void sweeps(int K, int count, const unit *units, const double *store, double *scratch, ptrdiff_t room,
-                   int correction) {
-    for (int c = 0; c < count; c++) memset(scratch + c * room, 0, sizeof(sweep));
-    for (int k = K - 1; k >= 0; k--)
-        for (int c = 0; c < count; c++) {
-            sweep *s = (sweep *)(scratch + c * room);
-            double *F = (double *)(s + 1), *G = F + K * NC, *held = G + K * (2 * MA + NC);
-            down(units + k, store + units[k].at, s, F + k * NC, G + k * MA, held + k * HELD);
-        }
-    for (int k = 0; k < K; k++)
-        for (int c = 0; c < count; c++) {
-            sweep *s = (sweep *)(scratch + c * room);
-            double *F = (double *)(s + 1), *G = F + K * NC, *V = G + K * MA, *held = V + K * (NC + MA);
-            double *to = correction ? F : V;          /* a correction overwrites the residual it corrects */
-            up(k, units + k, store + units[k].at, s, to + k * NC, to + K * NC + k * MA, held + k * HELD);
-        }
+/* what one solve works on, and where: scratch is `count` rooms of [sweep of side 0 | of side 1 | F | G | V | Lam | held] */
+typedef struct {
+    int K, split, per_variable, count, correction;
+    const double *H, *A, *sigma;
+    const unit *units;
+    const double *store;
+    double *scratch;
+} solving;
+
+static sweep *sweep_of(const solving *s, int c, int side) {
+    return (sweep *)(s->scratch + c * octo_scratch_room(s->K)) + side;
+}
+
+static double *residual_of(const solving *s, int c) { return (double *)(sweep_of(s, c, 0) + 2); }
+static double *answer_of(const solving *s, int c) { return residual_of(s, c) + s->K * (NC + MA); }
+static double *held_of(const solving *s, int c) { return residual_of(s, c) + 2 * s->K * (NC + MA); }
+
+static void down_unit(const solving *s, int k, int side) {
+    const unit *u = s->units + k;
+    for (int c = 0; c < s->count; c++) {
+        double *F = residual_of(s, c);
+        down(u, s->store + u->at, sweep_of(s, c, side), F + k * NC, F + s->K * NC + u->first_row,
+             held_of(s, c) + k * HELD);
+    }
+}
+
+static void up_unit(const solving *s, int k, int side) {
+    const unit *u = s->units + k;
+    int toward = side ? 1 : -1, one = side || k > s->split, two = side || k > s->split + 1;
+    for (int c = 0; c < s->count; c++) {              /* a correction overwrites the residual it corrects */
+        double *to = s->correction ? residual_of(s, c) : answer_of(s, c), *v = to + k * NC;
+        up(u, s->store + u->at, sweep_of(s, c, side), one ? v + toward * NC : NULL, two ? v + 2 * toward * NC : NULL, v,
+           to + s->K * NC + u->first_row, held_of(s, c) + k * HELD);
+    }
+}
+
+static void down_side(void *shared, int side) {
+    const solving *s = shared;
+    for (int c = 0; c < s->count; c++) memset(sweep_of(s, c, side), 0, sizeof(sweep));
+    if (side)
+        for (int k = 0; k < s->split; k++) down_unit(s, k, 1);
+    else
+        for (int k = s->K - 1; k >= (s->split ? s->split + 2 : 0); k--) down_unit(s, k, 0);
+}
+
+static void up_side(void *shared, int side) {
+    const solving *s = shared;
+    if (side)
+        for (int k = s->split - 1; k >= 0; k--) up_unit(s, k, 1);
+    else
+        for (int k = s->split ? s->split + 2 : 0; k < s->K; k++) up_unit(s, k, 0);
+}
+
+/* units split+1 and split, with the gradient and the row constants that both sides left; back their multipliers */
+static void sweep_middle(const solving *s) {
+    int carried = s->units[s->split + 2].carried_out, from_other = s->units[s->split - 1].carried_out;
+    for (int c = 0; c < s->count; c++) {
+        sweep *back = sweep_of(s, c, 0), *forward = sweep_of(s, c, 1);
+        for (int j = 0; j < NC; j++) back->g[j] += forward->g[NC + j], back->g[NC + j] += forward->g[j];
+        memcpy(back->c + carried, forward->c, from_other * sizeof(double));
+    }
+    for (int k = s->split + 1; k >= s->split; k--) down_unit(s, k, 0);
+    for (int k = s->split; k <= s->split + 1; k++) up_unit(s, k, 0);
+    for (int c = 0; c < s->count; c++)
+        memcpy(sweep_of(s, c, 1)->mu, sweep_of(s, c, 0)->mu + carried, from_other * sizeof(double));
+}
+
+static void sweeps(solving *s, companion *c, int correction) {
+    s->correction = correction;
+    both(c, down_side, s);
+    if (s->split) sweep_middle(s);
+    both(c, up_side, s);
 }
 
 #if NC >= VL
@@ -171,66 +227,77 @@ static void unit_residual(int k, const double *H, const double *A, const double 
     for (int i = 0; i < MA; i++) G[i] -= total(rows[i]);
 }
 
-/* F, G = right-hand sides - KKT (V, Lam); sizes[c] = largest residual / largest right-hand side */
-static void residuals(int K, int count, const double *H, const double *A, const double *sigma, int per_variable,
-                      const double *f, const double *h, double *scratch, ptrdiff_t room, double *sizes) {
-    for (int c = 0; c < count; c++) {
-        double *F = (double *)((sweep *)(scratch + c * room) + 1), *G = F + K * NC;
-        for (int i = 0; i < K * NC; i++) F[i] = f[(ptrdiff_t)i * count + c];
-        for (int i = 0; i < K * MA; i++) G[i] = h ? h[(ptrdiff_t)i * count + c] : 0;
-        double top = 0;
-        for (int i = 0; i < K * (NC + MA); i++) top = fabs(F[i]) > top ? fabs(F[i]) : top;
-        sizes[c] = top;
+static void residual_unit(const solving *s, int k) {
+    const double *weight = s->sigma ? s->sigma + (s->per_variable ? NC * k : k) : NULL;
+    for (int c = 0; c < s->count; c++) {
+        double *F = residual_of(s, c), *V = answer_of(s, c);
+        unit_residual(k, s->H + (ptrdiff_t)k * 3 * NC * NC, s->A + (ptrdiff_t)k * 3 * MA * NC, weight, s->per_variable,
+                      V + k * NC, V + s->K * NC + k * MA, F + k * NC, F + s->K * NC + k * MA);
     }
-    for (int k = 0; k < K; k++)
-        for (int c = 0; c < count; c++) {
-            double *F = (double *)((sweep *)(scratch + c * room) + 1), *G = F + K * NC, *V = G + K * MA;
-            const double *weight = sigma ? sigma + (per_variable ? NC * k : k) : NULL;
-            unit_residual(k, H + (ptrdiff_t)k * 3 * NC * NC, A + (ptrdiff_t)k * 3 * MA * NC, weight, per_variable,
-                          V + k * NC, V + K * NC + k * MA, F + k * NC, G + k * MA);
-        }
-    for (int c = 0; c < count; c++) {
-        const double *F = (double *)((sweep *)(scratch + c * room) + 1);
+}
+
+/* a unit adds to the two before it: those next to the split wait */
+static void residual_side(void *shared, int side) {
+    const solving *s = shared;
+    if (side)
+        for (int k = 0; s->split && k < s->split + 2; k++) residual_unit(s, k);
+    else
+        for (int k = s->split ? s->split + 4 : 0; k < s->K; k++) residual_unit(s, k);
+}
+
+/* F, G = right-hand sides; the largest entry of each into sizes */
+static void load_residual(const solving *s, const double *f, const double *h, double *sizes) {
+    for (int c = 0; c < s->count; c++) {
+        double *F = residual_of(s, c), *G = F + s->K * NC;
+        for (int i = 0; i < s->K * NC; i++) F[i] = f[(ptrdiff_t)i * s->count + c];
+        for (int i = 0; i < s->K * MA; i++) G[i] = h ? h[(ptrdiff_t)i * s->count + c] : 0;
+        sizes[c] = 0;
+        for (int i = 0; i < s->K * (NC + MA); i++) sizes[c] = fabs(F[i]) > sizes[c] ? fabs(F[i]) : sizes[c];
+    }
+}
+
+/* F, G = right-hand sides - KKT (V, Lam); sizes[c] = largest residual / largest right-hand side */
+static void residuals(solving *s, companion *c, const double *f, const double *h, double *sizes) {
+    load_residual(s, f, h, sizes);
+    both(c, residual_side, s);
+    for (int k = s->split + 2; s->split && k < s->split + 4; k++) residual_unit(s, k);
+    for (int c = 0; c < s->count; c++) {
+        const double *F = residual_of(s, c);
         double top = 0;
-        for (int i = 0; i < K * (NC + MA); i++) top = fabs(F[i]) > top ? fabs(F[i]) : top;
+        for (int i = 0; i < s->K * (NC + MA); i++) top = fabs(F[i]) > top ? fabs(F[i]) : top;
         sizes[c] = sizes[c] > 0 ? top / sizes[c] : top;
     }
 }
 
-/* One member, count right-hand sides f (K, NC, count), h (K, MA, count) or NULL for zero; scratch holds count rooms.
+/* One member, count right-hand sides f (K, NC, count), h (K, MA, count) or NULL for zero.
  * At most `refine` corrections, while a relative residual exceeds `tolerance`; sizes (count): the last one computed,
  * of the answer itself where `check`. */
-void octo_solve(int K, int count, const double *H, const double *A, const double *sigma, int per_variable,
-                const unit *units, const double *store, const double *f, const double *h, int refine,
-                double tolerance, int check, double *scratch, double *dv, double *lam, double *sizes) {
-    ptrdiff_t room = octo_scratch_room(K);
-    for (int c = 0; c < count; c++) {
-        double *F = (double *)((sweep *)(scratch + c * room) + 1), *G = F + K * NC;
-        for (int i = 0; i < K * NC; i++) F[i] = f[(ptrdiff_t)i * count + c];
-        for (int i = 0; i < K * MA; i++) G[i] = h ? h[(ptrdiff_t)i * count + c] : 0;
-    }
-    sweeps(K, count, units, store, scratch, room, 0);
+static void octo_solve(solving *s, companion *c, const double *f, const double *h, int refine, double tolerance,
+                       int check, double *dv, double *lam, double *sizes) {
+    int length = s->K * (NC + MA), rows = s->K * NC;
+    load_residual(s, f, h, sizes);
+    sweeps(s, c, 0);
     for (int step = 0; step <= refine && (step < refine || check); step++) {
-        residuals(K, count, H, A, sigma, per_variable, f, h, scratch, room, sizes);
+        residuals(s, c, f, h, sizes);
         int fine = 1;
-        for (int c = 0; c < count; c++) fine &= sizes[c] <= tolerance;
+        for (int i = 0; i < s->count; i++) fine &= sizes[i] <= tolerance;
         if (fine || step == refine) break;
-        sweeps(K, count, units, store, scratch, room, 1);
-        for (int c = 0; c < count; c++) {
-            double *F = (double *)((sweep *)(scratch + c * room) + 1), *V = F + K * (NC + MA);
-            for (int i = 0; i < K * (NC + MA); i++) V[i] += F[i];
+        sweeps(s, c, 1);
+        for (int i = 0; i < s->count; i++) {
+            double *F = residual_of(s, i), *V = answer_of(s, i);
+            for (int j = 0; j < length; j++) V[j] += F[j];
         }
     }
-    for (int c = 0; c < count; c++) {
-        const double *V = (double *)((sweep *)(scratch + c * room) + 1) + K * (NC + MA);
-        for (int i = 0; i < K * NC; i++) dv[(ptrdiff_t)i * count + c] = V[i];
-        for (int i = 0; i < K * MA; i++) lam[(ptrdiff_t)i * count + c] = V[K * NC + i];
+    for (int i = 0; i < s->count; i++) {
+        const double *V = answer_of(s, i);
+        for (int j = 0; j < rows; j++) dv[(ptrdiff_t)j * s->count + i] = V[j];
+        for (int j = rows; j < length; j++) lam[(ptrdiff_t)(j - rows) * s->count + i] = V[j];
     }
 }
 
-/* what one call works on: all members share it, each worker has its own window or scratch */
+/* what one call works on: all members share it, each worker has its own windows or scratch */
 typedef struct {
-    int K, per_variable, stop, count, refine, check;
+    int K, split, per_variable, stop, count, refine, check;
     double tolerance;
     const double *H, *A, *sigma, *f, *h;
     unit *units;
@@ -245,68 +312,50 @@ static const double *member_sigma(const job *j, ptrdiff_t m) {
 
 static void factor_member(const void *shared, ptrdiff_t m, int worker) {
     const job *j = shared;
-    octo_factor(j->K, j->H + m * j->K * 3 * NC * NC, j->A + m * j->K * 3 * MA * NC, member_sigma(j, m),
-                j->per_variable, j->stop, j->units + m * j->K, j->store + m * j->K * ROOM(NC, ROWS),
-                j->windows + worker, j->verdict + 4 * m);
+    factoring f = {.K = j->K, .split = j->split, .per_variable = j->per_variable, .stop = j->stop,
+                   .H = j->H + m * j->K * 3 * NC * NC, .A = j->A + m * j->K * 3 * MA * NC, .sigma = member_sigma(j, m),
+                   .units = j->units + m * j->K, .store = j->store + m * j->K * ROOM(NC, ROWS),
+                   .windows = j->windows + 2 * worker};
+    companion *c = companion_start(j->split > 0);
+    octo_factor(&f, c, j->verdict + 4 * m);
+    companion_stop(c);
 }
 
 static void solve_member(const void *shared, ptrdiff_t m, int worker) {
     const job *j = shared;
     ptrdiff_t variables = (ptrdiff_t)j->K * NC * j->count, rows = (ptrdiff_t)j->K * MA * j->count;
     double *dv = j->dv + m * variables, *lam = j->lam + m * rows, *sizes = j->sizes + m * j->count;
-    if (j->verdict[4 * m + 3]) {
-        octo_solve(j->K, j->count, j->H + m * j->K * 3 * NC * NC, j->A + m * j->K * 3 * MA * NC, member_sigma(j, m),
-                   j->per_variable, j->units + m * j->K, j->store + m * j->K * ROOM(NC, ROWS), j->f + m * variables,
-                   j->h ? j->h + m * rows : NULL, j->refine, j->tolerance, j->check,
-                   j->scratch + worker * octo_scratch_room(j->K) * j->count, dv, lam, sizes);
+    if (!j->verdict[4 * m + 3]) {                     /* a factor that cannot solve says so */
+        for (ptrdiff_t i = 0; i < variables; i++) dv[i] = NAN;
+        for (ptrdiff_t i = 0; i < rows; i++) lam[i] = NAN;
+        for (int c = 0; c < j->count; c++) sizes[c] = NAN;
         return;
     }
-    for (ptrdiff_t i = 0; i < variables; i++) dv[i] = NAN;       /* a factor that cannot solve says so */
-    for (ptrdiff_t i = 0; i < rows; i++) lam[i] = NAN;
-    for (int c = 0; c < j->count; c++) sizes[c] = NAN;
+    solving s = {.K = j->K, .split = j->split, .per_variable = j->per_variable, .count = j->count,
+                 .H = j->H + m * j->K * 3 * NC * NC, .A = j->A + m * j->K * 3 * MA * NC, .sigma = member_sigma(j, m),
+                 .units = j->units + m * j->K, .store = j->store + m * j->K * ROOM(NC, ROWS),
+                 .scratch = j->scratch + worker * octo_scratch_room(j->K) * j->count};
+    companion *c = companion_start(j->split > 0);
+    octo_solve(&s, c, j->f + m * variables, j->h ? j->h + m * rows : NULL, j->refine, j->tolerance, j->check, dv, lam,
+               sizes);
+    companion_stop(c);
 }
 
-typedef struct {
-    void (*run)(const void *, ptrdiff_t, int);
-    const void *shared;
-    ptrdiff_t *next, batch;
-    int number;
-} worker;
-
-static void *work(void *argument) {
-    const worker *w = argument;
-    for (ptrdiff_t m; (m = __atomic_fetch_add(w->next, 1, __ATOMIC_RELAXED)) < w->batch;)
-        w->run(w->shared, m, w->number);
-    return NULL;
-}
-
-/* the members of a batch over at most 64 threads, this one included */
-static void spread(void (*run)(const void *, ptrdiff_t, int), const void *shared, ptrdiff_t batch, int threads) {
-    ptrdiff_t next = 0;
-    pthread_t handle[64];
-    worker workers[64];
-    int started = 0, wanted = threads < batch ? threads : (int)batch;
-    for (int i = 0; i == 0 || (i < wanted && i < 64); i++) workers[i] = (worker){run, shared, &next, batch, i};
-    for (int i = 1; i < wanted && i < 64; i++, started++)
-        if (pthread_create(handle + i, NULL, work, workers + i)) break;
-    work(workers);
-    for (int i = 1; i <= started; i++) pthread_join(handle[i], NULL);
-}
-
-/* sigma: NULL, (batch, K) or (batch, K, NC); windows: one a thread; verdict (batch, 4) as octo_factor's */
-void octo_factor_batch(int batch, int threads, int K, const double *H, const double *A, const double *sigma,
+/* split: units that a companion takes from the front, 0 for none, else at most K-4; sigma: NULL, (batch, K) or
+ * (batch, K, NC); windows: two a thread; verdict (batch, 4) as octo_factor's */
+void octo_factor_batch(int batch, int threads, int K, int split, const double *H, const double *A, const double *sigma,
                        int per_variable, int stop, unit *units, double *store, window *windows, int *verdict) {
-    job j = {.K = K, .per_variable = per_variable, .stop = stop, .H = H, .A = A, .sigma = sigma, .units = units,
-             .store = store, .windows = windows, .verdict = verdict};
+    job j = {.K = K, .split = split, .per_variable = per_variable, .stop = stop, .H = H, .A = A, .sigma = sigma,
+             .units = units, .store = store, .windows = windows, .verdict = verdict};
     spread(factor_member, &j, batch, threads);
 }
 
 /* f, dv (batch, K, NC, count), h, lam (batch, K, MA, count), sizes (batch, count); scratch: count rooms a thread */
-void octo_solve_batch(int batch, int threads, int K, const double *H, const double *A, const double *sigma,
+void octo_solve_batch(int batch, int threads, int K, int split, const double *H, const double *A, const double *sigma,
                       int per_variable, unit *units, double *store, int *verdict, int count, const double *f,
                       const double *h, int refine, double tolerance, int check, double *scratch, double *dv,
                       double *lam, double *sizes) {
-    job j = {.K = K, .per_variable = per_variable, .count = count, .refine = refine, .check = check,
+    job j = {.K = K, .split = split, .per_variable = per_variable, .count = count, .refine = refine, .check = check,
              .tolerance = tolerance, .H = H, .A = A, .sigma = sigma, .f = f, .h = h, .units = units, .store = store,
              .scratch = scratch, .dv = dv, .lam = lam, .sizes = sizes, .verdict = verdict};
     spread(solve_member, &j, batch, threads);

@@ -64,7 +64,7 @@ def factorize(
     sigma: None, a number, (batch,), (batch, K) or (batch, K, nc), added to the diagonal of H.
     method: "auto" takes the elimination for NumPy arrays where there is a compiler, cyclic reduction otherwise.
     stop: leave a member at its first wrong pivot (it is then not `usable`); cyclic reduction always goes on.
-    threads: of the elimination, over the members of the batch.
+    threads: of the elimination, over the members of the batch; two for each member where there are as many.
     """
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)

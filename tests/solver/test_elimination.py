@@ -8,6 +8,7 @@ from scipy.linalg import null_space
 
 from octo import native
 from octo.errors import ShapeError
+from octo.solver import elimination
 from octo.solver.elimination import factorize
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
@@ -139,6 +140,44 @@ def test_a_nan_member_leaves_the_others_bit_identical(random_system, poisoned, t
     for own, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(own[::2], other[::2])
         assert np.isnan(own[1]).all()
+
+
+@pytest.mark.parametrize("nc,ma", [*SIZES, (6, 4)])
+@pytest.mark.parametrize("K", [8, 9, 13])
+@pytest.mark.parametrize("lowered", [0.0, 4.0])
+def test_two_threads_from_both_ends_agree_with_one(random_system, monkeypatch, nc, ma, K, lowered):
+    monkeypatch.setattr(elimination, "SHARED_WORK", 0)
+    system = random_system(K, 2, K, nc, ma, lowered=lowered)
+    system.A[1, K - 1, 0] = 0.0  # rows of a fixed end are carried on to the middle
+    columns = [np.stack([-part, 2 * part], axis=-1) for part in (system.b, system.C)]
+    one = factorize(system.H, system.A, 0.1, stop=False)
+    both = factorize(system.H, system.A, 0.1, stop=False, threads=4)
+    np.testing.assert_array_equal(one.negative, both.negative)
+    np.testing.assert_array_equal(one.inertia_ok, factorize(system.H, system.A, 0.1, threads=4).inertia_ok)
+    np.testing.assert_array_equal(one.first_bad < 0, both.first_bad < 0)
+    np.testing.assert_array_equal(one.dependent, both.dependent)
+    for own, other in zip(one.solve(*columns, refine=2), both.solve(*columns, refine=2, check=True), strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0)))
+    assert both.residual.max() < 1e-9
+    again = factorize(system.H, system.A, 0.1, stop=False, threads=4)
+    np.testing.assert_array_equal(both.solve(*columns)[0], again.solve(*columns)[0])
+
+
+def test_dependent_rows_and_nan_with_two_threads(random_system, monkeypatch):
+    monkeypatch.setattr(elimination, "SHARED_WORK", 0)
+    system = random_system(5, 1, 12, 6, 4)
+    for k in (1, 6, 11):
+        system.A[:, k, :, 2] = 3.0 * system.A[:, k, :, 0]
+    consistent = system.constraints_times(np.random.default_rng(0).standard_normal((1, 12, 6)))
+    factor = factorize(system.H, system.A, threads=2)
+    dv, lam = factor.solve(-system.b, consistent, refine=2)
+    assert factor.dependent[0] == 3 and factor.inertia_ok.all()
+    assert max(np.abs(part).max() for part in system.residual(dv, lam, rhs_c=consistent)) < 1e-10
+    for k in (0, 5, 11):
+        system.H[0, k, 0, 1, 1] = np.nan
+        factor = factorize(system.H, system.A, threads=2)
+        assert not factor.usable.any() and np.isnan(factor.solve(system.b)[0]).all()
+        system.H[0, k, 0, 1, 1] = 1.0
 
 
 def test_a_nan_right_hand_side_stays_in_its_member(random_system):
