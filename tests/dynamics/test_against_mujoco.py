@@ -31,7 +31,8 @@ def random_joints(rng: np.random.Generator, body: int) -> str:
         text += (
             f'<joint name="joint_{body}_{k}" type="{kind}" axis="{numbers(rng.normal(size=3))}"'
             f' pos="{numbers(rng.normal(0.0, 0.1, 3))}" ref="{rng.normal(0.0, 0.3):.6g}" springref="{rng.normal(0.0, 0.3):.6g}"'
-            f' armature="{rng.uniform(0.0, 0.1):.6g}" damping="{rng.uniform(0.0, 1.0):.6g}" stiffness="{rng.uniform(0.0, 5.0):.6g}"/>'
+            f' armature="{rng.uniform(0.0, 0.1):.6g}" damping="{rng.uniform(0.0, 1.0):.6g}"'
+            f' stiffness="{rng.uniform(0.0, 5.0):.6g}"/>'
         )
     return text
 
@@ -43,7 +44,9 @@ def random_inertial(rng: np.random.Generator) -> str:
     second = rng.uniform(0.5, 2.0) * np.mean(points[:, :, None] * points[:, None, :], axis=0)
     inertia = np.trace(second) * np.eye(3) - second
     full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return f'<inertial pos="{numbers(rng.normal(0.0, 0.1, 3))}" mass="{rng.uniform(0.5, 2.0):.6g}" fullinertia="{numbers(full)}"/>'
+    return (
+        f'<inertial pos="{numbers(rng.normal(0.0, 0.1, 3))}" mass="{rng.uniform(0.5, 2.0):.6g}" fullinertia="{numbers(full)}"/>'
+    )
 
 
 def random_robot(seed: int, floating: bool) -> str:
@@ -138,7 +141,7 @@ def extrapolated(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_fd_converges_to_mujocos_inverse_dynamics(tmp_path: Path, seed: int, floating: bool):
     file = tmp_path / "robot.xml"
     file.write_text(random_robot(seed, floating))
@@ -151,4 +154,4 @@ def test_fd_converges_to_mujocos_inverse_dynamics(tmp_path: Path, seed: int, flo
     size = np.max(np.abs(expected))
     error = np.max(np.abs(found - expected), axis=1) / size
     np.testing.assert_allclose(error[-3:-1] / error[-2:], 2.0, rtol=0.05)  # first order
-    np.testing.assert_allclose(extrapolated(found), expected, atol=1e-7 * size)
+    np.testing.assert_allclose(extrapolated(found), expected, atol=1e-8 * size)

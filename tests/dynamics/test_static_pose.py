@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Coulomb, Smooth
-from octo.dynamics.static_pose import inside_limits, static_pose
+from octo.dynamics.static_pose import UPRIGHT, inside_limits, static_pose
 from octo.errors import ShapeError, StaticPoseError, ValueRangeError
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
 from octo.model.gallery import CHARACTERS
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+from octo.model.load import load
 from octo.model.terrain import Plane, Terrain
 
 
@@ -142,12 +147,55 @@ def test_on_a_slope_the_robot_turns_with_the_ground_and_creeps(gallery):
     assert np.arccos(rotation[0, :, 2] @ outward) < 0.1  # rad
 
 
+def test_a_default_pose_that_falls_gets_its_feet_below_it(gallery):
+    flat, p = gallery("mammal")
+    pose = flat.character.default_pose.copy()
+    pose[7::3] += 1.0  # rad: all thighs back
+    robot = replace(flat.character, default_pose=pose)
+    dynamics = RobotDynamics(robot)
+    with pytest.raises(StaticPoseError, match="trunk comes down on the ground"):
+        static_pose(dynamics, p, pose)  # a pose that the user gives is taken as it is
+    x = static_pose(dynamics, p)
+    assert unactuated_force(dynamics, p, x) < 1e-6
+    assert np.max(np.abs(x[4:6])) < UPRIGHT
+    assert 0.0 < np.max(np.abs(x[robot.actuated] - pose[robot.actuated])) < 1.0
+
+
+@pytest.mark.parametrize("file", ["ant.xml", "humanoid.xml", "walker2d_v5.xml"])
+def test_robots_of_gymnasium_stand(file):
+    """Legs sprawled, on two spheres for feet, and in a plane."""
+    pytest.importorskip("mujoco")
+    found = find_spec("gymnasium")
+    if found is None or found.origin is None:
+        pytest.skip("gymnasium is not installed")
+    robot = load(Path(found.origin).parent / "envs" / "mujoco" / "assets" / file)
+    dynamics = RobotDynamics(robot)
+    weight = robot.mass * 9.81
+    p = dynamics.layout.pack(**{"contact.w_perp": weight / 1.6e-3, "contact.w_par": weight / 1.6e-4})
+    x = static_pose(dynamics, p)
+    assert unactuated_force(dynamics, p, x) < 1e-6
+    tilts = [j for j in robot.unactuated if robot.joints[j].kind == "hinge"]
+    assert np.max(np.abs(x[tilts])) < UPRIGHT
+    assert np.all(x >= robot.lower) and np.all(x <= robot.upper)
+
+
 def test_a_hill_written_by_the_user(block):
     """On the top of a paraboloid nothing slides."""
     hill = Terrain(lambda point, p: point[2] + p["bend"] * (point[0] ** 2 + point[1] ** 2), {"bend": 0.3})
     dynamics = RobotDynamics(block, terrain=hill)
     x = static_pose(dynamics, dynamics.layout.pack())
     assert unactuated_force(dynamics, dynamics.layout.pack(), x) < 1e-6
+
+
+@pytest.mark.parametrize("chart", ["zyx", "zxy"])
+def test_both_charts_lie_flat_on_a_slope_of_any_direction(block, chart):
+    body = replace(block.bodies[0], joints=floating_base(chart=chart))
+    ground = Plane(slope=0.3, direction=2.0)
+    dynamics = RobotDynamics(replace(block, bodies=(body,), chart=chart), terrain=ground)
+    pose = vector(0.4, -0.2, 0.0, 0.7, 0.0, 0.0)
+    rotation, _ = body_poses(dynamics.character, static_pose(dynamics, dynamics.layout.pack(), pose))
+    outward = vector(*(ground.parameters[f"normal_{axis}"] for axis in "xyz"))
+    assert rotation[0, :, 2] @ outward > np.cos(0.02)  # friction's moment leans it by less than a degree
 
 
 def test_no_friction_at_all_slides_but_keeps_its_height(block):
