@@ -5,6 +5,9 @@ void octo_kin(const double *x, double *kin) {}
 
 void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
                const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
+#ifdef __CUDACC_RTC__
+  if (threadIdx.x > 0) return; /* one thread a step: CasADi's text is serial */
+#endif
   const double *arg[5] = {x_next, x, x_prev, p, lam};
   double *res[3] = {fd, jac, hess};
   if (order == 0) octo_fd0(arg, res, 0, work, 0);

@@ -1,0 +1,86 @@
+"""CUDA text to machine code with NVRTC from the wheel ``nvidia-cuda-nvrtc``: no driver, no GPU, no toolkit needed."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import importlib.util
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from octo.errors import DeviceError, MissingExtraError
+
+# CasADi's C text has no execution spaces: everything that is not a kernel is device code. Line numbers keep its errors legible.
+OPTIONS = ("-default-device", "-std=c++17", "-Xptxas", "-v")
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """What ptxas says of one kernel."""
+
+    name: str
+    registers: int
+    stack: int  # bytes a thread
+    spill_stores: int  # bytes a thread
+    spill_loads: int
+
+
+@dataclass(frozen=True)
+class Binary:
+    """A compiled text: the cubin, what ptxas says of each kernel, and the compiler's whole log."""
+
+    cubin: bytes
+    kernels: dict[str, Kernel]
+    log: str
+
+
+def compile_text(text: str, architecture: str = "sm_90", options: tuple[str, ...] = OPTIONS) -> Binary:
+    """Machine code of ``text`` for one real architecture; refuses with the compiler's log."""
+    library = _library()
+    program = ctypes.c_void_p()
+    _check(library, library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), b"octo.cu", 0, None, None))
+    try:
+        words = [f"--gpu-architecture={architecture}".encode(), *(word.encode() for word in options)]
+        status = library.nvrtcCompileProgram(program, len(words), (ctypes.c_char_p * len(words))(*words))
+        log = _read(library, "ProgramLog", program).rstrip(b"\0").decode(errors="replace")
+        if status != 0:
+            raise DeviceError(f"NVRTC could not compile octo's text for {architecture}: {log.strip()[:2000]}")
+        return Binary(_read(library, "CUBIN", program), _kernels(log), log)
+    finally:
+        library.nvrtcDestroyProgram(ctypes.byref(program))
+
+
+@functools.cache
+def _library() -> ctypes.CDLL:
+    spec = importlib.util.find_spec("nvidia")
+    for folder in spec.submodule_search_locations or () if spec else ():
+        for path in sorted(Path(folder).rglob("libnvrtc.so.*"), reverse=True):
+            for builtins in path.parent.glob("libnvrtc-builtins.so.*"):
+                ctypes.CDLL(str(builtins))  # NVRTC opens it by name, and the wheel's folder is on no search path
+            return ctypes.CDLL(str(path))
+    raise MissingExtraError("compiling for the GPU", "gpu")
+
+
+def _check(library: ctypes.CDLL, status: int) -> None:
+    if status != 0:
+        library.nvrtcGetErrorString.restype = ctypes.c_char_p
+        raise DeviceError(f"NVRTC: {library.nvrtcGetErrorString(status).decode()}")
+
+
+def _read(library: ctypes.CDLL, what: str, program: ctypes.c_void_p) -> bytes:
+    size = ctypes.c_size_t()
+    _check(library, getattr(library, f"nvrtcGet{what}Size")(program, ctypes.byref(size)))
+    buffer = ctypes.create_string_buffer(size.value)
+    _check(library, getattr(library, f"nvrtcGet{what}")(program, buffer))
+    return buffer.raw
+
+
+def _kernels(log: str) -> dict[str, Kernel]:
+    """The kernels' lines of ptxas' log."""
+    pattern = (
+        r"Compiling entry function '(\w+)'.*?(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads"
+        r".*?Used (\d+) registers"
+    )
+    found = re.findall(pattern, log, re.DOTALL)
+    return {name: Kernel(name, int(used), int(stack), int(stores), int(loads)) for name, stack, stores, loads, used in found}
