@@ -24,9 +24,9 @@ EQUILIBRATIONS = 3  # passes of Ruiz scaling: the largest entry of every row and
 
 @dataclass(frozen=True)
 class _Level:
-    """One level: what eliminates the E blocks second to last, fourth to last, …; with an even number of blocks the
+    """What eliminates every other block of one level, counted back from the last but one.
 
-    first is one of them (`lead` is 1) and has no block before it.
+    Of an even number of blocks the first is eliminated; it has no block before it, and `lead` is 1.
     """
 
     lead: int
@@ -160,14 +160,11 @@ class CyclicReductionFactor:
         rhs_v: Array,
         rhs_c: Array | None = None,
         *,
-        refine: int = 1,
-        tolerance: float = 1e-14,
+        refine: int = 3,
+        tolerance: float = 1e-10,
         check: bool = False,
     ) -> tuple[Array, Array]:
-        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``.
-
-        Where eigenvalues were shifted, two refinements more than asked are allowed.
-        """
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``."""
         xp, (batch, K, nc, ma) = self._xp, self.shape
         columns_v = rhs_v if rhs_v.ndim == 4 else rhs_v[..., None]
         if columns_v.shape[:3] != (batch, K, nc):
@@ -182,14 +179,13 @@ class CyclicReductionFactor:
         size = xp.where(size > 0, size, 1.0)
         self.residual = xp.full(size.shape, xp.nan)
         dv, lam = self._once(columns_v, columns_c)
-        allowed = refine + (2 if refine and bool(self.shifted.any()) else 0)
-        for step in range(allowed + 1):
-            if step == allowed and not check:
+        for step in range(refine + 1):
+            if step == refine and not check:
                 break
             left_v, left_c = self._blocks.residual(dv, lam, self._sigma, columns_v, columns_c)
             self.residual = self._largest(left_v, left_c) / size
             coarse = self.residual > tolerance
-            if step == allowed or not bool(coarse.any()):
+            if step == refine or not bool(coarse.any()):
                 break
             more_v, more_lam = self._once(left_v, left_c)
             dv, lam = dv + more_v, lam + more_lam

@@ -140,13 +140,14 @@ class EliminationFactor:
         rhs_v: Floats,
         rhs_c: Floats | None = None,
         *,
-        refine: int = 1,
-        tolerance: float = 1e-14,
+        refine: int = 3,
+        tolerance: float = 1e-10,
         check: bool = False,
     ) -> tuple[Floats, Floats]:
         """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of KKT [dv; lam] = [rhs_v; rhs_c].
 
-        rhs_c None is zero. At most `refine` refinements, while the relative residual exceeds `tolerance`;
+        rhs_c None is zero. At most `refine` refinements, while the relative residual exceeds `tolerance` (each wins
+        four digits or more: Nodes rarely needs one, Hermite one or two);
         `residual` (batch, count) is then the last one computed, that of the answer itself with `check`.
         A member that is not `usable` gets NaN.
         """

@@ -24,7 +24,8 @@ class KKTFactor(Protocol):
     """What a factored batch offers; every array has a leading batch axis.
 
     negative: eigenvalues or pivots that should be positive and are not (one or more where `stop` left early);
-    first_bad: unit of the first one, −1 for none or unknown; usable: can solve; residual (batch, count): the relative residual last computed by ``solve``.
+    first_bad: unit of the first one, −1 for none or unknown; usable: can solve;
+    residual (batch, count): the relative residual last computed by ``solve``.
     """
 
     negative: Array
@@ -42,8 +43,8 @@ class KKTFactor(Protocol):
         rhs_v: Array,
         rhs_c: Array | None = None,
         *,
-        refine: int = 1,
-        tolerance: float = 1e-14,
+        refine: int = 3,
+        tolerance: float = 1e-10,
         check: bool = False,
     ) -> tuple[Array, Array]:
         """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of the right-hand side (rhs_v, rhs_c)."""

@@ -33,7 +33,7 @@ def relative_residual(system, dv, lam, sigma=None) -> float:
 def test_solves_the_dense_system(random_system, nc, ma, K):
     system = random_system(K, 2, K, nc, ma)
     factor = factorize(system.H, system.A)
-    dv, lam = factor.solve(-system.b, -system.C, refine=2)
+    dv, lam = factor.solve(-system.b, -system.C, tolerance=1e-14)
     rhs = np.concatenate([-system.b.reshape(2, -1), -system.C.reshape(2, -1)], axis=1)
     dense = np.linalg.solve(system.dense(), rhs[..., None])[..., 0]
     found = np.concatenate([dv.reshape(2, -1), lam.reshape(2, -1)], axis=1)
@@ -56,7 +56,7 @@ def test_inertia_is_that_of_the_dense_matrix(random_system, split, nc, ma, lower
             definite = bool((reduced_eigenvalues(H[m], A[m]) > 0).all())
             assert counted.negative[m] == excess
             assert counted.inertia_ok[m] == stopped.inertia_ok[m] == definite
-        dv, lam = counted.solve(-system.b, -system.C, refine=2)
+        dv, lam = counted.solve(-system.b, -system.C, tolerance=1e-14)
         assert relative_residual(system, dv, lam) < 1e-9
 
 
@@ -83,7 +83,7 @@ def test_structurally_singular_first_rows(random_system, nc, ma, rank):
     system.A[:, 7, 0] = 0.0  # the rows of the last unit touch earlier ones only
     system.A[:, 6, 0, :, rank:] = 0.0
     factor = factorize(system.H, system.A)
-    dv, lam = factor.solve(-system.b, -system.C, refine=2)
+    dv, lam = factor.solve(-system.b, -system.C, tolerance=1e-14)
     assert not factor.dependent.any() and factor.inertia_ok.all()
     assert relative_residual(system, dv, lam) < 1e-11
 
@@ -107,7 +107,7 @@ def test_dependent_rows_are_counted_and_harmless(random_system, split, kind):
     _, (A,) = split(system)
     assert factor.dependent[0] == K * ma - np.linalg.matrix_rank(A) == 1
     assert factor.inertia_ok.all()
-    dv, lam = factor.solve(-system.b, consistent, refine=2)
+    dv, lam = factor.solve(-system.b, consistent, tolerance=1e-14)
     stationarity, feasibility = system.residual(dv, lam, rhs_c=consistent)
     assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-10
 
@@ -119,7 +119,7 @@ def test_rank_deficient_chain_of_fixed_units(random_system):
     system.H[:, 5, 1:] = 0.0
     system.H[:, 5, 0] = np.eye(6)
     factor = factorize(system.H, system.A)
-    dv, lam = factor.solve(-system.b, -system.C, refine=2)
+    dv, lam = factor.solve(-system.b, -system.C, tolerance=1e-14)
     assert factor.inertia_ok.all() and relative_residual(system, dv, lam) < 1e-11
     np.testing.assert_allclose(dv[:, 5], -system.b[:, 5], atol=1e-12)
 
@@ -156,7 +156,7 @@ def test_two_threads_from_both_ends_agree_with_one(random_system, monkeypatch, n
     np.testing.assert_array_equal(one.inertia_ok, factorize(system.H, system.A, 0.1, threads=4).inertia_ok)
     np.testing.assert_array_equal(one.first_bad < 0, both.first_bad < 0)
     np.testing.assert_array_equal(one.dependent, both.dependent)
-    for own, other in zip(one.solve(*columns, refine=2), both.solve(*columns, refine=2, check=True), strict=True):
+    for own, other in zip(one.solve(*columns, tolerance=1e-14), both.solve(*columns, tolerance=1e-14, check=True), strict=True):
         np.testing.assert_allclose(own, other, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0)))
     assert both.residual.max() < 1e-9
     again = factorize(system.H, system.A, 0.1, stop=False, threads=4)
@@ -170,7 +170,7 @@ def test_dependent_rows_and_nan_with_two_threads(random_system, monkeypatch):
         system.A[:, k, :, 2] = 3.0 * system.A[:, k, :, 0]
     consistent = system.constraints_times(np.random.default_rng(0).standard_normal((1, 12, 6)))
     factor = factorize(system.H, system.A, threads=2)
-    dv, lam = factor.solve(-system.b, consistent, refine=2)
+    dv, lam = factor.solve(-system.b, consistent, tolerance=1e-14)
     assert factor.dependent[0] == 3 and factor.inertia_ok.all()
     assert max(np.abs(part).max() for part in system.residual(dv, lam, rhs_c=consistent)) < 1e-10
     for k in (0, 5, 11):
@@ -194,7 +194,7 @@ def test_a_nan_right_hand_side_stays_in_its_member(random_system):
 def test_every_shape_of_sigma(random_system, shape):
     system = random_system(1, 2, 5, 4, 3)
     sigma = 0.5 + np.random.default_rng(0).random(shape)
-    dv, lam = factorize(system.H, system.A, sigma).solve(-system.b, -system.C)
+    dv, lam = factorize(system.H, system.A, sigma).solve(-system.b, -system.C, tolerance=0.0)
     assert relative_residual(system, dv, lam, sigma) < 1e-13
 
 
@@ -202,10 +202,10 @@ def test_columns_are_solved_like_single_right_hand_sides(random_system):
     system = random_system(1, 2, 5, 18, 6)
     factor = factorize(system.H, system.A, 0.1)
     columns_v, columns_c = np.stack([system.b, 2 * system.b], -1), np.stack([system.C, 0 * system.C], -1)
-    dv, lam = factor.solve(columns_v, columns_c, check=True)
+    dv, lam = factor.solve(columns_v, columns_c, tolerance=0.0, check=True)
     assert factor.residual.shape == (2, 2) and (factor.residual < 1e-13).all()
     for c in range(2):
-        own_v, own_lam = factor.solve(columns_v[..., c], columns_c[..., c])
+        own_v, own_lam = factor.solve(columns_v[..., c], columns_c[..., c], tolerance=0.0)
         np.testing.assert_allclose(dv[..., c], own_v, atol=1e-13)
         np.testing.assert_allclose(lam[..., c], own_lam, atol=1e-12)
     zero, _ = factor.solve(system.b)
@@ -220,7 +220,7 @@ def test_badly_scaled_rows_and_weak_hessian(random_system):
     system.H[:] *= 1e-6
     system.b[:] *= 1e-6
     factor = factorize(system.H, system.A)
-    dv, lam = factor.solve(-system.b, -system.C, refine=2)
+    dv, lam = factor.solve(-system.b, -system.C, tolerance=1e-14)
     stationarity, feasibility = system.residual(dv, lam)
     assert factor.inertia_ok.all()
     assert np.abs(stationarity).max() < 1e-18 and np.abs(feasibility).max() < 1e-9

@@ -55,7 +55,7 @@ def test_cyclic_reduction_against_the_dense_matrix(random_system, nc, ma, K):
         np.testing.assert_array_equal(factor.negative, excess)
         np.testing.assert_array_equal(factor.inertia_ok, excess == 0)
         assert (factor.first_bad[excess == 0] == -1).all()
-        _, lam = factor.solve(-system.b, -system.C, refine=2, check=True)
+        _, lam = factor.solve(-system.b, -system.C, tolerance=1e-14, check=True)
         assert lam.shape == (2, K, ma)
         assert factor.residual.max() < (1e-12 if lowered == 0.0 else 1e-9)
 
@@ -75,7 +75,7 @@ def test_both_ways_agree(random_system, nc, ma, fixed, lowered):
         np.testing.assert_array_equal(one.negative, other.negative)
         np.testing.assert_array_equal(one.inertia_ok, other.inertia_ok)
         columns = [np.stack([-part, 2 * part], axis=-1) for part in (system.b, system.C)]
-        for own, paired in zip(one.solve(*columns, refine=2), other.solve(*columns, refine=2), strict=True):
+        for own, paired in zip(one.solve(*columns, tolerance=1e-14), other.solve(*columns, tolerance=1e-14), strict=True):
             np.testing.assert_allclose(own, paired, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0)))
 
 
@@ -88,7 +88,7 @@ def test_both_ways_on_a_hermite_like_tail(random_system):
     for method in ("elimination", "cyclic_reduction"):
         factor = factorize(system.H, system.A, method=method)
         assert factor.inertia_ok.all()
-        solutions.append(factor.solve(-system.b, -system.C, refine=2, check=True))
+        solutions.append(factor.solve(-system.b, -system.C, tolerance=1e-14, check=True))
         assert factor.residual.max() < 1e-10
     for own, other in zip(*solutions, strict=True):
         np.testing.assert_allclose(own, other, atol=1e-8 * np.abs(own).max())
@@ -99,7 +99,7 @@ def test_dependent_rows_in_cyclic_reduction(random_system):
     system.A[:, 4, :, 2] = 3.0 * system.A[:, 4, :, 0]
     consistent = system.constraints_times(np.random.default_rng(0).standard_normal((1, 7, 6)))
     factor = CyclicReductionFactor(system.H, system.A)
-    dv, lam = factor.solve(-system.b, consistent, refine=2)
+    dv, lam = factor.solve(-system.b, consistent, tolerance=1e-14)
     stationarity, feasibility = system.residual(dv, lam, rhs_c=consistent)
     assert factor.inertia_ok.all() and factor.shifted[0] == 1
     assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-10
