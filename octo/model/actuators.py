@@ -1,4 +1,4 @@
-"""MuJoCo's actuators -> which joints are actuated, by how much at most."""
+"""MuJoCo's actuators -> which joints are actuated, by how much at most, and what they add to the joint."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def joint_actuation(source: RobotFile, j: int) -> tuple[bool, float, float]:
     if source.effort is not None:
         name = model.joint(j).name
         return True, source.effort[name], 1.0
-    actuators = [a for a in range(actuator_count(model)) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+    actuators = actuators_of(model, j)
     if not actuators:
         return False, math.inf, 1.0
     limit = sum(torque_limit(model, a) for a in actuators)
@@ -25,14 +25,18 @@ def joint_actuation(source: RobotFile, j: int) -> tuple[bool, float, float]:
     return True, limit, gear(model, actuators[0])
 
 
-def actuator_count(model: Any) -> int:
-    """From MuJoCo 4 on an actuator may have several controls, before it has one."""
-    return int(getattr(model, "nactuator", model.nu))
+def actuators_of(model: Any, j: int) -> list[int]:
+    return [a for a in range(model.nactuator) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+
+
+def reflected(model: Any, j: int, field: Any) -> float:
+    """What a property of its actuators (inertia, damping) is at joint ``j``: times the square of the gear."""
+    return sum(_transmission(model, a) ** 2 * float(field[a]) for a in actuators_of(model, j))
 
 
 def control_index(model: Any, a: int) -> int:
-    """Index of the first control of actuator ``a``."""
-    return int(model.actuator_ctrladr[a]) if hasattr(model, "actuator_ctrladr") else a
+    """Index of the first control of actuator ``a``: an actuator may have several."""
+    return int(model.actuator_ctrladr[a])
 
 
 def drives_joint(model: Any, a: int) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from octo.errors import ModelError, RobotFileError
-from octo.model.actuators import joint_actuation
+from octo.model.actuators import joint_actuation, reflected
 from octo.model.character import Array, Body, Character, Joint, floating_base
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
@@ -102,7 +102,8 @@ def _joints_of(model: Any, b: int) -> range:
 
 def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Joint, ...]:
     """The floating base, with the armature and damping of the file's free joint if it has one."""
-    joints = floating_base(chart=chart)
+    endings = [joint.name.removeprefix("base") for joint in floating_base("base", chart)]
+    joints = floating_base(_free_prefix(model, "base", endings), chart)
     if model.body_jntnum[b] == 0:
         return joints
     first = model.body_dofadr[b]
@@ -110,6 +111,14 @@ def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Jo
     if armature[3:].any() or damping[3:].any():
         notes.append(f"armature and damping of the free joint of {name_of(model, 'body', b)}: taken about yaw, pitch and roll")
     return tuple(replace(j, armature=float(a), damping=float(d)) for j, a, d in zip(joints, armature, damping, strict=True))
+
+
+def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
+    """``prefix``, with an underscore in front for as long as the file has joints of the names that come of it."""
+    taken = {name_of(model, "joint", j) for j in range(model.njnt)}
+    while any(prefix + ending in taken for ending in endings):
+        prefix = f"_{prefix}"
+    return prefix
 
 
 def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
@@ -124,13 +133,14 @@ def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
         "actuated": actuated,
         "torque_limit": limit,
         "gear": gear,
-        "armature": float(model.dof_armature[dof]),
-        "damping": float(model.dof_damping[dof]),
+        "armature": float(model.dof_armature[dof]) + reflected(model, j, model.actuator_armature),
+        "damping": float(model.dof_damping[dof]) + reflected(model, j, model.actuator_damping),
         "stiffness": float(model.jnt_stiffness[j]),
     }
     if kind == mujoco.mjtJoint.mjJNT_BALL:
         notes.append(_ball_note(model, j, name))
-        return tuple(Joint(f"{name}_{c}", "hinge", AXES[c], **common) for c in BALL_ORDER)
+        prefix = _free_prefix(model, name, [f"_{c}" for c in BALL_ORDER])
+        return tuple(Joint(f"{prefix}_{c}", "hinge", AXES[c], **common) for c in BALL_ORDER)
     address = model.jnt_qposadr[j]
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
     return (

@@ -7,18 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from octo.model.actuators import actuator_count, control_index, drives_joint, is_motor
+from octo.model.actuators import control_index, drives_joint, is_motor
 from octo.model.robot_file import import_mujoco, name_of
 
+# Flags of <option><flag> by which a file switches off something that octo models.
+FLAGS = ("gravity", "spring", "damper", "contact", "limit", "actuation")
 
-def left_out_features(model: Any, left_out: frozenset[int], free_body: int | None) -> list[str]:
-    """Sentences about what of the robot's part of ``model`` octo leaves out."""
-    return [
-        *_joint_features(model, left_out),
-        *_actuator_features(model, free_body),
-        *_ties(model),
-        *_world_features(model),
-    ]
+
+def left_out_features(model: Any, left_out: frozenset[int]) -> list[str]:
+    """Sentences about what of the robot's part of ``model`` octo leaves out; ``left_out``: bodies that are not the robot's."""
+    return [*_joint_features(model, left_out), *_actuator_features(model), *_ties(model), *_world_features(model)]
 
 
 def _listed(what: str, names: Iterable[str]) -> list[str]:
@@ -34,9 +32,9 @@ def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
         return [name_of(model, "joint", j) for j in joints if condition(j, model.jnt_dofadr[j])]
 
     sentences = _listed("dry friction (frictionloss) of joints", named(lambda j, d: model.dof_frictionloss[d] > 0.0))
-    sentences += _listed("springs that are not linear", named(lambda j, d: np.any(_poly(model, "jnt_stiffnesspoly", j))))
-    sentences += _listed("damping that is not linear", named(lambda j, d: np.any(_poly(model, "dof_dampingpoly", d))))
-    sentences += _listed("plastic springs", named(lambda j, d: _poly(model, "jnt_plasticadr", j, -1) >= 0))
+    sentences += _listed("springs that are not linear", named(lambda j, d: model.jnt_stiffnesspoly[j].any()))
+    sentences += _listed("damping that is not linear", named(lambda j, d: model.dof_dampingpoly[d].any()))
+    sentences += _listed("plastic springs", named(lambda j, d: model.jnt_plasticadr[j] >= 0))
     heavy = [name_of(model, "body", b) for b in bodies if model.body_gravcomp[b] != 0.0]
     sentences += _listed("gravity compensation of bodies", heavy)
     return sentences + _listed(
@@ -44,16 +42,11 @@ def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
     )
 
 
-def _poly(model: Any, name: str, index: int, default: float = 0.0) -> Any:
-    """A field of newer MuJoCo models, ``default`` in older ones."""
-    return getattr(model, name)[index] if hasattr(model, name) and len(getattr(model, name)) else default
-
-
-def _actuator_features(model: Any, free_body: int | None) -> list[str]:
+def _actuator_features(model: Any) -> list[str]:
     mujoco = import_mujoco()
     sentences, laws, one_sided = [], [], []
     owners: dict[int, list[str]] = {}
-    for a in range(actuator_count(model)):
+    for a in range(model.nactuator):
         name = name_of(model, "actuator", a)
         if not drives_joint(model, a):
             kind = mujoco.mjtTrn(model.actuator_trntype[a]).name.removeprefix("mjTRN_").lower()
@@ -66,20 +59,26 @@ def _actuator_features(model: Any, free_body: int | None) -> list[str]:
         owners.setdefault(j, []).append(name)
         if not is_motor(model, a):
             laws.append(name)
-        limits = [(model.actuator_forcelimited[a], model.actuator_forcerange[a])]
-        control = control_index(model, a)
-        if is_motor(model, a):
-            limits.append((model.actuator_ctrllimited[control], model.actuator_ctrlrange[control]))
-        if any(limited and not np.isclose(-interval[0], interval[1]) for limited, interval in limits):
+        if _one_sided(model, a):
             one_sided.append(name)
-    sentences += _listed("control laws (servo, activation, muscle) of actuators, u is the torque at the joint", laws)
+    sentences += _listed("control laws (servo, activation, muscle), u is the torque at the joint, of actuators", laws)
     sentences += _listed("ranges that are not symmetric, the larger side counts, of actuators", one_sided)
     for j, names in owners.items():
         if len(names) > 1:
+            joint = name_of(model, "joint", j)
             sentences.append(
-                f"joint {name_of(model, 'joint', j)} has {len(names)} actuators ({', '.join(names)}): one torque with the sum of their limits"
+                f"joint {joint} has {len(names)} actuators ({', '.join(names)}): one torque, with the sum of their limits"
             )
     return sentences
+
+
+def _one_sided(model: Any, a: int) -> bool:
+    """Whether a range that bounds the torque of actuator ``a`` is not symmetric."""
+    control = control_index(model, a)
+    ranges = [(model.actuator_forcelimited[a], model.actuator_forcerange[a])]
+    if is_motor(model, a):
+        ranges.append((model.actuator_ctrllimited[control], model.actuator_ctrlrange[control]))
+    return any(limited and not np.isclose(-lower, upper) for limited, (lower, upper) in ranges)
 
 
 def _ties(model: Any) -> list[str]:
@@ -89,34 +88,28 @@ def _ties(model: Any) -> list[str]:
         kind = mujoco.mjtEq(model.eq_type[e]).name.removeprefix("mjEQ_").lower()
         sentences.append(f"equality constraint {name_of(model, 'equality', e)} ({kind})")
     for t in range(model.ntendon):
-        what = [
-            w
-            for w, on in (
-                ("limits", model.tendon_limited[t]),
-                ("spring", model.tendon_stiffness[t]),
-                ("damping", model.tendon_damping[t]),
-            )
-            if on
-        ]
-        sentences.append(f"tendon {name_of(model, 'tendon', t)}{' with ' + ', '.join(what) if what else ''}")
+        fields = ("limited", "stiffness", "damping", "armature", "frictionloss")
+        acts = [field for field in fields if getattr(model, f"tendon_{field}")[t]]
+        sentences.append(f"tendon {name_of(model, 'tendon', t)}{': ' if acts else ''}{', '.join(acts)}")
     return sentences
 
 
 def _world_features(model: Any) -> list[str]:
-    sentences = []
-    option = model.opt
+    option, sentences = model.opt, []
     if option.density or option.viscosity or np.any(option.wind):
-        sentences.append(f"fluid (density {option.density:g}, viscosity {option.viscosity:g}, wind)")
+        sentences.append(f"fluid (density {option.density:g} kg/m³, viscosity {option.viscosity:g} Pa s, wind)")
     if not np.allclose(option.gravity, (0.0, 0.0, -9.81), atol=0.02):
-        sentences.append(
-            f"gravity {tuple(float(v) for v in option.gravity)}: gravity is a parameter of the problem, 9.81 m/s² down unless said otherwise"
-        )
+        gravity = ", ".join(f"{value:g}" for value in option.gravity)
+        sentences.append(f"gravity ({gravity}) m/s²: gravity is a parameter of the problem, 9.81 down unless said otherwise")
+    bits = import_mujoco().mjtDisableBit
+    sentences += _listed(
+        "flags that switch off", [flag for flag in FLAGS if option.disableflags & int(getattr(bits, f"mjDSBL_{flag.upper()}"))]
+    )
     if model.nflex:
         sentences.append(f"{model.nflex} deformable bodies (flex)")
     if model.nplugin:
         sentences.append(f"{model.nplugin} plugins")
-    friction = {float(f) for f in model.geom_friction[:, 0]} - {1.0}
-    if friction or model.npair:
+    if model.npair or {float(friction) for friction in model.geom_friction[:, 0]} - {1.0}:
         sentences.append("contact parameters of geoms (friction, solref, margin): the contact law is the problem's")
     if model.nexclude:
         sentences.append(f"{model.nexclude} contact exclusions: self-collision pairs are chosen by octo")

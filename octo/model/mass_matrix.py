@@ -63,8 +63,10 @@ def check_mass_matrix(character: Character, file: str) -> None:
         if values[0] > best:
             best, motion = values[0], vectors[:, 0] / scale
     if not best > SMALLEST:
-        joint = character.joints[int(np.argmax(np.abs(motion)))].name
-        hint = "; base='fixed' takes the base away" if character.base == "floating" else ""
+        share = np.abs(motion) / np.abs(motion).max()
+        involved = [joint.name for joint, part in zip(character.joints, share, strict=True) if part > 0.1]
+        of_base = character.base == "floating" and not set(involved).isdisjoint(joint.name for joint in character.joints[:6])
+        hint = "; base='fixed' takes the base away" if of_base else ""
         raise ModelError(
-            f"{file}: joint {joint!r} and what moves with it have an inertia of {best:.1e} of their own, must be positive{hint}"
+            f"{file}: joints {', '.join(involved)}: a motion of theirs has no inertia ({best:.0e}), every one must{hint}"
         )

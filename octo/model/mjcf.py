@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
-from octo.model.actuators import actuator_count, drives_joint
+from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.features import left_out_features
-from octo.model.robot_file import RobotFile, import_mujoco, name_of, one_line
+from octo.model.robot_file import RobotFile, import_mujoco, name_of, one_line, quiet_compiler
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
@@ -31,7 +30,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
         free = _body_to_free(path.name, model, others)
     name = path.stem if spec.modelname in ("", UNNAMED) else spec.modelname
     source = RobotFile(model, name, path.name, free, left_out=others)
-    notes += left_out_features(model, others, free)
+    notes += left_out_features(model, others)
     return character_of(source, notes)
 
 
@@ -39,10 +38,9 @@ def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
     """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give no mass."""
     mujoco = import_mujoco()
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        _drop_missing_meshes(path, spec, notes)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # deprecated settings of the compiler still do what the file means
+        with quiet_compiler():
+            spec = mujoco.MjSpec.from_file(str(path))
+            _drop_missing_meshes(path, spec, notes)
             return spec, spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}") from None
@@ -55,11 +53,12 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     }
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
-            what = f"mesh file {missing[geom.meshname].file} is missing and body {geom.parent.name!r} takes its mass from it"
+            mesh = Path(missing[geom.meshname].file).name
+            what = f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
             raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
         spec.delete(geom)
     for mesh in missing.values():
-        notes.append(f"mesh {mesh.file}: the file is missing")
+        notes.append(f"mesh {Path(mesh.file).name}: the file is missing")
         spec.delete(mesh)
 
 
@@ -73,7 +72,7 @@ def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int
     for b in range(1, model.nbody):
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
     driven = np.zeros(model.nbody, dtype=int)
-    for a in range(actuator_count(model)):
+    for a in range(model.nactuator):
         if drives_joint(model, a):
             driven[model.jnt_bodyid[model.actuator_trnid[a, 0]]] += 1
     robot = max(trees, key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +68,20 @@ def import_mujoco() -> Any:
         return importlib.import_module("mujoco")
     except ImportError:
         raise MissingExtraError("reading robot files", "robots") from None
+
+
+@contextmanager
+def quiet_compiler() -> Iterator[None]:
+    """MuJoCo's compiler without its warnings, which it also writes to a file in the working directory."""
+    mujoco = import_mujoco()
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(handler)
 
 
 def one_line(error: Exception) -> str:

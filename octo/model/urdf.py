@@ -17,7 +17,7 @@ from octo.errors import RobotFileError, UnsupportedFeatureError
 from octo.model import urdf_elements as elements
 from octo.model.character import Character
 from octo.model.compiled import character_of
-from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line
+from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line, quiet_compiler
 
 READABLE_MESHES = (".stl", ".obj", ".msh")
 STAND_IN = 1e-10  # kg or kg m², for what MuJoCo refuses to compile; the character gets what the file says
@@ -31,7 +31,8 @@ class Prepared:
     name: str
     tree: ElementTree.Element
     root: str  # link that hangs on the world
-    meshes: dict[str, bytes] = field(default_factory=dict)
+    meshes: dict[str, bytes] = field(default_factory=dict)  # contents by name inside the prepared file
+    mesh_names: dict[tuple[Path, str], str] = field(default_factory=dict)  # (file, scale) -> that name
     mesh_files: dict[str, str] = field(default_factory=dict)  # name inside the prepared file -> as written
     inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
     efforts: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
@@ -42,7 +43,8 @@ class Prepared:
 def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
     """The character of a URDF; ``base`` "auto" is a floating one."""
     prepared = prepare(path)
-    model = compile_prepared(prepared)
+    with quiet_compiler():
+        model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
     source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, prepared.efforts)
     meshes = [
@@ -191,21 +193,22 @@ def _take_mesh(prepared: Prepared, link: str, mesh: ElementTree.Element) -> bool
     if suffix not in READABLE_MESHES or found is None:
         prepared.unusable.setdefault((written, reason), []).append(link)
         return False
-    name = f"mesh_{len(prepared.meshes)}{suffix}"
-    prepared.meshes[name] = found.read_bytes()
-    prepared.mesh_files[name] = written
-    mesh.set("filename", name)
+    key = (found, mesh.get("scale", ""))
+    if key not in prepared.mesh_names:
+        name = f"mesh_{len(prepared.meshes)}{suffix}"
+        prepared.mesh_names[key], prepared.mesh_files[name], prepared.meshes[name] = name, written, found.read_bytes()
+    mesh.set("filename", prepared.mesh_names[key])
     return True
 
 
 def find_mesh(written: str, urdf: Path) -> Path | None:
     """The file that ``written`` in ``urdf`` means: package://, file:// or a path beside the URDF; None when missing."""
     here = urdf.resolve().parent
-    if not written.startswith("package://"):
+    scheme, separator, inside = written.partition("://")
+    if scheme not in ("package", "model") or not separator:
         candidates = [here / written.removeprefix("file://")]
     else:
-        inside = written.removeprefix("package://")
-        _package, _, rest = inside.partition("/")
+        rest = inside.partition("/")[2]
         folders = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
         candidates = [folder / inside for folder in (*here.parents, here, *folders)]
         # A package folder is often renamed when it is copied: the rest of the path still says where the mesh is.

@@ -67,16 +67,20 @@ def _addresses(character: Character, model: mujoco.MjModel) -> list[tuple[int, i
 
 def velocity_map(character: Character, model: mujoco.MjModel, x: np.ndarray, h: float = 1e-4) -> np.ndarray:
     """∂qvel/∂ẋ (nv, nx) at x, by central differences on the manifold of configurations, fourth order."""
-    columns = []
-    for j in range(character.nx):
-        step, column = np.eye(character.nx)[j] * h, np.zeros(model.nv)
-        for factor, weight in ((1.0, 4.0 / 3.0), (2.0, -1.0 / 3.0)):
-            ahead, behind = (qpos_of(character, model, x + s * factor * step) for s in (1.0, -1.0))
-            difference = np.zeros(model.nv)
-            mujoco.mj_differentiatePos(model, difference, 2.0 * factor * h, behind, ahead)
-            column += weight * difference
-        columns.append(column)
-    return np.array(columns).T
+    T = np.zeros((model.nv, character.nx))
+    for address, kind, first in _addresses(character, model):
+        dof = int(model.jnt_dofadr[np.flatnonzero(model.jnt_qposadr == address)[0]])
+        if kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            T[dof, first] = 1.0
+            continue
+        for j in range(first, first + (6 if kind == mujoco.mjtJoint.mjJNT_FREE else 3)):
+            step = np.eye(character.nx)[j] * h
+            for factor, weight in ((1.0, 4.0 / 3.0), (2.0, -1.0 / 3.0)):
+                ahead, behind = (qpos_of(character, model, x + s * factor * step) for s in (1.0, -1.0))
+                difference = np.zeros(model.nv)
+                mujoco.mj_differentiatePos(model, difference, 2.0 * factor * h, behind, ahead)
+                T[:, j] += weight * difference
+    return T
 
 
 def mass_matrix_of(character: Character, model: mujoco.MjModel, x: np.ndarray) -> np.ndarray:

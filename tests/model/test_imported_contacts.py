@@ -105,7 +105,8 @@ LEG = """<body name="{name}" pos="0 {y} 0"><joint name="{name}_hip" axis="0 1 0"
 
 def walker(ground='<geom type="plane" size="1 1 1"/>', trunk='type="box" size=".2 .15 .05"', joint="<freejoint/>"):
     legs = LEG.format(name="left", y=0.2) + LEG.format(name="right", y=-0.2)
-    return f'<mujoco><worldbody>{ground}<body name="trunk" pos="0 0 1">{joint}<geom name="trunk" {trunk}/>{legs}</body></worldbody></mujoco>'
+    body = f'<body name="trunk" pos="0 0 1">{joint}<geom name="trunk" {trunk}/>{legs}</body>'
+    return f"<mujoco><worldbody>{ground}{body}</worldbody></mujoco>"
 
 
 @pytest.fixture

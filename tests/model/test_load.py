@@ -12,7 +12,8 @@ from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from octo.model.load import load
 
-URDF = """<robot name="pole"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+URDF = """<robot name="pole"><link name="a"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
 <collision><geometry><sphere radius=".1"/></geometry></collision></link></robot>"""
 
 

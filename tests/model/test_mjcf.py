@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mujoco_oracle import mass_matrix_of, pose_errors, relative_difference
 
-from octo.errors import RobotFileError, UnsupportedFeatureError
+from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
 from octo.model.load import load
 from octo.model.mass_matrix import mass_matrix
 
@@ -37,7 +37,8 @@ def notes(character, word):
 
 
 def leg(joint='<joint name="hip" axis="0 1 0"/>', inside=""):
-    return f'<body name="leg" pos=".1 0 0">{joint}<geom name="shin" type="capsule" fromto="0 0 0 0 0 -.4" size=".05"/>{inside}</body>'
+    geom = '<geom name="shin" type="capsule" fromto="0 0 0 0 0 -.4" size=".05"/>'
+    return f'<body name="leg" pos=".1 0 0">{joint}{geom}{inside}</body>'
 
 
 def trunk(inside, joint="<freejoint/>"):
@@ -137,10 +138,33 @@ def test_joint_force_range_bounds_the_torque(robot):
     assert character.joints[6].torque_limit == 6.0
 
 
+def test_actuator_armature_and_damping_are_the_joints(robot):
+    hip = '<joint name="hip" axis="0 1 0" armature=".5" damping=".25"/>'
+    path = robot(trunk(leg(hip)), '<actuator><motor joint="hip" gear="-3" armature=".1" damping=".2"/></actuator>')
+    character, model = load(path), mujoco.MjModel.from_xml_path(str(path))
+    assert character.joints[6].armature == pytest.approx(0.5 + 9 * 0.1)
+    assert character.joints[6].damping == pytest.approx(0.25 + 9 * 0.2)
+    x = np.random.default_rng(0).uniform(-0.8, 0.8, character.nx)
+    assert relative_difference(mass_matrix(character, x), mass_matrix_of(character, model, x)) < 1e-6
+
+
+def test_names_of_the_base_do_not_collide(robot):
+    inner = leg('<joint name="hip_y"/>').replace('"leg"', '"shank"').replace('"shin"', '"shank"')
+    character = load(robot(trunk(leg('<joint name="base_x" armature=".1"/><joint name="hip" type="ball"/>', inner))))
+    assert [joint.name for joint in character.joints[:2]] == ["_base_x", "_base_y"]
+    assert [joint.name for joint in character.joints[6:]] == ["base_x", "_hip_z", "_hip_y", "_hip_x", "hip_y"]
+
+
+def test_joints_that_move_nothing_together_are_refused(robot):
+    with pytest.raises(ModelError, match="tiny.xml: joints one, two: a motion of theirs has no inertia"):
+        load(robot(trunk(leg('<joint name="one" axis="0 1 0"/><joint name="two" axis="0 1 0"/>'))))
+
+
 def test_actuators_that_no_joint_takes_are_listed(robot):
     site = '<site name="tip"/>'
     tendon = '<tendon><fixed name="rope"><joint joint="hip" coef="1"/></fixed></tendon>'
-    actuators = '<actuator><motor name="pull" tendon="rope"/><motor name="jet" site="tip" gear="0 0 1 0 0 0"/><motor name="lift" joint="root" gear="0 0 1 0 0 0"/></actuator>'
+    actuators = """<actuator><motor name="pull" tendon="rope"/><motor name="jet" site="tip" gear="0 0 1 0 0 0"/>
+      <motor name="lift" joint="root" gear="0 0 1 0 0 0"/></actuator>"""
     character = load(robot(trunk(leg(inside=site), '<freejoint name="root"/>'), tendon + actuators))
     assert character.nu == 0
     for word in ("actuator pull on a tendon", "actuator jet on a site", "actuator lift on the free joint", "tendon rope"):
@@ -149,7 +173,8 @@ def test_actuators_that_no_joint_takes_are_listed(robot):
 
 def test_what_is_dropped_is_listed(robot):
     joint = '<joint name="hip" axis="0 1 0" frictionloss=".1"/><joint name="roll" axis="1 0 0"/>'
-    rest = """<option density="1000" gravity="0 0 -1.6"/><equality><joint name="tie" joint1="hip" joint2="roll"/></equality>
+    rest = """<option density="1000" gravity="0 0 -1.6"><flag contact="disable"/></option>
+      <equality><joint name="tie" joint1="hip" joint2="roll"/></equality>
       <contact><exclude body1="trunk" body2="leg"/></contact>"""
     world = '<geom name="floor" type="plane" size="1 1 1" friction=".5"/>' + trunk(leg(joint)).replace(
         'name="leg"', 'name="leg" gravcomp="1"'
@@ -159,7 +184,8 @@ def test_what_is_dropped_is_listed(robot):
         "frictionloss) of joints: hip",
         "equality constraint tie",
         "fluid",
-        "gravity (0.0, 0.0, -1.6)",
+        "gravity (0, 0, -1.6) m/s²",
+        "flags that switch off: contact",
         "gravity compensation of bodies: leg",
     ]
     words += ["contact parameters", "1 contact exclusions", "1 geoms of the world (plane)"]
