@@ -14,6 +14,10 @@ class OctoError(Exception):
     """Anything octo refuses to do. Catch this to catch every refusal."""
 
 
+class UsageError(OctoError):
+    """A command line that octo does not understand."""
+
+
 class ModelError(OctoError):
     """The robot itself is not legal: masses, tree, joints, contacts."""
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from octo.errors import ProblemError, UnknownNameError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 COMMON: Mapping[str, float] = {
     "dt": 0.025,  # s
@@ -63,7 +65,7 @@ class Layout:
         return {name: p[k] for k, name in enumerate(self.names)}
 
 
-def section(view: Mapping[str, ca.SX], prefix: str) -> dict[str, ca.SX]:
+def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:
     """The entries whose names start with ``prefix``, without it: a law's or a terrain's own parameters."""
     return {name.removeprefix(prefix): value for name, value in view.items() if name.startswith(prefix)}
 

@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.errors import ValueRangeError
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,13 @@ class Terrain:
 
     def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self.expression(point, p)
+
+
+def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str, float]) -> Array:
+    """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
+    point = ca.SX.sym("point", 3)
+    phi = ca.Function("phi", [point], [ca.SX(terrain.distance(point, {name: ca.SX(value) for name, value in values.items()}))])
+    return np.asarray(phi(points.T), dtype=float).reshape(len(points))
 
 
 def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:

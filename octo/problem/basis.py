@@ -157,6 +157,8 @@ class Hermite:
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         q = self.steps_per_segment
+        if steps < 2 * q:
+            raise ProblemError(f"steps is {steps}: a fixed end state needs at least {2 * q} steps in the hermite basis")
         return {steps // q - 1: np.concatenate([x_end, q * dt * v_end], axis=-1)}
 
 

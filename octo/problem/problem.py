@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
+from octo.dynamics.parameters import section
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.kinematics import sphere_centers
+from octo.model.terrain import Plane, Terrain, signed_distance
 from octo.problem.basis import Basis, basis_named
 from octo.problem.codegen import GRAVITY
 from octo.problem.costs import Cost
 from octo.problem.symbols import Setting
 
 Array = NDArray[np.float64]
+BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,6 +39,7 @@ class Problem:
     basis: "nodes", "hermite", or a basis object.
     terrain, law: the ground and the contact law, for a Character.
     x0: (nx,) the start; by default a static pose near the character's default pose.
+    pose: (nx,) the pose a static start is searched from, instead of the character's default one.
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
@@ -45,7 +49,7 @@ class Problem:
     ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the field and what is allowed.
     """
 
-    model: Character | Dynamics
+    model: Character | Dynamics = field(kw_only=False)
     steps: int
     dt: float
     costs: Sequence[Cost]
@@ -53,6 +57,7 @@ class Problem:
     terrain: Plane | Terrain | None = None
     law: ContactLaw | None = None
     x0: Array | None = None
+    pose: Array | None = None
     v0: Array | None = None
     x_end: Array | None = None
     v_end: Array | None = None
@@ -69,11 +74,17 @@ class Problem:
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         self._check_costs()
         self.basis_object.check(self.steps)
-        for name in ("x0", "v0", "x_end", "v_end"):
+        for name in ("x0", "pose", "v0", "x_end", "v_end"):
             self._check_state(name)
+        if self.x0 is not None and self.pose is not None:
+            raise ProblemError("x0 and pose are both given: x0 is the start, pose is where a static one is searched from")
         if self.v_end is not None and self.x_end is None:
             raise ProblemError("v_end is given without x_end: a fixed last velocity needs the last configuration too")
+        if self.x_end is not None:
+            self.basis_object.fixed_end(int(self.steps), self.x_end, self.x_end, float(self.dt))  # refuses too few steps
         self.p  # noqa: B018  (names and values of the parameters are checked here)
+        self._check_ground("x0")
+        self._check_ground("x_end")
 
     def _check_costs(self) -> None:
         if not self.costs:
@@ -96,6 +107,20 @@ class Problem:
         if not np.isfinite(array).all():
             raise ValueRangeError(f"{name} is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}")
         object.__setattr__(self, name, array)
+
+    def _check_ground(self, name: str) -> None:
+        """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out."""
+        x, robot = getattr(self, name), self.character
+        if x is None or robot is None or not robot.terrain_contacts:
+            return
+        values = section(dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True)), "terrain.")
+        spheres = [robot.contacts[k] for k in robot.terrain_contacts]
+        gap = signed_distance(self.terrain or Plane(), sphere_centers(robot, x)[list(robot.terrain_contacts)], values)
+        top = gap + np.array([sphere.radius for sphere in spheres])
+        k = int(np.argmin(top))
+        if top[k] < -BURIED:
+            where = f"contact {spheres[k].name!r} is {-gap[k]:.3g} m deep"
+            raise ProblemError(f"{name} is under the ground: {where}, must be above it or touch it")
 
     @cached_property
     def dynamics(self) -> Dynamics:
@@ -151,11 +176,11 @@ class Problem:
         """(nx,) x_0: as given, or a static pose."""
         if self.x0 is not None:
             return self.x0
-        if self.character is None:
+        if not isinstance(self.dynamics, RobotDynamics):
             raise ProblemError("x0 is missing: user-written dynamics have no static pose to start from")
         from octo.dynamics.static_pose import static_pose
 
-        return static_pose(self.dynamics, p=self.p)
+        return static_pose(self.dynamics, p=self.p, pose=self.pose)
 
     @cached_property
     def start_velocity(self) -> Array:
