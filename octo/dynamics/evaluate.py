@@ -172,7 +172,7 @@ class CustomDynamics(Dynamics):
         value = fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p))
         if ca.SX(value).numel() != nx:
             raise ModelError(f"user-written FD returns {ca.SX(value).numel()} entries, must be nx = {nx}")
-        if not set(int(j) for j in actuated) <= set(range(nx)):
+        if not {int(j) for j in actuated} <= set(range(nx)):
             raise ModelError(f"actuated is {list(actuated)}, must be indices in 0…{nx - 1}")
         names = ["x_next", "x", "x_prev", "p"]
         function = ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"])

@@ -28,16 +28,18 @@ class Status(Enum):
     """Why the solver stopped, in words."""
 
     CONVERGED = "converged: the full step, the constraints and the gradient of the Lagrangian are within tolerance"
-    ACCEPTABLE = "acceptable: the constraints are within tolerance and E has changed by less than 1e-4 of itself over 20 iterations"
+    ACCEPTABLE = "acceptable: the constraints are within tolerance and E has changed by less than 1e-4 of itself in 20 iterations"
     STALLED = "stalled: no step improves the merit any more, and the tests of convergence do not hold"
     ITERATION_LIMIT = "stopped at the limit of iterations before it converged"
     TIME_LIMIT = "stopped at the time limit before it converged"
     INTERRUPTED = "interrupted: this is the best iterate so far"
     NOT_FINITE = "stopped: the dynamics at the start are not finite"
+    SIMULATED = "simulated: every implicit step was solved"
+    UNSOLVED = "simulated, but some implicit steps were not solved"
 
     @property
     def converged(self) -> bool:
-        return self in (Status.CONVERGED, Status.ACCEPTABLE)
+        return self in (Status.CONVERGED, Status.ACCEPTABLE, Status.SIMULATED)
 
     @property
     def label(self) -> str:
@@ -121,7 +123,7 @@ class Solution:
     @property
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
-        return self.dt * np.arange(self.steps + 1)
+        return np.asarray(self.dt * np.arange(self.steps + 1), dtype=float)
 
     @property
     def converged(self) -> bool:

@@ -1,0 +1,190 @@
+"""What the words of the command line mean: numbers, poses, terrains, friction."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
+from octo.errors import ProblemError, RobotFileError, ShapeError, UnknownNameError, UsageError, ValueRangeError
+from octo.model.character import Array, Character
+from octo.model.terrain import Plane, Terrain
+
+WHOLE = 1e-6  # seconds/dt may be that far from a whole number
+POSE_FILES = (".json", ".npy", ".txt")
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """A whole number of at least ``least``, for argparse."""
+
+    def convert(word: str) -> int:
+        try:
+            value = int(word)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise argparse.ArgumentTypeError(f"is {word!r}, must be a whole number of at least {least}")
+        return value
+
+    return convert
+
+
+def number(word: str) -> float:
+    """A finite number, for argparse."""
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"is {word!r}, must be a finite number")
+    return value
+
+
+def positive(word: str) -> float:
+    value = number(word)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"is {word!r}, must be positive")
+    return value
+
+
+def steps_of(seconds: float, dt: float) -> int:
+    """N, the whole number of steps of ``dt`` s in ``seconds``."""
+    count = seconds / dt
+    steps = round(count)
+    if steps < 1 or abs(count - steps) > WHOLE:
+        near = max(1, steps) * dt
+        raise ValueRangeError(f"seconds/dt is {count:.9g}, must be whole to {WHOLE:g} and at least 1: try --seconds {near:.9g}")
+    return steps
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """What says which robot starts how, on what ground."""
+    parser.add_argument("robot", metavar="ROBOT", help="a name that `octo robots` lists, or a URDF or MJCF file")
+    parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
+    parser.add_argument("--pose", metavar="NAME|FILE", help="a pose of the robot's file, or nx numbers in .json, .npy or .txt")
+    parser.add_argument(
+        "--friction", default="viscous", metavar="MU|LAW",
+        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, w_par/w_perp in s/m",
+    )  # fmt: skip
+    parser.add_argument(
+        "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION",
+        help="the ground; FUNCTION(point, p) is a signed distance in CasADi",
+    )  # fmt: skip
+    parser.add_argument("--dt", type=positive, default=0.025, help="s, of one step (default 0.025)")
+
+
+def pose_of(robot: Character, word: str | None) -> Array | None:
+    """(nx,) rad and m: a pose that the robot knows by name, or the numbers of a file."""
+    if word is None:
+        return None
+    if word in robot.poses:
+        return np.asarray(robot.poses[word], dtype=float)
+    path = Path(word)
+    if path.suffix not in POSE_FILES:
+        valid = f"{', '.join(robot.poses) or 'no names'}, or a file ({', '.join(POSE_FILES)})"
+        raise UsageError(f"pose {word!r} is not known; robot {robot.name!r} has {valid}")
+    pose = _read_numbers(path)
+    if pose.shape != (robot.nx,):
+        raise ShapeError(f"pose {word!r}", pose.shape, f"({robot.nx},), the coordinates of {robot.name!r}")
+    if not np.isfinite(pose).all():
+        raise ValueRangeError(f"pose {word!r} is not finite at index {int(np.flatnonzero(~np.isfinite(pose))[0])}")
+    return pose
+
+
+def _read_numbers(path: Path) -> Array:
+    try:
+        if path.suffix == ".json":
+            return np.asarray(json.loads(path.read_text()), dtype=float)
+        if path.suffix == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False), dtype=float)
+        return np.atleast_1d(np.loadtxt(path)).ravel()
+    except FileNotFoundError as error:
+        raise RobotFileError(f"pose file {path} does not exist") from error
+    except (OSError, ValueError, TypeError) as error:
+        raise RobotFileError(f"pose file {path} does not hold a list of numbers: {error}") from error
+
+
+def law_of(word: str) -> ContactLaw | None:
+    """The contact law of ``--friction``; None is octo's own."""
+    name, _, value = word.partition(":")
+    if name == "viscous":
+        ratio = _friction_number(word, value, None)
+        return None if ratio is None else Smooth(friction=Viscous(w_par=ratio * Smooth().w_perp))
+    mu = _friction_number(word, value if name == "coulomb" else word, Coulomb().mu)
+    assert mu is not None
+    return Smooth(friction=Coulomb(mu=mu))
+
+
+def _friction_number(word: str, text: str, default: float | None) -> float | None:
+    if not text and ":" not in word:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueRangeError(f"friction is {word!r}, must be a positive mu, coulomb[:MU] or viscous[:RATIO]")
+    return value
+
+
+def terrain_of(word: str) -> Plane | Terrain:
+    """The ground of ``--terrain``."""
+    name, _, value = word.partition(":")
+    if word == "plane":
+        return Plane()
+    if name == "slope":
+        return Plane(slope=_slope(word, value))
+    file, _, function = word.rpartition(":")
+    if not file.endswith(".py") or not function:
+        raise UnknownNameError("terrain", word, ("plane", "slope:DEGREES", "FILE.py:FUNCTION"))
+    made = _attribute(Path(file), function)
+    terrain = made if isinstance(made, (Plane, Terrain)) else Terrain(made)
+    _try(terrain, word)
+    return terrain
+
+
+def _slope(word: str, value: str) -> float:
+    """rad."""
+    try:
+        degrees = float(value)
+    except ValueError:
+        degrees = math.nan
+    if not abs(degrees) < 90.0:
+        raise ValueRangeError(f"terrain is {word!r}: the slope must be a number of degrees between -90 and 90")
+    return math.radians(degrees)
+
+
+def _attribute(file: Path, name: str) -> Any:
+    """What a user's Python file calls ``name``."""
+    if not file.is_file():
+        raise RobotFileError(f"terrain file {file} does not exist")
+    spec = importlib.util.spec_from_file_location("octo_user_terrain", file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a user's code may raise anything
+        raise ProblemError(f"terrain file {file} cannot be run: {type(error).__name__}: {error}") from error
+    if not hasattr(module, name):
+        raise UnknownNameError(f"function of {file}", name, [key for key, value in vars(module).items() if callable(value)])
+    return getattr(module, name)
+
+
+def _try(terrain: Plane | Terrain, word: str) -> None:
+    """Refuse a user-written distance that is no scalar expression of the point."""
+    point, p = ca.SX.sym("point", 3), {key: ca.SX.sym(key) for key in terrain.parameters}
+    try:
+        distance = ca.SX(terrain.distance(point, p))
+        fits = distance.numel() == 1 and bool(ca.depends_on(distance, point))
+    except Exception as error:  # a user's code may raise anything
+        raise ProblemError(f"terrain {word!r} cannot be evaluated: {type(error).__name__}: {error}") from error
+    if not fits:
+        raise ProblemError(f"terrain {word!r} must return one CasADi expression of the point (3,), its signed distance in m")

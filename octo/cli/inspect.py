@@ -1,0 +1,88 @@
+"""``octo info`` and ``octo robots``: what a file holds, what octo brings along, what this machine can use."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from typing import Any
+
+from octo.cli.solve import finite
+from octo.errors import UsageError
+from octo.model.character import Character
+from octo.model.describe import describe
+from octo.model.gallery import CHARACTERS
+from octo.model.load import load
+from octo.solver.solution import Solution
+
+
+def add_info_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", nargs="?", help="a URDF or MJCF file, a gallery name, or a solution (.npz)")
+    parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
+    parser.add_argument("--devices", action="store_true", help="what this machine can solve on")
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
+    parser.set_defaults(run=info)
+
+
+def add_robots_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
+    parser.set_defaults(run=robots)
+
+
+def info(arguments: argparse.Namespace) -> int:
+    if arguments.devices == (arguments.file is not None):
+        raise UsageError("octo info needs a FILE or --devices, and not both")
+    if arguments.devices:
+        show(devices(), arguments.json)
+    elif arguments.file.endswith(".npz"):
+        solution = Solution.load(arguments.file)
+        print(json.dumps(finite(solution.report()), ensure_ascii=False) if arguments.json else solution)
+    else:
+        show(describe(load(arguments.file, arguments.base)), arguments.json)
+    return 0
+
+
+def robots(arguments: argparse.Namespace) -> int:
+    characters = {name: make() for name, make in CHARACTERS.items()}
+    if arguments.json:
+        print(json.dumps({name: describe(character) for name, character in characters.items()}))
+        return 0
+    for name, character in characters.items():
+        print(f"{name:10s}{line_of(character)}")
+    return 0
+
+
+def line_of(character: Character) -> str:
+    bodies = sum(1 for body in character.bodies if body.mass > 0.0)
+    return f"{character.nx} degrees of freedom, {character.nu} actuated, {bodies} bodies, {character.mass:.1f} kg"
+
+
+def devices() -> dict[str, Any]:
+    """The devices by name, and what each is or why it cannot be used."""
+    from octo import native
+    from octo.errors import DeviceError
+    from octo.solve import resolve_device
+
+    words = native.compiler()
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    known = {"cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"}
+    try:
+        resolve_device("cuda")
+        known["cuda"] = "can be used"
+    except DeviceError as error:
+        known["cuda"] = str(error)
+    return known
+
+
+def show(values: dict[str, Any], as_json: bool) -> None:
+    """A dictionary as JSON or as one line a key; lists are counted, then listed."""
+    if as_json:
+        print(json.dumps(finite(values), ensure_ascii=False))
+        return
+    width = max(len(key) for key in values) + 2
+    for key, value in values.items():
+        if isinstance(value, list):
+            names = [" – ".join(entry) if isinstance(entry, list) else str(entry) for entry in value]
+            separator = f"\n{' ' * width}" if key == "dropped" else ", "
+            value = f"{len(value)}: {separator.join(names)}" if value else "none"
+        print(f"{key:{width}s}{f'{value:.6g}' if isinstance(value, float) else value}")

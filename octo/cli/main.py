@@ -1,0 +1,90 @@
+"""The parser of the command line, and the exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+import octo
+from octo.cli import inspect, simulate, solve, view
+from octo.errors import OctoError, UnknownNameError, UsageError
+
+INTERRUPTED = 130
+REFUSED = 2
+EXAMPLES = """examples:
+  octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
+  octo solve go2.urdf --goal turn --speed 0.5 --costs robot
+  octo info go2.urdf --json
+  octo simulate biped --seconds 2 --hold
+  octo view demo/solution.npz --out motion.html"""
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose mistakes are one-line errors like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see {self.prog} --help")
+
+
+def parser() -> tuple[Parser, dict[str, Parser]]:
+    """The whole parser, and that of each command."""
+    top = Parser(
+        prog="octo", description=octo.__doc__, epilog=EXAMPLES, allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    top.add_argument("--version", action="version", version=f"octo {octo.__version__}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    made: dict[str, Parser] = {}
+    modules: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
+        "solve": ("find a motion and write it", solve.add_arguments),
+        "info": ("what a robot file holds, or what this machine can use", inspect.add_info_arguments),
+        "robots": ("the robots that octo brings along", inspect.add_robots_arguments),
+        "simulate": ("let a robot move without a plan", simulate.add_arguments),
+        "view": ("a picture of a saved solution", view.add_arguments),
+    }
+    for name, (sentence, add_arguments) in modules.items():
+        made[name] = commands.add_parser(name, help=sentence, description=sentence, allow_abbrev=False)
+        add_arguments(made[name])
+    return top, made
+
+
+def parse(words: Sequence[str]) -> argparse.Namespace:
+    """The arguments; a command or an option that does not exist is refused with its nearest names."""
+    top, commands = parser()
+    if words and not words[0].startswith("-") and words[0] not in commands:
+        raise UnknownNameError("command", words[0], commands)
+    arguments, left = top.parse_known_args(words)
+    if left:
+        valid = commands[arguments.command]._option_string_actions if arguments.command else {}
+        if left[0].startswith("-"):
+            raise UnknownNameError("option", left[0], [name for name in valid if name.startswith("--")])
+        raise UsageError(f"argument {left[0]!r} is not expected; see octo {arguments.command} --help")
+    if arguments.command is None:
+        raise UsageError(f"a command is missing, must be one of {', '.join(commands)}")
+    return arguments
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one command; the exit code."""
+    try:
+        arguments = parse(sys.argv[1:] if words is None else words)
+        return int(arguments.run(arguments))
+    except OctoError as error:
+        print(f"octo: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return REFUSED
+    except MemoryError:
+        print("octo: error: this machine has not enough memory for so many steps or starts", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("\nocto: interrupted, nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # `octo robots | head`: the reader has left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def run() -> NoReturn:
+    sys.exit(main())

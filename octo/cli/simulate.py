@@ -1,0 +1,121 @@
+"""``octo simulate``: what a robot does without a plan, limp or with springs that hold its pose."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of
+from octo.cli.output import OutputFolder, Writer
+from octo.cli.solve import write_json
+from octo.dynamics.balance import GRAVITY, Balance
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.simulate import Motion, simulate
+from octo.dynamics.static_pose import inside_limits
+from octo.model.character import Array, Character, Joint
+from octo.model.load import load
+from octo.problem.compiled import CompiledProblem
+from octo.problem.costs import Effort
+from octo.problem.problem import Problem
+from octo.solver.measure import measured
+from octo.solver.solution import HISTORY, Solution, Status
+
+FILES = ("solution.npz", "report.json", "motion.html")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_arguments(parser)
+    parser.add_argument("--seconds", type=positive, default=2.0, help="s, of motion (default 2)")
+    parser.add_argument("--height", type=number, default=0.0, help="m, the start is raised by (default 0)")
+    parser.add_argument("--hold", action="store_true", help="springs in the actuated joints hold the start's pose")
+    parser.add_argument("--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-simulate)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    steps = steps_of(arguments.seconds, arguments.dt)
+    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-simulate")
+    folder.check(FILES)
+    robot = load(arguments.robot, arguments.base)
+    pose = pose_of(robot, arguments.pose)
+    began = time.perf_counter()
+    problem = placed(robot, pose, steps, arguments)
+    setup = time.perf_counter() - began
+    parameters = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    motion = simulate(problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=parameters)
+    solution = measured_motion(problem, motion, setup, time.perf_counter() - began - setup)
+    write(folder, solution)
+    print(solution)
+    print(f"written to {folder.path}")
+    return 0 if solution.converged else 1
+
+
+def placed(robot: Character, pose: Array | None, steps: int, arguments: argparse.Namespace) -> Problem:
+    """The robot on the ground (or ``--height`` above it) in its pose, as a problem that nobody solves."""
+    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    start = inside_limits(robot, default if pose is None else pose)
+    if arguments.hold:
+        robot = held(robot, start)
+    draft = Problem(
+        robot,
+        steps=steps,
+        dt=arguments.dt,
+        costs=[Effort()],
+        terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction),
+    )
+    assert isinstance(draft.dynamics, RobotDynamics)
+    balance = Balance(draft.dynamics, draft.p, start)
+    start = balance.start.copy()
+    if balance.lift is not None:
+        start[balance.lift] += arguments.height
+    return draft.replace(x0=start)
+
+
+def held(robot: Character, pose: Array) -> Character:
+    """The robot with a damped spring in every actuated joint: 0.1 rad for the weight at a tenth of a metre."""
+    stiffness = 10.0 * robot.mass * GRAVITY * 0.1  # N m/rad, or N/m of a slide
+
+    def spring(joint: Joint, rest: float) -> Joint:
+        return dataclasses.replace(joint, stiffness=stiffness, damping=0.1 * stiffness, rest=rest) if joint.actuated else joint
+
+    bodies = []
+    for body, first in zip(robot.bodies, robot.first_joint, strict=True):
+        joints = tuple(spring(joint, float(pose[j])) for j, joint in enumerate(body.joints, start=int(first)))
+        bodies.append(dataclasses.replace(body, joints=joints))
+    return dataclasses.replace(robot, bodies=tuple(bodies))
+
+
+def measured_motion(problem: Problem, motion: Motion, setup: float, seconds: float) -> Solution:
+    """The motion with its contact forces, as a Solution that nothing was optimised in."""
+    compiled = CompiledProblem([problem])
+    at = compiled.evaluate(compiled.unknowns(motion.x[None]))
+    solved = bool(motion.converged.all())
+    return Solution(
+        **measured(compiled, at, 0),
+        multipliers=np.zeros((compiled.K, compiled.ma)),
+        status=Status.SIMULATED if solved else Status.UNSOLVED,
+        iterations=0,
+        factorizations=0,
+        history={name: np.zeros(0) for name in HISTORY},
+        seconds=seconds,
+        setup_seconds=setup,
+    )
+
+
+def write(folder: OutputFolder, solution: Solution) -> None:
+    from octo.viewer import view
+
+    writers: dict[str, Writer] = {
+        "solution.npz": solution.save,
+        "report.json": lambda path: write_json(path, solution.report()),
+        "motion.html": lambda path: view(solution, path),
+    }
+    missing, reason = folder.write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)

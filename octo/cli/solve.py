@@ -1,0 +1,135 @@
+"""``octo solve``: a robot and a goal in, a folder with the motion out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of, whole
+from octo.cli.output import OutputFolder, Writer
+from octo.goals import Goal
+from octo.model.character import Character
+from octo.model.kinematics import center_of_mass
+from octo.model.load import load
+from octo.problem.costs import Effort
+from octo.problem.problem import Problem
+from octo.solver.solution import Solution, Status
+
+FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_arguments(parser)
+    parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)")
+    parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
+    parser.add_argument("--distance", type=number, default=0.5, help="m, of a jump (default 0.5)")
+    parser.add_argument("--height", type=number, default=0.2, help="m, of the centre of mass gained by a jump (default 0.2)")
+    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
+    parser.add_argument("--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)")
+    parser.add_argument("--costs", default="paper", help="paper, or robot: a plan that a plant should follow (default paper)")
+    parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
+    parser.add_argument("--seeds", type=whole(1), default=1, help="starts, solved as one batch (default 1)")
+    parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
+    parser.add_argument("--start", metavar="SOLUTION.npz", help="a saved solution to start from")
+    parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
+    parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
+    parser.add_argument("--time-limit", type=positive, help="s, of all passes")
+    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda (default auto)")
+    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Everything that can be refused is refused before anything is compiled."""
+    goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+    steps = steps_of(arguments.seconds, arguments.dt)
+    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
+    folder.check(FILES)
+    start = None if arguments.start is None else Solution.load(arguments.start)
+    robot = load(arguments.robot, arguments.base)
+    goal.check(robot)
+    from octo.solve import resolve_device, solve  # after the checks: it takes longer to import than they take
+
+    resolve_device(arguments.device)
+    problem = described(robot, goal, steps, arguments)
+    solution = solve(
+        problem,
+        passes=arguments.passes,
+        seeds=arguments.seeds,
+        seed=arguments.seed,
+        start=start,
+        device=arguments.device,
+        threads=arguments.threads,
+        max_iterations=arguments.max_iterations,
+        time_limit=arguments.time_limit,
+        tolerance=arguments.tolerance,
+        progress=True,
+    )
+    write(folder, solution, report(solution, goal))
+    print(solution)
+    print(f"written to {folder.path}")
+    if solution.status is Status.INTERRUPTED:
+        return 130
+    return 0 if solution.converged else 1
+
+
+def described(robot: Character, goal: Goal, steps: int, arguments: argparse.Namespace) -> Problem:
+    """The problem of a goal; a jump's target is measured from the centre of mass at the start."""
+    problem = Problem(
+        robot,
+        steps=steps,
+        dt=arguments.dt,
+        costs=[Effort()],
+        basis=arguments.basis,
+        terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction),
+        pose=pose_of(robot, arguments.pose),
+    )
+    return problem.replace(costs=goal.costs(center_of_mass(robot, problem.start)))
+
+
+def report(solution: Solution, goal: Goal) -> dict[str, Any]:
+    """report.json: the best start, how near it came to its goal, and a record of each start."""
+    return {
+        **solution.report(),
+        "goal": goal.kind,
+        "goal_error": goal.error(solution),
+        "starts": [dict(record) for record in solution.starts],
+    }
+
+
+def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any]) -> None:
+    """The four files; without the extra 'view' the two pictures are left out."""
+    from octo.plot import plot
+    from octo.viewer import view
+
+    writers: dict[str, Writer] = {
+        "solution.npz": solution.save,
+        "report.json": lambda path: write_json(path, values),
+        "plot.png": lambda path: plot(solution, path),
+        "motion.html": lambda path: view(solution, path),
+    }
+    missing, reason = folder.write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def finite(value: Any) -> Any:
+    """The same with null for what is not a finite number: JSON has no NaN and no infinity."""
+    if isinstance(value, Mapping):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(entry) for entry in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if hasattr(value, "item") else value

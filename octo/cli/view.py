@@ -1,0 +1,37 @@
+"""``octo view``: a picture of a saved solution."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from octo.cli.output import OutputFolder
+from octo.errors import OutputError
+from octo.solver.solution import Solution
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` or Solution.save wrote")
+    parser.add_argument("--out", default="motion.html", metavar="FILE", help="motion.html (default), or plots: .png, .pdf, .svg")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    out = Path(arguments.out)
+    if out.suffix not in (".html", ".png", ".pdf", ".svg"):
+        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving) or .png, .pdf, .svg (plots)")
+    folder = OutputFolder(out.parent)
+    folder.check((out.name,))
+    solution = Solution.load(arguments.solution)
+    missing, reason = folder.write({out.name: lambda path: picture(solution, path)})
+    if missing and reason is not None:
+        raise reason
+    print(f"written to {out}")
+    return 0
+
+
+def picture(solution: Solution, path: Path) -> None:
+    from octo.plot import plot
+    from octo.viewer import view
+
+    (view if path.suffix == ".html" else plot)(solution, path)
