@@ -69,10 +69,9 @@ def prepare(path: Path) -> Prepared:
         if joint.get("type") == "floating":
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
-    elements.check_moved_mass(file, tree, prepared.inertials, prepared.root)
-    movable = [joint for joint in tree.findall("joint") if joint.get("type") in elements.MOVABLE]
-    prepared.efforts = elements.read_efforts(file, movable)
-    elements.drop_joint_features(tree, prepared.dropped)
+    elements.check_moved_mass(file, tree, prepared.inertials)
+    prepared.efforts = elements.take_limits(file, tree, prepared.dropped)
+    elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):
         if child.tag not in ("link", "joint"):
             tree.remove(child)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -133,52 +133,62 @@ def _inertial(file: str, link: str, element: Element | None) -> Inertial:
     return Inertial(mass, com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
 
-def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial], link: str) -> float:
-    """Mass (kg) from ``link`` on; every movable joint must carry some."""
-    total = inertials[link].mass
-    for joint in tree.findall("joint"):
-        parent, child = ends(joint)
-        if parent != link:
-            continue
-        carried = check_moved_mass(file, tree, inertials, child)
-        if carried == 0.0 and joint.get("type") in MOVABLE:
+def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]) -> None:
+    """Every movable joint must carry some mass."""
+    parent_joint = {ends(joint)[1]: joint for joint in tree.findall("joint")}
+    carried = {link: inertial.mass for link, inertial in inertials.items()}
+    for link, inertial in inertials.items():
+        above = link
+        while above in parent_joint:
+            above = ends(parent_joint[above])[0]
+            carried[above] += inertial.mass
+    for child, joint in parent_joint.items():
+        if carried[child] == 0.0 and joint.get("type") in MOVABLE:
             what = f"joint {joint.get('name')!r} moves link {child!r} of mass 0 kg and nothing else"
             raise ModelError(f"{file}: {what}, must move some mass")
-        total += carried
-    return total
 
 
-def read_efforts(file: str, movable: Iterable[Element]) -> dict[str, float]:
-    """N m or N by joint; an effort of zero or none is no limit."""
-    efforts = {}
-    for joint in movable:
+def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, float]:
+    """Effort (N m or N) by joint, infinite for zero or none; MuJoCo is left with the ranges."""
+    efforts, fast = {}, []
+    for joint in tree.findall("joint"):
         name = str(joint.get("name"))
-        effort = number(file, f"joint {name!r}: effort", attribute(joint, "limit", "effort", "0"))
-        efforts[name] = abs(effort) if effort != 0.0 else math.inf
-    return efforts
-
-
-def drop_joint_features(tree: Element, dropped: list[str]) -> None:
-    """Note and remove what joints say and octo does not model, one sentence for each kind of thing."""
-    joints = tree.findall("joint")
-    movable = [joint for joint in joints if joint.get("type") in MOVABLE]
-    for joint in movable:
-        name, mimic, limit = joint.get("name"), joint.find("mimic"), joint.find("limit")
-        if mimic is not None:
-            tie = f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
-            dropped.append(f"mimic joint {name}: it moves on its own, {name} = {tie} is lost")
-            joint.remove(mimic)
+        if joint.get("type") not in MOVABLE:
+            continue
+        limit = joint.find("limit")
+        effort, velocity = (attribute(joint, "limit", key, "0") for key in ("effort", "velocity"))
+        bound = math.inf if effort == "inf" else abs(number(file, f"joint {name!r}: effort", effort))
+        efforts[name] = bound if bound > 0.0 else math.inf
+        if velocity != "inf" and number(file, f"joint {name!r}: velocity limit", velocity) > 0.0:
+            fast.append(name)
         if joint.get("type") != "continuous" and (
             limit is None or float(limit.get("lower", "0")) == float(limit.get("upper", "0"))
         ):
             dropped.append(f"joint {name}: no range in <limit>, taken as unlimited")
             _forget_range(joint)
-    _note(dropped, "velocity limits", (j for j in movable if float(attribute(j, "limit", "velocity", "0")) > 0.0))
-    rubbing = [j for j in movable if float(attribute(j, "dynamics", "friction", "0")) != 0.0]
-    _note(dropped, "dry friction", rubbing)
-    for joint in rubbing:
-        joint.find("dynamics").set("friction", "0")  # type: ignore[union-attr]
-    _note(dropped, "safety controllers", (j for j in joints if j.find("safety_controller") is not None))
+        for key in ("effort", "velocity"):
+            if limit is not None:
+                limit.attrib.pop(key, None)
+    if fast:
+        dropped.append(f"velocity limits of joints {', '.join(fast)}")
+    return efforts
+
+
+def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
+    """Note and remove what joints say and octo does not model, one sentence for each kind of thing."""
+    rubbing, guarded = [], []
+    for joint in tree.findall("joint"):
+        name, mimic, dynamics = str(joint.get("name")), joint.find("mimic"), joint.find("dynamics")
+        if mimic is not None and joint.get("type") in MOVABLE:
+            tie = f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
+            dropped.append(f"mimic joint {name}: it moves on its own, {name} = {tie} is lost")
+        if dynamics is not None and number(file, f"joint {name!r}: friction", dynamics.attrib.pop("friction", "0")) != 0.0:
+            rubbing.append(name)
+        if joint.find("safety_controller") is not None:
+            guarded.append(name)
+    for what, names in (("dry friction", rubbing), ("safety controllers", guarded)):
+        if names:
+            dropped.append(f"{what} of joints {', '.join(names)}")
     transmissions = tree.findall("transmission")
     if transmissions:
         dropped.append(f"{len(transmissions)} transmissions: u is the torque at the joint")
@@ -192,9 +202,3 @@ def _forget_range(joint: Element) -> None:
             limit.attrib.pop(end, None)
     if joint.get("type") == "revolute":
         joint.set("type", "continuous")
-
-
-def _note(dropped: list[str], what: str, joints: Iterable[Element]) -> None:
-    names = [str(joint.get("name")) for joint in joints]
-    if names:
-        dropped.append(f"{what} of joints {', '.join(names)}")

@@ -195,7 +195,29 @@ def test_names_of_collisions_may_repeat(robot):
     assert len(load(robot(link("a", named), link("b", named), joint("j", "a", "b"))).contacts) == 2
 
 
+def test_infinite_effort_and_velocity(robot):
+    limit = '<limit lower="-1" upper="1" effort="inf" velocity="inf"/>'
+    character = load(robot(link("a"), link("b"), joint("j", "a", "b", inside=limit)))
+    assert character.joints[6].torque_limit == math.inf
+    assert not notes(character, "velocity")
+
+
 BAD = {
+    "velocity": (
+        [link("a"), link("b"), joint("j", "a", "b", inside='<limit lower="0" upper="1" effort="1" velocity="fast"/>')],
+        RobotFileError,
+        "joint 'j': velocity limit is 'fast'",
+    ),
+    "friction": (
+        [link("a"), link("b"), joint("j", "a", "b", inside='<dynamics friction="some"/>')],
+        RobotFileError,
+        "joint 'j': friction is 'some'",
+    ),
+    "origin": (
+        [link("a"), link("b"), joint("j", "a", "b").replace("0 0 -.5", "0 0 low")],
+        RobotFileError,
+        "MuJoCo does not compile it: ",
+    ),
     "planar": ([link("a"), link("b"), joint("j", "a", "b", "planar")], UnsupportedFeatureError, "joint 'j' is planar"),
     "floating": (
         [link("a"), link("b"), joint("j", "a", "b", "floating", "")],
