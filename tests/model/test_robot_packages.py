@@ -17,7 +17,7 @@ from octo.model.load import load
 from octo.model.mass_matrix import mass_matrix
 
 # A finger without mass hangs on a hinge; a file with macros only.
-REFUSED = {"romeo.urdf": "LFinger13", "romeo_laas_small.urdf": "l_gripper", "ur3.urdf": "no <link>"}
+REFUSED = {"romeo.urdf": "LFinger11Link", "romeo_laas_small.urdf": "l_gripper", "ur3.urdf": "no <link>"}
 
 
 def label(path: Path) -> str:
