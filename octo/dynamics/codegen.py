@@ -218,6 +218,7 @@ class _Links:
         return [
             _integers("link_parent", [self.of[b] if b >= 0 else -1 for b in parents]),
             _integers("link_body", self.first),
+            _integers("link_first", [self.character.first_joint[b] for b in self.first]),
             _integers("link_last", [self.character.path[b][-1] for b in self.first]),
             _integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
             _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),

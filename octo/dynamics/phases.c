@@ -19,17 +19,33 @@
 #define EACH(e, count) for (int e = LANE; e < (count); e += LANES)
 #define GRID(a, rows, b, columns) \
   for (int a##b = LANE, a, b; a##b < (rows) * (columns) && (a = a##b / (columns), b = a##b % (columns), 1); a##b += LANES)
-#define RELATED(i, j) for (int i##j = LANE, i, j; i##j < NRELATED && (i = octo_above[i##j], j = octo_below[i##j], 1); i##j += LANES)
+#define RELATED(i, j, count) /* all i ⪯ j, one by one */ \
+  for (int i##j = LANE, i, j, count = 1; i##j < NRELATED && (i = octo_above[i##j], j = octo_below[i##j], 1); i##j += LANES)
+#define OWNED(l, j, node) /* all j, the link l that each belongs to, the three nodes */ \
+  for (int j##node = LANE, l, j, node; j##node < 3 * NX && (j = j##node / 3, node = j##node % 3, l = octo_link_of[j], 1); j##node += LANES)
+typedef double octo_wide;
+#define WIDE 1
+#define LOAD(at) (*(at))
+#define STORE(at, value) (*(at) = (value))
 #else
 #define BARRIER
 #define EACH(e, count) for (int e = 0; e < (count); ++e)
 #define GRID(a, rows, b, columns) for (int a = 0; a < (rows); ++a) for (int b = 0; b < (columns); ++b)
-#define RELATED(i, j) /* all i ⪯ j, as runs of neighbouring j */ \
+#define RELATED(i, j, count) /* all i ⪯ j, up to WIDE neighbouring j, from j on, at a time */ \
   for (int run_ = 0, i; run_ < NRUN && (i = octo_run[3 * run_], 1); ++run_) \
-    _Pragma("GCC ivdep") for (int j = octo_run[3 * run_ + 1]; j < octo_run[3 * run_ + 2]; ++j)
+    for (int j = octo_run[3 * run_ + 1], count; (count = octo_run[3 * run_ + 2] - j) > 0; j += WIDE)
+#define OWNED(l, j, node) /* the degrees of freedom of every link, up to WIDE at a time, the three nodes */ \
+  for (int l = 0; l < NLINK; ++l) \
+    for (int j = octo_link_first[l]; j <= octo_link_last[l]; j += WIDE) \
+      for (int node = 0; node < 3; ++node)
+typedef double octo_wide __attribute__((vector_size(32)));
+typedef double octo_wide_anywhere __attribute__((vector_size(32), aligned(8), may_alias));
+#define WIDE 4
+#define LOAD(at) ((octo_wide)*(const octo_wide_anywhere *)(at))
+#define STORE(at, value) (*(octo_wide_anywhere *)(at) = (value))
 #endif
 
-#define PAD ((NX + 7) / 8 * 8)
+#define PAD ((NX + WIDE - 1) / WIDE * WIDE + WIDE) /* a wide load may start at any j < NX */
 #define SOME(count) ((count) > 0 ? (count) : 1)
 
 typedef struct { double W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
@@ -45,7 +61,7 @@ typedef struct {
   octo_pair_state pair[SOME(NPAIR)];
   double loop_motion[SOME(NLOOP)][3], loop_slope[SOME(NLOOP)];  /* ∂d/∂q_a, ∂ρ/∂q_a of the pair at hand */
   /* order 2 */
-  double V[SOME(NX)][6], eta[6][PAD];         /* virtual twists, and ad_V ξ */
+  double V[SOME(NX)][6], eta[6][PAD];         /* virtual twists V_j, and η_j = ad_{V_j} ξ_j */
   double bend[3][6][PAD], lift[3][6][PAD], own[3][6][PAD];
   double loop_change[SOME(NLOOP)][3], loop_turn[SOME(NLOOP)][3], loop_bend[SOME(NLOOP)];  /* along lam */
 } octo_work;
@@ -65,28 +81,46 @@ static inline void octo_place(const double *pose, const double *v, double *out) 
   for (int r = 0; r < 3; ++r) out[r] = octo_dot(pose + 3 * r, v) + pose[9 + r];
 }
 
-/* ξ_i·η_j of two arrays by component. */
-static inline double octo_along(const double (*a)[PAD], int i, const double (*b)[PAD], int j) {
-  return a[0][i] * b[0][j] + a[1][i] * b[1][j] + a[2][i] * b[2][j] + a[3][i] * b[3][j] + a[4][i] * b[4][j] + a[5][i] * b[5][j];
+/* a_i·b_j of two arrays by component, for WIDE neighbouring j. */
+static inline octo_wide octo_along(const double (*a)[PAD], int i, const double (*b)[PAD], int j) {
+  return a[0][i] * LOAD(&b[0][j]) + a[1][i] * LOAD(&b[1][j]) + a[2][i] * LOAD(&b[2][j]) + a[3][i] * LOAD(&b[3][j])
+       + a[4][i] * LOAD(&b[4][j]) + a[5][i] * LOAD(&b[5][j]);
 }
 
-/* Row r of block·ξ_j, and column r for the transpose. */
-static inline double octo_row(const double *block, int r, const double (*xi)[PAD], int j) {
-  double sum = 0.0;
-  for (int c = 0; c < 6; ++c) sum += block[6 * r + c] * xi[c][j];
-  return sum;
-}
-static inline double octo_column(const double *block, int r, const double (*xi)[PAD], int j) {
-  double sum = 0.0;
-  for (int c = 0; c < 6; ++c) sum += block[6 * c + r] * xi[c][j];
-  return sum;
+/* The first ``count`` of WIDE values, ``stride`` apart. */
+static inline void octo_put(octo_wide value, int count, double *out, int stride) {
+#ifdef LANE
+  *out = value;
+#else
+  if (count >= WIDE && stride == 1) { STORE(out, value); return; }
+  for (int k = 0; k < WIDE; ++k)
+    if (k < count) out[k * stride] = value[k];
+#endif
 }
 
-/* Row r of [[m×, f×], [f×, 0]]·ξ_j, what P2 lacks of Pᵀ. */
-static inline double octo_twist_of_wrench(const double *W, int r, const double (*xi)[PAD], int j) {
-  int a = (r + 1) % 3, b = (r + 2) % 3;
-  if (r >= 3) return W[3 + a] * xi[b][j] - W[3 + b] * xi[a][j];
-  return W[a] * xi[b][j] - W[b] * xi[a][j] + W[3 + a] * xi[3 + b][j] - W[3 + b] * xi[3 + a][j];
+/* sum += block·v_j and += blockᵀ·v_j, for WIDE neighbouring j of vectors kept by component. */
+static inline void octo_apply(const double *block, const double (*v)[PAD], int j, octo_wide *sum) {
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < 6; ++c) sum[r] += block[6 * r + c] * LOAD(&v[c][j]);
+}
+static inline void octo_apply_transposed(const double *block, const double (*v)[PAD], int j, octo_wide *sum) {
+  for (int r = 0; r < 6; ++r)
+    for (int c = 0; c < 6; ++c) sum[r] += block[6 * c + r] * LOAD(&v[c][j]);
+}
+
+/* sum += P2·v_j with P2 = Pᵀ − [[m×, f×], [f×, 0]]. */
+static inline void octo_apply_lower(const double *P, const double *W, const double (*v)[PAD], int j, octo_wide *sum) {
+  octo_apply_transposed(P, v, j, sum);
+  for (int r = 0; r < 3; ++r) {
+    int a = (r + 1) % 3, b = (r + 2) % 3;
+    sum[r] -= W[a] * LOAD(&v[b][j]) - W[b] * LOAD(&v[a][j]) + W[3 + a] * LOAD(&v[3 + b][j]) - W[3 + b] * LOAD(&v[3 + a][j]);
+    sum[3 + r] -= W[3 + a] * LOAD(&v[b][j]) - W[3 + b] * LOAD(&v[a][j]);
+  }
+}
+
+/* Lanes beyond the link's own are overwritten by the links after it. */
+static inline void octo_keep(const octo_wide *sum, double (*out)[PAD], int j) {
+  for (int c = 0; c < 6; ++c) STORE(&out[c][j], sum[c]);
 }
 
 /* Pose of one joint's displacement, right-multiplied to (R, t): the joint's world twist is written on the way. */
@@ -221,20 +255,26 @@ static void octo_composites(int order, octo_work *s) {
       octo_add(order == 0 ? 6 : order == 1 ? 114 : 294, s->link[l].W, s->link[octo_link_parent[l]].W);
 }
 
-/* Blocks times twists, one column per degree of freedom (FACTS of §4: H00 = ξ_iᵀ(Kξ_j + P2 η_j) + η_iᵀPξ_j, …). */
+/* Blocks times twists, one vector per degree of freedom: H00 = ξ_iᵀ(Kξ_j + P2 η_j) + η_iᵀPξ_j, H01 likewise. */
 static void octo_products(int order, octo_work *s) {
-  GRID(j, NX, r, 6) {
-    const octo_link_blocks *k = &s->link[octo_link_of[j]];
-    s->up[0][r][j] = octo_column(k->B[0], r, s->xi[0], j) - octo_twist_of_wrench(k->W, r, s->xi[0], j);
-    for (int node = 0; node < 3; ++node) s->down[node][r][j] = octo_row(k->B[node], r, s->xi[node], j);
-    for (int node = 1; node < 3; ++node) s->up[node][r][j] = octo_column(k->B[node], r, s->xi[0], j);
+  OWNED(l, j, node) {
+    const octo_link_blocks *k = &s->link[l];
+    octo_wide down[6] = {0}, up[6] = {0}, bend[6] = {0}, lift[6] = {0}, own[6] = {0};
+    octo_apply(k->B[node], s->xi[node], j, down);
+    octo_keep(down, s->down[node], j);
+    if (node == 0) octo_apply_lower(k->B[0], k->W, s->xi[0], j, up);
+    else octo_apply_transposed(k->B[node], s->xi[0], j, up);
+    octo_keep(up, s->up[node], j);
     if (order < 2) continue;
-    for (int node = 0; node < 3; ++node) s->bend[node][r][j] = octo_row(k->T[node], r, s->xi[node], j);
-    s->bend[0][r][j] += octo_column(k->B[0], r, s->eta, j) - octo_twist_of_wrench(k->W, r, s->eta, j);
-    for (int node = 1; node < 3; ++node) {
-      s->lift[node][r][j] = octo_column(k->T[node], r, s->xi[0], j) + octo_column(k->B[node], r, s->eta, j);
-      s->own[node][r][j] = octo_row(k->L[node - 1], r, s->xi[node], j);
-    }
+    octo_apply(k->T[node], s->xi[node], j, bend);
+    if (node == 0) octo_apply_lower(k->B[0], k->W, s->eta, j, bend);
+    octo_keep(bend, s->bend[node], j);
+    if (node == 0) continue;
+    octo_apply_transposed(k->T[node], s->xi[0], j, lift);
+    octo_apply_transposed(k->B[node], s->eta, j, lift);
+    octo_keep(lift, s->lift[node], j);
+    octo_apply(k->L[node - 1], s->xi[node], j, own);
+    octo_keep(own, s->own[node], j);
   }
 }
 
@@ -243,19 +283,25 @@ static void octo_products(int order, octo_work *s) {
 
 /* Entries of related degrees of freedom, i ⪯ j; all others are zero but for pairs. */
 static void octo_write(int order, const octo_work *s, double *jac, double *hess) {
-  for (int node = 0; node < 3; ++node)
-    RELATED(i, j) {
-      JAC(i, node, j) = octo_along(s->xi[0], i, s->down[node], j);
-      JAC(j, node, i) = octo_along(s->xi[node], i, s->up[node], j);
+  RELATED(i, j, count) {
+    for (int node = 0; node < 3; ++node) {
+      octo_put(octo_along(s->xi[0], i, s->down[node], j), count, &JAC(i, node, j), 1);
+      octo_put(octo_along(s->xi[node], i, s->up[node], j), count, &JAC(j, node, i), 3 * NX);
     }
-  if (order < 2) return;
-  RELATED(i, j) HESS(0, i, 0, j) = HESS(0, j, 0, i) = octo_along(s->xi[0], i, s->bend[0], j) + octo_along(s->eta, i, s->down[0], j);
-  for (int node = 1; node < 3; ++node)
-    RELATED(i, j) {
-      HESS(0, i, node, j) = HESS(node, j, 0, i) = octo_along(s->xi[0], i, s->bend[node], j) + octo_along(s->eta, i, s->down[node], j);
-      HESS(0, j, node, i) = HESS(node, i, 0, j) = octo_along(s->xi[node], i, s->lift[node], j);
-      HESS(node, i, node, j) = HESS(node, j, node, i) = octo_along(s->xi[node], i, s->own[node], j);
+    if (order < 2) continue;
+    for (int node = 0; node < 3; ++node) {
+      octo_wide value = octo_along(s->xi[0], i, s->bend[node], j) + octo_along(s->eta, i, s->down[node], j);
+      octo_put(value, count, &HESS(0, i, node, j), 1);
+      octo_put(value, count, &HESS(node, j, 0, i), 3 * NX);
+      if (node == 0) continue;
+      value = octo_along(s->xi[node], i, s->lift[node], j);
+      octo_put(value, count, &HESS(node, i, 0, j), 1);
+      octo_put(value, count, &HESS(0, j, node, i), 3 * NX);
+      value = octo_along(s->xi[node], i, s->own[node], j);
+      octo_put(value, count, &HESS(node, i, node, j), 1);
+      octo_put(value, count, &HESS(node, j, node, i), 3 * NX);
     }
+  }
 }
 
 static void octo_write_joints(const octo_input *in, const octo_work *s, double *fd, double *jac, double *hess) {
