@@ -142,7 +142,7 @@ class RobotDynamics(Dynamics):
         self.actuated, self.unactuated = character.actuated, character.unactuated
 
     @cached_property
-    def symbolic(self) -> ca.Function:  # type: ignore[override]
+    def symbolic(self) -> ca.Function:
         """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
 
@@ -169,11 +169,15 @@ class CustomDynamics(Dynamics):
         layout = Layout.of({**({} if "dt" in parameters else {"dt": 0.025}), **parameters})
         x_next, x, x_prev = (ca.SX.sym(name, nx) for name in ("x_next", "x", "x_prev"))
         p = ca.SX.sym("p", layout.size)
-        value = fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p))
-        if ca.SX(value).numel() != nx:
-            raise ModelError(f"user-written FD returns {ca.SX(value).numel()} entries, must be nx = {nx}")
-        if not {int(j) for j in actuated} <= set(range(nx)):
-            raise ModelError(f"actuated is {list(actuated)}, must be indices in 0…{nx - 1}")
+        try:
+            value = ca.SX(fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p)))
+        except Exception as error:  # a user's code may raise anything
+            said = str(error).strip().split("\n")[0]
+            raise ModelError(f"user-written FD cannot be built: {type(error).__name__}: {said}") from error
+        if value.numel() != nx:
+            raise ModelError(f"user-written FD returns {value.numel()} entries, must be nx = {nx}")
+        if not {int(j) for j in actuated} <= set(range(nx)) or len(set(actuated)) != len(list(actuated)):
+            raise ModelError(f"actuated is {list(actuated)}, must be different indices in 0…{nx - 1}")
         names = ["x_next", "x", "x_prev", "p"]
         function = ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"])
         super().__init__(function, actuated, layout)

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import number
 from octo.errors import ValueRangeError
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ class Plane:
     height: float = 0.0  # m
 
     def __post_init__(self) -> None:
+        for name in ("slope", "direction", "height"):
+            number(f"terrain {name}", getattr(self, name))
         if not abs(self.slope) < np.pi / 2:
             raise ValueRangeError(f"terrain slope is {self.slope} rad, must be between -π/2 and π/2")
 

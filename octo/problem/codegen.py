@@ -7,7 +7,9 @@ twists that the dynamics' tree pass already has. q (NQ) starts with one coeffici
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -16,9 +18,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import numbers
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
-from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
@@ -40,8 +43,8 @@ class References:
         places, at = [], len(terms)
         for term in terms:
             table = {}
-            for name, value in term.references(setting).items():
-                width = np.atleast_1d(np.asarray(value, dtype=float)).shape[-1]
+            for name, value in _references(term, setting).items():
+                width = np.atleast_1d(value).shape[-1]
                 table[name] = slice(at, at + width)
                 at += width
             places.append(table)
@@ -55,23 +58,44 @@ class References:
         steps = setting.steps
         q = np.zeros((steps, self.size))
         for k, term in enumerate(terms):
-            weight = np.asarray(term.weight, dtype=float)
+            weight = numbers(f"{term.label}.weight", term.weight)
             if weight.shape not in ((), (steps,)):
                 raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
-            if not (np.isfinite(weight).all() and (weight >= 0.0).all()):
-                raise ValueRangeError(f"{term.label}.weight is {term.weight}, must be finite and not negative")
+            if not (weight >= 0.0).all():
+                raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
             on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
             q[:, k] = weight * on / term.scale(setting)
-            for name, value in term.references(setting).items():
-                rows = np.asarray(value, dtype=float)
+            for name, rows in _references(term, setting).items():
                 place = self.places[k][name]
                 allowed = ((), (place.stop - place.start,), (steps, place.stop - place.start))
                 if rows.shape not in allowed:
                     raise ShapeError(f"{term.label}.{name}", rows.shape, f"{allowed[1]} or {allowed[2]}")
-                if not np.isfinite(rows).all():
-                    raise ValueRangeError(f"{term.label}.{name} is not finite: {value}")
                 q[:, place] = rows
         return q
+
+
+def _references(term: Cost, setting: Setting) -> dict[str, Array]:
+    """A term's references as finite arrays."""
+    with _blamed(term, "its references cannot be formed"):
+        values = dict(term.references(setting))
+    return {name: numbers(f"{term.label}.{name}", value) for name, value in values.items()}
+
+
+def _sizes(references: References, term: int) -> str:
+    """The references of a term and how many numbers each has, for a message."""
+    return ", ".join(f"{name} ({place.stop - place.start},)" for name, place in references.places[term].items()) or "no references"
+
+
+@contextlib.contextmanager
+def _blamed(term: Cost, sentence: str) -> Iterator[None]:
+    """Whatever goes wrong inside (a user's code may raise anything) is one sentence that names the term."""
+    try:
+        yield
+    except OctoError:
+        raise
+    except Exception as error:
+        said = re.sub(r"^\S*\.hpp:\d+: ", "", str(error).strip().split("\n")[0])  # CasADi names its own source file
+        raise ProblemError(f"{term.label}: {sentence}: {type(error).__name__}: {said}") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +137,8 @@ def _state_functions(
     for k, term in enumerate(references.terms):
         if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
             continue
-        value = ca.vec(term.residual(step, references.view(q, k)))
+        with _blamed(term, f"its residual cannot be built from {_sizes(references, k)}"):
+            value = ca.vec(ca.SX(term.residual(step, references.view(q, k))))
         residuals.append(value)
         rows += [k] * value.numel()
     r = ca.densify(ca.vertcat(*residuals))
@@ -142,7 +167,8 @@ def _contact_functions(dynamics: Dynamics, references: References, p: ca.SX, q: 
     )  # fmt: skip
     residuals, rows, use = [], [], []
     for k, term in chosen:
-        value = ca.vec(term.contact_residual(symbols, references.view(q, k)))
+        with _blamed(term, f"its residual cannot be built from {_sizes(references, k)}"):
+            value = ca.vec(ca.SX(term.contact_residual(symbols, references.view(q, k))))
         names = None if term.contacts is None else {robot.contact_index(name) for name in term.contacts}
         residuals.append(value)
         rows += [k] * value.numel()

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import numbers
 from octo.errors import ProblemError, ShapeError
 
 if TYPE_CHECKING:
@@ -54,6 +55,14 @@ class Cost:
         raise NotImplementedError(type(self).__name__)
 
 
+def _each(field: str, values: Any, count: int) -> Array:
+    """One number for each of ``count`` coordinates, or one for all."""
+    array = numbers(field, values)
+    if array.shape not in ((), (count,)):
+        raise ShapeError(field, array.shape, f"() or ({count},)")
+    return np.broadcast_to(array, (count,))
+
+
 def _last_row(values: Any) -> Array:
     return np.atleast_2d(np.asarray(values, dtype=float))[-1]
 
@@ -79,7 +88,7 @@ class CenterOfMassPosition(Cost):
     """Eq. 18: the centre of mass (m) against ``target`` (3,), at the last step or at every step."""
 
     target: Any = (0.0, 0.0, 0.0)
-    steps: Steps = "last"
+    steps: Steps = field(default="last", kw_only=True)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         return {"target": self.target}
@@ -195,8 +204,8 @@ class Posture(Cost):
         reference = setting.x0 if self.reference is None else np.asarray(self.reference, dtype=float)
         if reference.shape[-1] != setting.nx:
             raise ShapeError(f"{self.label}.reference", reference.shape, f"(..., {setting.nx})")
-        weights = np.broadcast_to(np.sqrt(np.asarray(self.joints, dtype=float)), (len(setting.actuated),))
-        return {"reference": reference[..., setting.actuated], "joints": weights}
+        weights = _each(f"{self.label}.joints", self.joints, len(setting.actuated))
+        return {"reference": reference[..., setting.actuated], "joints": np.sqrt(weights)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return p["joints"] * (step.joints(step.x_next) - p["reference"])
@@ -209,7 +218,7 @@ class JointVelocity(Cost):
     velocity: Any = 0.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"velocity": np.broadcast_to(np.asarray(self.velocity, dtype=float), (len(setting.actuated),))}
+        return {"velocity": _each(f"{self.label}.velocity", self.velocity, len(setting.actuated))}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.joints(step.x_next - step.x) / step.dt - p["velocity"]
@@ -227,7 +236,7 @@ class JointAcceleration(Cost):
 class Effort(Cost):
     """E_reg of §8: (weight/N) Σ (u/u_reference)². The default reference is 0.4·mg·ℓ, ℓ the base height at the start."""
 
-    weight: float | Array = 0.02
+    weight: float | Array = field(default=0.02, kw_only=True)
     reference: float | None = None  # N m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
@@ -257,13 +266,13 @@ class PoseTarget(Cost):
     """The whole configuration against ``target`` (nx,), at the last step or at every step."""
 
     target: Any = None
-    steps: Steps = "last"
+    steps: Steps = field(default="last", kw_only=True)
     coordinates: Any = 1.0  # weight of each coordinate
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         if self.target is None:
             raise ProblemError(f"{self.label}.target is missing: give a configuration ({setting.nx},)")
-        weights = np.broadcast_to(np.sqrt(np.asarray(self.coordinates, dtype=float)), (setting.nx,))
+        weights = np.sqrt(_each(f"{self.label}.coordinates", self.coordinates, setting.nx))
         return {"target": self.target, "coordinates": weights}
 
     def scale(self, setting: Setting) -> float:

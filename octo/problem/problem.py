@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import NoneType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import number, numbers, positive, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import ProblemError, UnknownNameError
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
@@ -66,12 +68,14 @@ class Problem:
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
             raise ProblemError(f"model is a {type(self.model).__name__}, must be a Character or a Dynamics")
-        if not isinstance(self.steps, (int, np.integer)) or self.steps < 1:
-            raise ValueRangeError(f"steps is {self.steps!r}, must be a whole number of at least 1")
-        if not (np.isfinite(self.dt) and self.dt > 0.0):
-            raise ValueRangeError(f"dt is {self.dt} s, must be positive")
+        whole("steps", self.steps)
+        positive("dt", self.dt, "s")
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
+        if not isinstance(self.terrain, (Plane, Terrain, NoneType)):
+            raise ProblemError(f"terrain is {self.terrain!r}, must be an octo.Plane or an octo.Terrain")
+        if self.law is not None and not all(hasattr(self.law, name) for name in ("parameters", "reach", "force")):
+            raise ProblemError(f"law is {self.law!r}, must be one of octo.laws, or have parameters, reach and force")
         self._check_costs()
         self.basis_object.check(self.steps)
         for name in ("x0", "pose", "v0", "x_end", "v_end"):
@@ -87,26 +91,24 @@ class Problem:
         self._check_ground("x_end")
 
     def _check_costs(self) -> None:
+        if not isinstance(self.costs, Sequence) or isinstance(self.costs, str):
+            raise ProblemError(f"costs is {self.costs!r}, must be a list of octo.Cost objects")
         if not self.costs:
             raise ProblemError("costs is empty: give at least one term, for example octo.Effort()")
         labels = [term.label if isinstance(term, Cost) else repr(term) for term in self.costs]
         for term, label in zip(self.costs, labels, strict=True):
             if not isinstance(term, Cost):
                 raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
+            if term.steps not in ("all", "last"):
+                raise UnknownNameError(f"{label}.steps", term.steps, ("all", "last"))
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)
-        if value is None:
-            return
-        array = np.asarray(value, dtype=float)
-        if array.shape != (self.dynamics.nx,):
-            raise ShapeError(name, array.shape, f"({self.dynamics.nx},)")
-        if not np.isfinite(array).all():
-            raise ValueRangeError(f"{name} is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}")
-        object.__setattr__(self, name, array)
+        if value is not None:
+            object.__setattr__(self, name, numbers(name, value, (self.dynamics.nx,)))
 
     def _check_ground(self, name: str) -> None:
         """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out."""
@@ -144,9 +146,7 @@ class Problem:
         for name, value in self.parameters.items():
             if name not in layout.names:
                 raise UnknownNameError("parameter", name, layout.names)
-            if not np.isfinite(value):
-                raise ValueRangeError(f"parameter {name} is {value}, must be finite")
-            values[name] = float(value)
+            values[name] = number(f"parameter {name}", value)
         return layout.pack(**values)
 
     def _robot_defaults(self) -> dict[str, float]:
