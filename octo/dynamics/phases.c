@@ -171,10 +171,22 @@ typedef struct { const double *x[3], *kin[3], *p, *lam; int order; } octo_input;
 static void octo_pairs(const octo_input *in, octo_work *s); /* pairs.c */
 static void octo_write_pairs(const octo_input *in, octo_work *s, double *fd, double *jac, double *hess);
 
+/* The lanes beyond NX of arrays by component are computed with and never used: zero, for denormal numbers are slow. */
+static inline void octo_clear_tails(int order, octo_work *s) {
+#ifndef LANE
+  const size_t start[2] = {offsetof(octo_work, xi), offsetof(octo_work, eta)};
+  const int rows[2] = {3 * 3 * 6, order == 2 ? (1 + 3 * 3) * 6 : 0}; /* xi, down, up; eta, bend, lift, own */
+  for (int part = 0; part < 2; ++part)
+    for (int k = 0; k < rows[part]; ++k)
+      for (int j = NX; j < PAD; ++j) ((double *)((char *)s + start[part]))[k * PAD + j] = 0.0;
+#endif
+}
+
 /* Twists by component; virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a and η_j = ad_{V_j} ξ_j. */
 static void octo_load(const octo_input *in, octo_work *s) {
   for (int node = 0; node < (in->order > 0 ? 3 : 1); ++node)
     GRID(j, NX, c, 6) s->xi[node][c][j] = in->kin[node][12 * NB + 6 * j + c];
+  if (in->order >= 1) octo_clear_tails(in->order, s);
   if (in->order < 2) return;
   EACH(c, 6)
     for (int j = 0; j < NX; ++j)
