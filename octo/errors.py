@@ -35,7 +35,8 @@ class UnknownNameError(OctoError):
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]):
         names = sorted(str(v) for v in valid)
-        near = difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
+        begun = [valid_name for valid_name in names if str(name) and valid_name.startswith(str(name))]
+        near = begun or difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
         super().__init__(f"{kind} {name!r} is not known; {hint}")
 
