@@ -44,6 +44,15 @@ class Evaluation:
     def finite(self) -> NDArray[np.bool_]:
         return np.isfinite(self.energy) & np.isfinite(self.C).all(axis=(1, 2))
 
+    def take(self, members: NDArray) -> Evaluation:
+        """Some members, by index or by a mask."""
+        return Evaluation(**{name: value[members] for name, value in self.__dict__.items()})
+
+    def put(self, members: NDArray, other: Evaluation) -> None:
+        """Overwrite some members with those of ``other``."""
+        for name, value in self.__dict__.items():
+            value[members] = getattr(other, name)
+
 
 @dataclass(eq=False)
 class Model:
@@ -62,9 +71,10 @@ class CompiledProblem:
     ----------
     problems: all with the same model, terms, basis and number of steps.
     threads: of the native code.
+    like: a batch with the same model and terms, whose generated code is shared.
     """
 
-    def __init__(self, problems: Sequence[Problem], threads: int = 1):
+    def __init__(self, problems: Sequence[Problem], threads: int = 1, like: CompiledProblem | None = None):
         first = problems[0]
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
@@ -72,12 +82,16 @@ class CompiledProblem:
             if problem.dynamics.layout.names != self.dynamics.layout.names or problem.steps != self.steps:
                 raise ProblemError("problems of one batch must share the model, the terms, the basis and the steps")
         between = isinstance(self.basis, Hermite)
-        self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
+        if like is None:
+            self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
+        else:
+            self.functions = like.functions
+            self.__dict__.update({name: like.__dict__[name] for name in ("_library", "kinematics") if name in like.__dict__})
         self.batch, self.n, self.nu = len(problems), self.dynamics.nx, self.dynamics.nu
         self.m = len(self.dynamics.unactuated)
         self.p = np.stack([problem.p for problem in problems])
         self.q = np.stack([self.functions.references.pack(problem.costs, problem.setting) for problem in problems])
-        self.row_scale = first.row_scale
+        self.row_scale, self.weight = first.row_scale, first.weight
         self.start = np.stack([problem.start for problem in problems])
         dt = np.array([problem.dt for problem in problems])[:, None]
         before = self.start - dt * np.stack([problem.start_velocity for problem in problems])
@@ -121,6 +135,18 @@ class CompiledProblem:
         assert problem.x_end is not None
         v_end = np.zeros(self.n) if problem.v_end is None else problem.v_end
         return self.basis.fixed_end(self.steps, problem.x_end, v_end, problem.dt)
+
+    def take(self, members: NDArray) -> CompiledProblem:
+        """A batch of some members, by index; everything generated is shared."""
+        part: CompiledProblem = object.__new__(CompiledProblem)
+        part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_task", "_chunks", "_machine")})
+        part.problems = tuple(self.problems[int(k)] for k in members)
+        part.batch = len(part.problems)
+        for name in ("p", "q", "start", "constant"):
+            setattr(part, name, np.ascontiguousarray(getattr(self, name)[members]))
+        if self.neighbours is not None:
+            part.neighbours = NeighbourTerms(part)
+        return part
 
     # -- what a solver calls --------------------------------------------------------------------------------------
 

@@ -1,0 +1,78 @@
+"""Passes of growing contact stiffness (Fig. 7): each starts from the solution of the one before.
+
+Penetration is sqrt(load/w_perp) and slip (|f_t|/f_n)·(w_perp/w_par), so a pass is said by how deep four feet sink that
+carry the weight, and by the ratio w_par/w_perp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from octo.dynamics.laws import Smooth, Viscous
+from octo.errors import ProblemError, ValueRangeError
+from octo.problem.problem import Array, Problem
+from octo.solver.solution import Solution
+
+DEPTHS = (0.020, 0.010, 0.005, 0.0025)  # m; each further pass halves the last
+RATIOS = (10.0, 10.0, 20.0, 30.0)  # s/m, w_par/w_perp; the last one stays
+ONSETS = (0.010, 0.010, 0.005, 0.002)  # m, smoothing of the contact's onset; the last one stays
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass: four feet that carry the weight sink by ``depth`` m, w_par/w_perp is ``ratio`` s/m."""
+
+    depth: float
+    ratio: float
+    onset: float
+
+    def parameters(self, weight: float) -> dict[str, float]:
+        """The contact law's parameters for a robot of ``weight`` N: w_perp = mg/(4 depth²)."""
+        w_perp = weight / (4.0 * self.depth**2)
+        return {"contact.w_perp": w_perp, "contact.w_par": self.ratio * w_perp, "contact.onset": self.onset}
+
+
+def growable(problem: Problem) -> bool:
+    """True where the contact law is Eq. 6 and its weights were not set by the caller."""
+    names = ("contact.w_perp", "contact.w_par", "contact.onset")
+    law = problem.law
+    plain = law is None or (isinstance(law, Smooth) and isinstance(law.friction, Viscous) and law == Smooth())
+    return problem.character is not None and plain and not any(name in problem.parameters for name in names)
+
+
+def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
+    """The passes of a problem; [None] solves it with the parameters it has.
+
+    Raises
+    ------
+    ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the caller fixed.
+    """
+    if count is not None and (int(count) != count or count < 1):
+        raise ValueRangeError(f"passes is {count}, must be a whole number of at least 1")
+    if not growable(problem):
+        if count is not None and count > 1:
+            raise ProblemError(f"passes is {count}: only the default contact law's stiffness can grow, give passes=1")
+        return [None]
+    last = len(DEPTHS) - 1
+    wanted = len(DEPTHS) if count is None else int(count)
+    return [Pass(DEPTHS[min(k, last)] / 2.0 ** max(0, k - last), RATIOS[min(k, last)], ONSETS[min(k, last)]) for k in range(wanted)]
+
+
+def moved(nodes: Array, start: Array, problem: Problem) -> Array:
+    """Nodes (..., N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
+    shifted = nodes + (problem.start - start)
+    shifted[..., 0, :] = problem.start - problem.dt * problem.start_velocity
+    return np.ascontiguousarray(shifted)
+
+
+def record(number: int, member: Solution) -> dict[str, object]:
+    """What reports keep of a pass."""
+    report = member.report()
+    kept = (
+        "status", "converged", "iterations", "factorizations", "energy", "violation", "pointwise_residual", "penetration",
+        "penetration_max", "slip", "friction_use", "friction_use_95", "torque_excess", "seconds",
+    )  # fmt: skip
+    weights = {name: member.parameters.get(name) for name in ("contact.w_perp", "contact.w_par", "contact.onset")}
+    return {"pass": number, **{name: report[name] for name in kept}, **{k: v for k, v in weights.items() if v is not None}}

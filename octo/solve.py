@@ -1,0 +1,256 @@
+"""The front door: device, passes, starts as one batch, callbacks."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, overload
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
+from octo.passes import Pass, moved, record, schedule
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Array, Problem
+from octo.solver import measure, sqp
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Solution, Status
+from octo.solver.sqp import Iterate, Monitor
+
+NOISE = 0.02  # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
+NOISE_PERIOD = 0.5  # s, between the knots of the noise
+DEVICES = ("auto", "cpu", "cuda")
+
+
+@overload
+def solve(problem: Problem, **options: Any) -> Solution: ...
+@overload
+def solve(problem: Sequence[Problem], **options: Any) -> list[Solution]: ...
+def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | list[Solution]:
+    """Find the motion.
+
+    Parameters
+    ----------
+    problem: one problem, or several of one structure (same robot, terms, basis, steps) that are solved as one batch.
+    options (SqpOptions): how; ``max_iterations``, ``time_limit`` (s) and ``tolerance`` may also be given on their own.
+    passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
+    seeds: starts, solved as one batch; ``seed`` is the first one's number. The best converged one is returned.
+    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise.
+    device: "auto", "cpu" or "cuda". threads: of the CPU's native code.
+    progress: print a line now and then. callback: called with an :class:`~octo.solver.sqp.Iterate` after every
+        iteration; returning True stops, with the best iterate so far.
+
+    Returns
+    -------
+    A Solution for one problem, a list of them for several. Ctrl-C returns the best iterate so far.
+
+    Raises
+    ------
+    OctoError: the problem, an option or the device is refused; nothing was computed.
+    """
+    if isinstance(problem, Problem):
+        members, best = _solve([problem], **options)
+        return replace(members[best[0]], starts=tuple({**m.report(), "seed": m.seed} for m in members))
+    problems = list(problem)
+    if not problems:
+        raise ValueRangeError("the list of problems is empty")
+    members, best = _solve(problems, **options)
+    return [members[k] for k in best]
+
+
+@dataclass
+class _Run:
+    """What one call of solve carries from pass to pass."""
+
+    options: SqpOptions
+    threads: int
+    device: str
+    setup_seconds: float = 0.0
+    seconds: float = 0.0
+
+
+def _solve(
+    problems: list[Problem],
+    *,
+    options: SqpOptions | None = None,
+    passes: int | None = None,
+    seeds: int = 1,
+    seed: int = 0,
+    start: Solution | Array | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    progress: bool = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> tuple[list[Solution], list[int]]:
+    """All members' solutions, and the index of the best one of each problem."""
+    given = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
+    settings = replace(options or SqpOptions(), **{name: value for name, value in given.items() if value is not None})
+    for name, count in (("seeds", seeds), ("threads", threads)):
+        if int(count) != count or count < 1:
+            raise ValueRangeError(f"{name} is {count}, must be a whole number of at least 1")
+    run = _Run(settings, int(threads), resolve_device(device))
+    batch = [problem for problem in problems for _ in range(seeds)]
+    numbers = [seed + k for _ in problems for k in range(seeds)]
+    plan = schedule(problems[0], passes)
+    began = time.perf_counter()
+    current = [_for_pass(problem, plan[0]) for problem in batch]
+    compiled = CompiledProblem(current, run.threads)
+    nodes = np.stack([_first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
+    run.setup_seconds = time.perf_counter() - began
+    monitor = Monitor(callback, _Progress() if progress else None)
+    members = _passes(run, compiled, nodes, plan, monitor, numbers, start)
+    groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
+    return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
+
+
+def _rank(member: Solution) -> tuple[bool, bool, float]:
+    """Converged first, then the ones that got further, then the smallest E."""
+    feasible = member.violation <= 1e-3 * member.weight
+    return (not member.converged, not feasible, member.energy if feasible else member.violation)
+
+
+def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
+    return problem if stage is None else problem.replace(parameters=stage.parameters(problem.weight))
+
+
+def _passes(
+    run: _Run, compiled: CompiledProblem, nodes: Array, plan: list[Pass | None], monitor: Monitor, numbers: list[int],
+    start: Solution | Array | None,
+) -> list[Solution]:  # fmt: skip
+    """Pass after pass; a member goes on from a converged pass only, and keeps the last one it was in."""
+    done: dict[int, Solution] = {}
+    alive = list(range(compiled.batch))
+    problems = list(compiled.problems)
+    lam = _first_multipliers(start, compiled)
+    limit = run.options.time_limit
+    for number, stage in enumerate(plan, start=1):
+        if number > 1:
+            began = time.perf_counter()
+            old = [problems[k].start for k in alive]
+            for k in alive:
+                problems[k] = _for_pass(problems[k], stage)
+            compiled = CompiledProblem([problems[k] for k in alive], run.threads, like=compiled)
+            nodes = np.stack([moved(done[k].x, x, problems[k]) for k, x in zip(alive, old, strict=True)])
+            run.setup_seconds += time.perf_counter() - began
+        options = replace(run.options, time_limit=max(limit - run.seconds, 1e-3))
+        monitor.begin(number, len(plan))
+        result = sqp.run(compiled, compiled.unknowns(nodes), lam, options, monitor)
+        run.seconds += result.seconds
+        for place, k in enumerate(alive):
+            before = done.get(k)
+            done[k] = _solution(run, compiled, result, place, numbers[k], number, before)
+        keep = [place for place, k in enumerate(alive) if done[k].converged]
+        alive = [alive[place] for place in keep]
+        if not alive or monitor.stopped:
+            break
+        lam = np.ascontiguousarray(result.lam[keep])
+    monitor.end()
+    return [done[k] for k in sorted(done)]
+
+
+def _solution(
+    run: _Run, compiled: CompiledProblem, result: sqp.Result, place: int, seed: int, number: int, before: Solution | None
+) -> Solution:
+    """One member after a pass, with the record of the passes before."""
+    history = result.history[place]
+    history["pass"] = np.full(len(history["iteration"]), float(number))
+    if before is not None:
+        history = {name: np.concatenate([before.history[name], values]) for name, values in history.items()}
+    own = {
+        "multipliers": result.lam[place].copy(), "status": result.status[place], "iterations": int(result.iterations[place]),
+        "factorizations": int(result.factorizations[place]), "history": history, "seconds": float(result.seconds),
+        "setup_seconds": run.setup_seconds, "seed": seed, "device": run.device, "stages": dict(result.stages),
+    }  # fmt: skip
+    made = Solution(**measure.measured(compiled, result.at, place), **own)
+    records = (*(before.passes if before else ()), record(number, made))
+    if before is None:
+        return replace(made, passes=records)
+    stages = {name: before.stages.get(name, 0.0) + value for name, value in made.stages.items()}
+    return replace(
+        made, passes=records, stages=stages, iterations=before.iterations + made.iterations,
+        factorizations=before.factorizations + made.factorizations, seconds=before.seconds + made.seconds,
+    )  # fmt: skip
+
+
+def _first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
+    """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates, or what the user gave."""
+    before = problem.start - problem.dt * problem.start_velocity
+    if start is None:
+        nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
+        nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+    else:
+        given = start.x[1:] if isinstance(start, Solution) else np.asarray(start, dtype=float)
+        if given.shape != (problem.steps + 1, problem.dynamics.nx):
+            raise ShapeError("start", given.shape, (problem.steps + 1, problem.dynamics.nx))
+        if not np.isfinite(given).all():
+            raise ValueRangeError("start is not finite")
+        nodes = np.concatenate([before[None], given])
+        nodes[1] = problem.start
+    nodes[0] = before
+    return nodes
+
+
+def smooth_noise(problem: Problem, seed: int) -> Array:
+    """(N, nu) rad and m: a cubic spline through random knots, zero at the start; the same for the same seed."""
+    duration = problem.steps * problem.dt
+    knots = max(3, int(np.ceil(duration / NOISE_PERIOD)) + 1)
+    values = NOISE * np.random.default_rng(seed).standard_normal((knots, problem.dynamics.nu))
+    values[0] = 0.0
+    times = problem.dt * np.arange(1, problem.steps + 1)
+    return np.asarray(CubicSpline(np.linspace(0.0, duration, knots), values, axis=0)(times))
+
+
+def _first_multipliers(start: Solution | Array | None, compiled: CompiledProblem) -> Array | None:
+    """Those of a warm start of the same shape."""
+    if not isinstance(start, Solution) or start.multipliers.shape != (compiled.K, compiled.ma):
+        return None
+    return np.repeat(start.multipliers[None], compiled.batch, axis=0)
+
+
+@cache
+def _say_cpu(reason: str) -> None:
+    print(f"octo: using the CPU: {reason}", file=sys.stderr)
+
+
+def resolve_device(device: str) -> str:
+    """ "cpu", for "auto" with one line that says why.
+
+    Raises
+    ------
+    DeviceError: "cuda" was asked for and cannot be used. UnknownNameError: no such device.
+    """
+    if device not in DEVICES:
+        raise UnknownNameError("device", device, DEVICES)
+    reason = "octo's CUDA solver is not part of this version"
+    if device == "cuda":
+        raise DeviceError(f"device 'cuda' cannot be used: {reason}; try device 'cpu'")
+    if device == "auto":
+        _say_cpu(reason)
+    return "cpu"
+
+
+class _Progress:
+    """A line on stderr: rewritten in place on a terminal, once every few seconds elsewhere."""
+
+    def __init__(self) -> None:
+        self.terminal = sys.stderr.isatty()
+        self.last = 0.0
+
+    def __call__(self, at: Iterate, final: bool = False) -> None:
+        now = time.perf_counter()
+        if not final and now - self.last < (0.1 if self.terminal else 5.0):
+            return
+        self.last = now
+        line = f"octo: pass {at.number}/{at.passes}, iteration {at.iteration}: {at.words}"
+        end = "\n" if final or not self.terminal else ""
+        print(f"\r\033[K{line}" if self.terminal else line, end=end, file=sys.stderr, flush=True)
+
+
+__all__ = ["Solution", "Status", "solve"]

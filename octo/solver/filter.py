@@ -1,0 +1,70 @@
+"""The filter of a line search (Fletcher and Leyffer; constants of Wächter and Biegler 2006, §2.3): batched.
+
+A step is refused when an entry (‖C‖₁, E) is better than it in both. An iterate becomes an entry when the step from it
+was taken for its constraints and not for a sufficient decrease of E.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from octo.solver.blocks import array_module
+
+Array = Any
+GAMMA_C, GAMMA_E = 1e-5, 1e-8  # by how much a step must beat an entry
+ARMIJO = 1e-4
+SWITCH_C, SWITCH_E = 1.1, 2.3  # exponents of the switching condition (19)
+C_SMALL, C_LARGE = 1e-4, 1e4  # of max(1, ‖C‖₁ at the start)
+CAPACITY = 256  # entries kept of each member; the oldest are forgotten
+
+
+class Filter:
+    """Entries (batch, CAPACITY) of ‖C‖₁ and E."""
+
+    def __init__(self, violation: Array):
+        xp = array_module(violation)
+        batch = len(violation)
+        scale = xp.maximum(1.0, violation)
+        self.small, self.large = C_SMALL * scale, C_LARGE * scale
+        self.violation = xp.full((batch, CAPACITY), xp.inf)
+        self.energy = xp.full((batch, CAPACITY), xp.inf)
+        self.count = xp.zeros(batch, dtype=int)
+
+    def take(self, members: Array) -> Filter:
+        """The filter of some members."""
+        part = object.__new__(Filter)
+        for name, value in self.__dict__.items():
+            setattr(part, name, value[members])
+        return part
+
+    def descends(self, slope: Array, length: Array, violation: Array) -> Array:
+        """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease (switching condition)."""
+        xp = array_module(slope)
+        steep = length * xp.maximum(-slope, 0.0) ** SWITCH_E > xp.maximum(violation, 0.0) ** SWITCH_C
+        return (slope < 0.0) & steep
+
+    def accepts(self, at: tuple[Array, Array], trial: tuple[Array, Array], slope: Array, length: Array) -> Array:
+        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken; ``slope`` is bᵀΔ."""
+        xp = array_module(slope)
+        (violation, energy), (new_violation, new_energy) = at, trial
+        blocked = (new_violation[:, None] >= self.violation) & (new_energy[:, None] >= self.energy)
+        free = xp.isfinite(new_energy) & (new_violation <= self.large) & ~blocked.any(axis=1)
+        must_descend = self.descends(slope, length, violation) & (violation <= self.small)
+        armijo = new_energy <= energy + ARMIJO * length * slope
+        either = (new_violation <= (1.0 - GAMMA_C) * violation) | (new_energy <= energy - GAMMA_E * violation)
+        return free & xp.where(must_descend, armijo, either)
+
+    def add(self, violation: Array, energy: Array, members: Array) -> None:
+        """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than they are."""
+        xp = array_module(violation)
+        energy = energy - GAMMA_E * violation
+        violation = (1.0 - GAMMA_C) * violation
+        chosen = xp.flatnonzero(members)
+        place = self.count[chosen] % CAPACITY
+        self.violation[chosen, place] = violation[chosen]
+        self.energy[chosen, place] = energy[chosen]
+        self.count[chosen] += 1
+
+    def clear(self, members: Array) -> None:
+        """Forget the entries of some members."""
+        self.violation[members], self.energy[members] = float("inf"), float("inf")

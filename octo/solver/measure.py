@@ -1,0 +1,91 @@
+"""From an iterate to a Solution: what the feet, the forces and the laws of physics say about it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.parameters import section
+from octo.model.character import Character
+from octo.problem.compiled import CompiledProblem, Evaluation
+
+Array = NDArray[np.float64]
+GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
+GROUND_SPACING = 0.1  # m
+
+
+def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
+    """‖C‖∞ and ‖U_/FD‖∞ (batch,) in N; moments are divided by ℓ (DESIGN: the scale of the rows)."""
+    weight = problem.weight
+    if problem.ma == 0:
+        return np.zeros(problem.batch), np.zeros(problem.batch)
+    reduced = np.abs(at.C).max(axis=(1, 2)) * weight
+    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale).max(axis=(1, 2))
+    return reduced, rows * weight
+
+
+def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str, Any]:
+    """The fields of a Solution that follow from one member's iterate."""
+    described, dynamics = problem.problems[member], problem.dynamics
+    reduced, pointwise = violations(problem, at)
+    terms = problem.term_values(at)[member]
+    names = [term.label for term in described.costs]
+    robot: Character | None = described.character
+    p = problem.p[member]
+    return {
+        "name": robot.name if robot is not None else "custom",
+        "character": robot,
+        "dt": float(described.dt),
+        "basis": problem.basis.name,
+        "x": at.nodes[member].copy(),
+        "u": at.fd[member][:, dynamics.actuated].copy(),
+        "unknowns": at.unknowns[member].copy(),
+        "terms": {name: float(value) for name, value in zip(names, terms, strict=True)},
+        "violation": float(reduced[member]),
+        "pointwise_residual": float(pointwise[member]),
+        "weight": described.weight,
+        "length": described.length,
+        "torque_limit": described.setting.torque_limit,
+        "parameters": {name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)},
+        **_contacts(dynamics, at.nodes[member], p, problem),
+    }
+
+
+def _contacts(dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem) -> dict[str, Any]:
+    steps = len(nodes) - 2
+    count = len(dynamics.character.terrain_contacts) if isinstance(dynamics, RobotDynamics) else 0
+    vectors = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
+    if not isinstance(dynamics, RobotDynamics) or count == 0:
+        empty = {name: np.zeros((steps, 0, 3)) for name in vectors}
+        return {**empty, "contact_depth": np.zeros((steps, 0)), "contact_names": (), "ground": {}}
+    at = ca.repmat(ca.DM(p), 1, steps)
+    *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
+    out: dict[str, Any] = {
+        name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0) for name, value in zip(vectors, values, strict=True)
+    }
+    robot = dynamics.character
+    out["contact_depth"] = np.asarray(depth).T.reshape(steps, count)
+    out["contact_names"] = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
+    out["ground"] = ground(dynamics, p, out["contact_point"])
+    return out
+
+
+def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]:
+    """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around`` (..., 3)."""
+    low, high = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN, around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
+    counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
+    x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
+    point, symbol = ca.SX.sym("point", 3), ca.SX.sym("p", dynamics.layout.size)
+    distance = dynamics.terrain.distance(point, section(dynamics.layout.view(symbol), "terrain."))
+    phi = ca.Function("phi", [point, symbol], [distance])
+    grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")])
+    below, above = np.full(grid.shape[1], low[2] - 3.0), np.full(grid.shape[1], high[2] + 3.0)
+    for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
+        middle = 0.5 * (below + above)
+        inside = np.asarray(phi(np.vstack([grid, middle]), ca.DM(p))).ravel() < 0.0
+        below, above = np.where(inside, middle, below), np.where(inside, above, middle)
+    return {"x": x, "y": y, "z": (0.5 * (below + above)).reshape(len(x), len(y))}

@@ -1,0 +1,73 @@
+"""Everything a user may tune of the solver, with the reason of each default."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from octo.errors import UnknownNameError, ValueRangeError
+
+CHOICES = {
+    "hessian": ("exact", "gauss_newton"),
+    "step": ("line_search", "trust_region"),
+    "linear_solver": ("auto", "elimination", "cyclic_reduction"),
+}
+
+
+@dataclass(frozen=True)
+class SqpOptions:
+    """How Algorithm 1 runs. The defaults are the exact-curvature line search; :meth:`paper` is the paper's own.
+
+    Attributes
+    ----------
+    hessian: "exact" adds the curvature of lamᵀC and of the torque terms; "gauss_newton" is JᵀJ.
+    step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
+    gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
+    max_iterations: of one pass. time_limit: s, of all passes.
+    tolerance: of ‖C‖∞ in mg (line_search), in N (trust_region). The default is 1e-5 N at 49 N of weight.
+    step_tolerance: of ‖Δ‖∞ of the full KKT step, rad and m.
+    dual_tolerance: of ‖∇E + Aᵀlam‖∞; E is of order one where nothing moves yet.
+    cap: rad and m, largest change of one number in one step.
+    first_sigma: the first regularisation weight that is tried when the inertia is wrong.
+    c_max: N, the paper's C_max: a step that ends above it is refused unless it reduces ‖C‖.
+    plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so many iterations.
+    """
+
+    hessian: Literal["exact", "gauss_newton"] = "exact"
+    step: Literal["line_search", "trust_region"] = "line_search"
+    gauss_newton_first: int = 0
+    max_iterations: int = 1500
+    time_limit: float = np.inf
+    tolerance: float = 2e-7
+    step_tolerance: float = 1e-3
+    dual_tolerance: float = 1e-5
+    cap: float = 1.0
+    first_sigma: float = 1e-6
+    linear_solver: Literal["auto", "elimination", "cyclic_reduction"] = "auto"
+    c_max: float = 0.1
+    plateau: int = 20
+    plateau_change: float = 1e-4
+
+    def __post_init__(self) -> None:
+        for name, values in CHOICES.items():
+            if getattr(self, name) not in values:
+                raise UnknownNameError(name, getattr(self, name), values)
+        for name in ("tolerance", "step_tolerance", "dual_tolerance", "cap", "first_sigma", "c_max", "time_limit"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueRangeError(f"{name} is {value}, must be positive")
+        for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
+            value = getattr(self, name)
+            if int(value) != value or value < least:
+                raise ValueRangeError(f"{name} is {value}, must be a whole number of at least {least}")
+
+    @classmethod
+    def paper(cls, **changes: Any) -> SqpOptions:
+        """§6.1 verbatim: JᵀJ, Φ = μ/2‖C‖² + E, Eq. 11, radius ∞ then ‖Δ‖, × 1.2 or 0.8‖Δ‖, C_max 0.1, ε_E 1e-3, ε_C 1e-5.
+
+        E is normalised as §8 says: E_obj is 1 at the start, E_reg is 1e-4‖u‖².
+        """
+        verbatim = cls(hessian="gauss_newton", step="trust_region", tolerance=1e-5, max_iterations=3000)
+        return replace(verbatim, **changes)

@@ -1,0 +1,81 @@
+"""Factor the KKT matrix with the smallest weight sigma that gives it the right inertia.
+
+An exact Hessian is indefinite. The weight is raised until the matrix has as many negative eigenvalues as constraints
+and no more (Wächter and Biegler 2006, Algorithm IC), and remembered: the next iteration tries a third of it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from octo.solver import kkt
+from octo.solver.blocks import KKTBlocks, array_module
+from octo.solver.options import SqpOptions
+
+Array = Any
+FLOOR = 1e-12  # always added: units that no term sees would leave zero pivots
+SHRINK, GROW = 1.0 / 3.0, 8.0
+LARGEST = 1e12
+
+
+class Factors:
+    """KKT factors of a batch, each member's with its own weight."""
+
+    def __init__(self, blocks: KKTBlocks):
+        self.blocks = blocks
+        self.groups: list[tuple[Array, Array, Any]] = []  # members factored together, those that are good, their factor
+
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without a factor."""
+        if len(self.groups) == 1 and len(self.groups[0][0]) == len(rhs_v):
+            return self.groups[0][2].solve(rhs_v, rhs_c)
+        xp = array_module(rhs_v)
+        dv, lam = xp.full(rhs_v.shape, xp.nan), xp.full(rhs_c.shape, xp.nan)
+        for members, good, factor in self.groups:
+            if good.any():
+                v, multipliers = factor.solve(rhs_v[members], rhs_c[members])
+                dv[members[good]], lam[members[good]] = v[good], multipliers[good]
+        return dv, lam
+
+
+class Regularisation:
+    """The weight of each member (batch,), remembered between iterations."""
+
+    def __init__(self, batch: int, options: SqpOptions, xp: Any):
+        self.options = options
+        self.last = xp.zeros(batch)  # the last one that was needed, 0 before any was
+        self.factorizations = xp.zeros(batch, dtype=int)
+
+    def take(self, members: Array) -> None:
+        """Keep some members only."""
+        self.last, self.factorizations = self.last[members], self.factorizations[members]
+
+    def factorize(self, blocks: KKTBlocks, threads: int) -> tuple[Factors, Array, Array]:
+        """The factors, the weights used (batch,), and where there is a factor (batch,) bool."""
+        xp = array_module(blocks.H)
+        batch = blocks.batch
+        factors, sigma = Factors(blocks), xp.zeros(batch)
+        pending, tries = xp.arange(batch), 0
+        while len(pending):
+            whole = len(pending) == batch
+            H, A = (blocks.H, blocks.A) if whole else (blocks.H[pending], blocks.A[pending])
+            weight = sigma[pending] + FLOOR
+            factor = kkt.factorize(H, A, weight, method=self.options.linear_solver, threads=threads)
+            self.factorizations[pending] += 1
+            good = factor.inertia_ok
+            factors.groups.append((pending, good, factor))
+            pending = pending[~good]
+            if not len(pending):
+                break
+            first = xp.maximum(self.options.first_sigma, SHRINK * self.last[pending])
+            sigma[pending] = first if tries == 0 else GROW * sigma[pending]
+            pending = pending[sigma[pending] <= LARGEST]
+            tries += 1
+        if len(factors.groups) > 1 and factors.groups[-1][1].all() and len(factors.groups[-1][0]) == batch:
+            factors.groups = factors.groups[-1:]
+        needed = sigma > 0.0
+        self.last[needed] = sigma[needed]
+        has = xp.zeros(batch, dtype=bool)
+        for members, good, _ in factors.groups:
+            has[members[good]] = True
+        return factors, sigma, has

@@ -1,0 +1,284 @@
+"""Algorithm 1 over a batch: linearise, ask the rule for a step, take it, test for convergence.
+
+The rule (line_search.py or trust_region.py) owns the step and its acceptance; this file owns the iterate, the tests,
+the clock and the history. Members that are done leave the batch, so none waits for another and none disturbs another.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.solver.blocks import KKTBlocks
+from octo.solver.line_search import LineSearch
+from octo.solver.options import SqpOptions
+from octo.solver.solution import HISTORY, Status
+from octo.solver.trust_region import TrustRegion
+
+Array = NDArray[np.float64]
+STAGES = ("linearize", "factor", "solve", "evaluate")
+
+
+@dataclass(eq=False)
+class Iterate:
+    """What a callback sees after an iteration; arrays are over the members still at work."""
+
+    number: int  # of the pass, counted from 1
+    passes: int
+    iteration: int
+    energy: Array  # (batch,)
+    violation: Array  # (batch,) N
+    nodes: Array  # (batch, N+2, n)
+
+    @property
+    def words(self) -> str:
+        """One line for a terminal."""
+        best = int(np.argmin(self.energy))
+        others = f", {len(self.energy)} starts" if len(self.energy) > 1 else ""
+        return f"E {self.energy[best]:.5g}, ‖C‖∞ {self.violation[best]:.1e} N{others}"
+
+
+@dataclass(eq=False)
+class Monitor:
+    """Callback and progress line of a solve, and whether it was told to stop."""
+
+    callback: Callable[[Iterate], bool | None] | None = None
+    progress: Callable[..., None] | None = None
+    stopped: bool = False
+    number: int = 1
+    passes: int = 1
+    last: Iterate | None = None
+
+    def begin(self, number: int, passes: int) -> None:
+        self.number, self.passes = number, passes
+
+    def show(self, iteration: int, at: Evaluation, violation: Array) -> bool:
+        """Tell everybody; True stops the solve."""
+        if self.callback is None and self.progress is None:
+            return False
+        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, at.nodes)
+        if self.progress is not None:
+            self.progress(self.last)
+        self.stopped = self.callback is not None and bool(self.callback(self.last))
+        return self.stopped
+
+    def end(self) -> None:
+        if self.progress is not None and self.last is not None:
+            self.progress(self.last, final=True)
+
+
+@dataclass(eq=False)
+class Clock:
+    """Seconds by stage."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - began
+
+
+@dataclass(eq=False)
+class Move:
+    """What a rule did in one iteration; arrays over the batch."""
+
+    at: Evaluation  # where the members are now
+    lam: Array
+    accepted: NDArray[np.bool_]
+    failed: NDArray[np.bool_]  # no step can be found from here
+    step: Array  # ‖Δ‖∞ of the full KKT step from the iterate before
+    taken: Array  # ‖Δ‖∞ of what was taken
+    ratio: Array  # actual over predicted reduction, or the line search's length
+    radius: Array
+    sigma: Array
+    factorizations: NDArray[np.intp]
+    converged: NDArray[np.bool_]  # the tests of the rule held before the step: it was not taken
+
+
+class Rule(Protocol):
+    """How a step is made and accepted."""
+
+    def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
+
+    def take(self, members: NDArray[np.intp]) -> None: ...
+
+
+@dataclass(eq=False)
+class Result:
+    """The end of one pass, in the order of the batch."""
+
+    at: Evaluation
+    lam: Array
+    status: list[Status]
+    iterations: NDArray[np.intp]
+    factorizations: NDArray[np.intp]
+    history: list[dict[str, Array]]
+    stages: dict[str, float]
+    seconds: float
+
+
+class _Member:
+    """History and best iterate of one start."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, ...]] = []
+        self.energies: list[float] = []
+        self.best: tuple[float, Evaluation, Array] | None = None
+        self.factorizations = 0
+
+    def plateau(self, options: SqpOptions) -> bool:
+        """E changed by less than a small part of itself over the last iterations."""
+        window = self.energies[-options.plateau - 1 :]
+        return len(window) > options.plateau and max(window) - min(window) <= options.plateau_change * abs(window[-1])
+
+    def remember(self, score: float, at: Evaluation, lam: Array) -> None:
+        if self.best is None or score <= self.best[0]:
+            self.best = (score, at, lam)
+
+    def history(self) -> dict[str, Array]:
+        columns = np.array(self.rows, dtype=float).reshape(-1, len(HISTORY))
+        return {name: columns[:, k].copy() for k, name in enumerate(HISTORY)}
+
+
+def run(problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor | None = None) -> Result:
+    """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by default."""
+    return _Run(problem, unknowns, lam, options, monitor or Monitor()).run()
+
+
+class _Run:
+    def __init__(self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor):
+        self.options, self.monitor, self.clock = options, monitor, Clock()
+        self.problem = problem
+        self.began = time.perf_counter()
+        kind = TrustRegion if options.step == "trust_region" else LineSearch
+        if options.step == "trust_region":
+            self.problem = problem = TrustRegion.normalised(problem, unknowns)
+        self.at = problem.evaluate(np.ascontiguousarray(unknowns))
+        shape = (problem.batch, problem.K, problem.ma)
+        self.lam = np.zeros(shape) if lam is None else np.ascontiguousarray(lam, dtype=float)
+        self.rule: Rule = kind(problem, self.at, options, self.clock)
+        self.active = np.arange(problem.batch)
+        self.members = [_Member() for _ in self.active]
+        self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
+        self.whole = problem
+        self.moved = np.ones(problem.batch, dtype=bool)
+        self.model: Model | None = None
+
+    def run(self) -> Result:
+        iteration = 0
+        try:
+            self._leave(~self.at.finite, Status.NOT_FINITE)
+            while len(self.active):
+                if iteration >= self.options.max_iterations:
+                    self._leave(np.ones(len(self.active), dtype=bool), Status.ITERATION_LIMIT)
+                elif time.perf_counter() - self.began > self.options.time_limit:
+                    self._leave(np.ones(len(self.active), dtype=bool), Status.TIME_LIMIT)
+                else:
+                    self._iterate(iteration)
+                    iteration += 1
+        except KeyboardInterrupt:
+            self.monitor.stopped = True
+            self._leave(np.ones(len(self.active), dtype=bool), Status.INTERRUPTED)
+        return self._result()
+
+    def _iterate(self, iteration: int) -> None:
+        exact = self.options.hessian == "exact" and iteration >= self.options.gauss_newton_first
+        if self.model is None or self.moved.any() or iteration == self.options.gauss_newton_first:
+            with self.clock("linearize"):
+                self.model = self.problem.linearize(self.at, self.lam if exact else None)
+        model = self.model
+        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
+        dual = np.abs(model.b + blocks.constraints_transposed_times(self.lam)).max(axis=(1, 2))
+        before, violation = self.at, self.violation
+        move = self.rule.move(self.at, self.lam, model, iteration)
+        self._record(iteration, before, violation, dual, move)
+        self.at, self.lam, self.moved = move.at, move.lam, move.accepted
+        plateau = np.array([self.members[k].plateau(self.options) for k in self.active])
+        acceptable = plateau & (self.violation <= self.tolerance)
+        status = [
+            (move.converged, Status.CONVERGED), (acceptable & ~move.converged, Status.ACCEPTABLE),
+            (move.failed & ~acceptable & ~move.converged, Status.STALLED),
+        ]  # fmt: skip
+        stop = self.monitor.show(iteration, self.at, self.violation)
+        if stop:
+            open_ = ~(move.converged | acceptable | move.failed)
+            status.append((open_, Status.INTERRUPTED))
+        self._leave_all(status)
+
+    @property
+    def violation(self) -> Array:
+        """(batch,) N."""
+        C = self.at.C
+        return np.abs(C).max(axis=(1, 2)) * self.problem.weight if C.size else np.zeros(len(C))
+
+    @property
+    def tolerance(self) -> float:
+        """N."""
+        return self.options.tolerance * (self.problem.weight if self.options.step == "line_search" else 1.0)
+
+    def _record(self, iteration: int, before: Evaluation, violation: Array, dual: Array, move: Move) -> None:
+        seconds = time.perf_counter() - self.began
+        for place, k in enumerate(self.active):
+            member = self.members[k]
+            member.factorizations = int(move.factorizations[place])
+            energy = float(before.energy[place])
+            member.energies.append(energy)
+            values = (0.0, iteration, energy, violation[place], dual[place], move.step[place], move.taken[place])
+            more = (move.ratio[place], move.radius[place], move.sigma[place], move.factorizations[place], seconds)
+            member.rows.append((*(float(v) for v in values), *(float(v) for v in more)))
+            score = energy + 100.0 * float(violation[place]) / self.problem.weight
+            if member.best is None or score <= member.best[0]:
+                member.remember(score, before.take([place]), self.lam[[place]])
+
+    def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
+        self._leave_all([(mask, status)])
+
+    def _leave_all(self, groups: list[tuple[NDArray[np.bool_], Status]]) -> None:
+        """Members that are done go out of the batch; those that did not converge keep their best iterate."""
+        gone = np.zeros(len(self.active), dtype=bool)
+        for mask, status in groups:
+            gone |= mask
+            for place in np.flatnonzero(mask):
+                k = int(self.active[place])
+                at, lam = self.at.take([place]), self.lam[[place]]
+                best = self.members[k].best
+                if not status.converged and best is not None:
+                    energy = float(at.energy[0]) + 100.0 * float(self.violation[place]) / self.problem.weight
+                    if not energy <= best[0]:
+                        _, at, lam = best
+                self.done[k] = (status, at, lam)
+        if not gone.any():
+            return
+        keep = np.flatnonzero(~gone)
+        self.active = self.active[keep]
+        if len(keep):
+            self.problem = self.problem.take(keep)
+            self.at, self.lam, self.moved = self.at.take(keep), self.lam[keep], self.moved[keep]
+            self.model = None
+            self.rule.take(keep)
+
+    def _result(self) -> Result:
+        order = range(self.whole.batch)
+        ends = [self.done[k] for k in order]
+        at = Evaluation(**{name: np.concatenate([getattr(e[1], name) for e in ends]) for name in ends[0][1].__dict__})
+        return Result(
+            at=at,
+            lam=np.concatenate([e[2] for e in ends]),
+            status=[e[0] for e in ends],
+            iterations=np.array([len(self.members[k].rows) for k in order]),
+            factorizations=np.array([self.members[k].factorizations for k in order]),
+            history=[self.members[k].history() for k in order],
+            stages=dict(self.clock.seconds),
+            seconds=time.perf_counter() - self.began,
+        )
