@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -76,3 +77,15 @@ def test_a_wheel_installed_elsewhere_solves(tmp_path: Path) -> None:
     assert installed == written and "octo/py.typed" in installed
     printed = run(f"import os; os.chdir({str(tmp_path)!r}){TINY}", PYTHONPATH=str(target), OCTO_CACHE=str(tmp_path / "cache"))
     assert str(target) in printed and "(5, 14)" in printed
+
+
+@pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")], key=str), ids=lambda page: page.name)
+def test_names_and_links_of_the_pages_exist(page: Path) -> None:
+    text = page.read_text()
+    for name in re.findall(r"\bocto\.((?:[A-Za-z]\w*)(?:\.[A-Za-z]\w*)?)\(", text):
+        value: object = octo
+        for part in name.split("."):
+            value = getattr(value, part)
+        assert callable(value), name
+    for link in re.findall(r"\]\(([^)#:]+)\)", text):
+        assert (page.parent / link).exists(), link
