@@ -1,5 +1,7 @@
 # Each target sets up what it needs in .venv: no root, no apt. PYTHON names another interpreter (3.11 or newer).
-PYTHON ?= $(firstword $(foreach version,3.13 3.12 3.11 3.14,$(shell command -v python$(version))) python3)
+NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3.14; do \
+	$$python -c '$(NEW_ENOUGH)' 2>/dev/null && echo $$python && break; done)
 BIN := .venv/bin
 
 .PHONY: demo test acceptance clean
@@ -14,6 +16,7 @@ acceptance: .venv/ready-dev
 	$(BIN)/python -m benchmarks.acceptance
 
 .venv/bin/python:
+	@test -n '$(PYTHON)' || { echo 'octo needs Python 3.11 or newer: make PYTHON=/path/to/python'; exit 1; }
 	$(PYTHON) -m venv .venv
 
 .venv/ready: setup.cfg setup.py | .venv/bin/python
