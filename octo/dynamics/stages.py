@@ -13,7 +13,7 @@ import casadi as ca
 
 from octo.dynamics import symbolic
 from octo.dynamics.laws import ContactLaw, View
-from octo.dynamics.parameters import Layout
+from octo.dynamics.parameters import Layout, section
 from octo.model.terrain import Plane, Terrain
 from octo.model.terrain import normal as normal_of
 
@@ -108,7 +108,7 @@ def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Functio
     """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3), radius, p."""
     center, radius, p = ca.SX.sym("center", 3), ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
     view = layout.view(p)
-    reach = law.reach(symbolic.section(view, "contact."))
+    reach = law.reach(section(view, "contact."))
     depth = -symbolic.contact_height(radius, center, terrain, view)
     return ca.Function(f"{PREFIX}gap", [center, radius, p], [ca.SX(depth + reach)], OPTIONS)
 
@@ -125,14 +125,13 @@ class _Touch:
         (R, t), (R1, t1) = _pose(flat[0]), _pose(flat[1])
         self.center = R @ sphere[:3] + t
         point, pull = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
-        ground = symbolic.section(view, "terrain.")
+        ground = section(view, "terrain.")
         place = [point, ca.veccat(*ground.values())]
         n = normal_of(terrain, point, ground)
         at = self.center, place[1]
         normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
         self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
-        curvature = ca.Function("curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]])
-        self.arm_curvature = lambda along: -sphere[3] * curvature(*at, along)  # ∂²(along·arm)/∂c²
+        self._curvature, self._at = ca.Function("curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]]), at
         self.Q = R1 @ R.T
         self.U = R1 @ sphere[:3] + t1 + self.Q @ self.arm
         self.c_tau = self.U_now = ca.horzcat(ca.SX(3, 3), ca.SX.eye(3))
@@ -140,12 +139,16 @@ class _Touch:
         self.slide = self.arm_tau + ca.horzcat(ca.skew(self.arm), ca.SX(3, 3))
         self.U_tau = self.Q @ self.slide
 
+    def arm_curvature(self, along: ca.SX) -> ca.SX:
+        """∂²(along·arm)/∂c² (3, 3)."""
+        return -self.radius * self._curvature(*self._at, along)
+
 
 def _force(law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX) -> ca.SX:
     """Force (3,) N on the body of a sphere at c whose contact point was at U one step ago."""
-    n = normal_of(terrain, c, symbolic.section(view, "terrain."))
+    n = normal_of(terrain, c, section(view, "terrain."))
     depth = -symbolic.contact_height(radius, c, terrain, view)
-    return law.force(depth, n, (c - radius * n - U) / view["dt"], symbolic.section(view, "contact."))
+    return law.force(depth, n, (c - radius * n - U) / view["dt"], section(view, "contact."))
 
 
 def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
