@@ -12,12 +12,14 @@ import numpy as np
 
 from octo.dynamics.laws import Smooth, Viscous
 from octo.errors import ProblemError, ValueRangeError
+from octo.problem.basis import Hermite
 from octo.problem.problem import Array, Problem
 from octo.solver.solution import Solution
 
 DEPTHS = (0.020, 0.010, 0.005, 0.0025)  # m; each further pass halves the last
-RATIOS = (10.0, 10.0, 20.0, 30.0)  # s/m, w_par/w_perp; the last one stays
+RATIOS = (10.0, 20.0, 50.0, 100.0)  # s/m, w_par/w_perp; the last one stays
 ONSETS = (0.010, 0.010, 0.005, 0.002)  # m, smoothing of the contact's onset; the last one stays
+
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,22 @@ class Pass:
         return {"contact.w_perp": w_perp, "contact.w_par": self.ratio * w_perp, "contact.onset": self.onset}
 
 
+RAMP = 4  # a pass reaches its stiffness in so many equal factors …
+RAMP_ITERATIONS = 3  # … with this many iterations at each before the last: a start of 43 N of ‖C‖∞ becomes one of 8 N
+
+
+def between(first: Pass, last: Pass) -> list[Pass]:
+    """The stiffnesses on the way from one pass to the next, without the two."""
+    parts = [k / RAMP for k in range(1, RAMP)]
+
+    def value(a: float, b: float, part: float) -> float:
+        return a * (b / a) ** part
+
+    return [
+        Pass(value(first.depth, last.depth, f), value(first.ratio, last.ratio, f), value(first.onset, last.onset, f)) for f in parts
+    ]
+
+
 def growable(problem: Problem) -> bool:
     """True where the contact law is Eq. 6 and its weights were not set by the caller."""
     names = ("contact.w_perp", "contact.w_par", "contact.onset")
@@ -44,6 +62,9 @@ def growable(problem: Problem) -> bool:
 
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     """The passes of a problem; [None] solves it with the parameters it has.
+
+    By default four in the nodes basis, one in the Hermite basis: a spline of ten steps a segment cannot follow the
+    forces of a stiff contact (its pointwise residual grows to several times the weight).
 
     Raises
     ------
@@ -56,14 +77,14 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
             raise ProblemError(f"passes is {count}: only the default contact law's stiffness can grow, give passes=1")
         return [None]
     last = len(DEPTHS) - 1
-    wanted = len(DEPTHS) if count is None else int(count)
+    wanted = (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)) if count is None else int(count)
     return [Pass(DEPTHS[min(k, last)] / 2.0 ** max(0, k - last), RATIOS[min(k, last)], ONSETS[min(k, last)]) for k in range(wanted)]
 
 
-def moved(nodes: Array, start: Array, problem: Problem) -> Array:
-    """Nodes (..., N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
-    shifted = nodes + (problem.start - start)
-    shifted[..., 0, :] = problem.start - problem.dt * problem.start_velocity
+def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
+    """Nodes (N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
+    shifted = nodes + (problem.start - before.start)
+    shifted[0] = problem.start - problem.dt * problem.start_velocity
     return np.ascontiguousarray(shifted)
 
 

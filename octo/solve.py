@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
-from octo.passes import Pass, moved, record, schedule
+from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
 from octo.solver import measure, sqp
@@ -54,6 +54,7 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     """
     if isinstance(problem, Problem):
         members, best = _solve([problem], **options)
+        _say_kept(members[best[0]])
         return replace(members[best[0]], starts=tuple({**m.report(), "seed": m.seed} for m in members))
     problems = list(problem)
     if not problems:
@@ -110,10 +111,11 @@ def _solve(
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
 
 
-def _rank(member: Solution) -> tuple[bool, bool, float]:
-    """Converged first, then the ones that got further, then the smallest E."""
+def _rank(member: Solution) -> tuple[bool, int, bool, float]:
+    """Converged first, then those that got through more passes, then the smallest E."""
     feasible = member.violation <= 1e-3 * member.weight
-    return (not member.converged, not feasible, member.energy if feasible else member.violation)
+    done = sum(bool(record["converged"]) for record in member.passes)
+    return (not member.converged, -done, not feasible, member.energy if feasible else member.violation)
 
 
 def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
@@ -127,32 +129,57 @@ def _passes(
     """Pass after pass; a member goes on from a converged pass only, and keeps the last one it was in."""
     done: dict[int, Solution] = {}
     alive = list(range(compiled.batch))
-    problems = list(compiled.problems)
     lam = _first_multipliers(start, compiled)
-    limit = run.options.time_limit
     for number, stage in enumerate(plan, start=1):
-        if number > 1:
-            began = time.perf_counter()
-            old = [problems[k].start for k in alive]
-            for k in alive:
-                problems[k] = _for_pass(problems[k], stage)
-            compiled = CompiledProblem([problems[k] for k in alive], run.threads, like=compiled)
-            nodes = np.stack([moved(done[k].x, x, problems[k]) for k, x in zip(alive, old, strict=True)])
-            run.setup_seconds += time.perf_counter() - began
-        options = replace(run.options, time_limit=max(limit - run.seconds, 1e-3))
         monitor.begin(number, len(plan))
-        result = sqp.run(compiled, compiled.unknowns(nodes), lam, options, monitor)
-        run.seconds += result.seconds
-        for place, k in enumerate(alive):
-            before = done.get(k)
-            done[k] = _solution(run, compiled, result, place, numbers[k], number, before)
-        keep = [place for place, k in enumerate(alive) if done[k].converged]
+        way: list[sqp.Result] = []
+        if number > 1:
+            before, after = plan[number - 2], plan[number - 1]
+            assert before is not None and after is not None
+            for part in between(before, after):
+                compiled, nodes = _stiffer(run, compiled, nodes, part)
+                way.append(_pass(run, compiled, nodes, lam, monitor, RAMP_ITERATIONS))
+                nodes, lam = way[-1].at.nodes, way[-1].lam
+            compiled, nodes = _stiffer(run, compiled, nodes, after)
+        result = _pass(run, compiled, nodes, lam, monitor, run.options.max_iterations)
+        for earlier in reversed(way):
+            result = result.after(earlier)
+        made = [_solution(run, compiled, result, place, numbers[k], number, done.get(k)) for place, k in enumerate(alive)]
+        for k, member in zip(alive, made, strict=True):
+            done[k] = member if member.converged or k not in done else _kept(done[k], member)
+        keep = np.flatnonzero([member.converged for member in made])
         alive = [alive[place] for place in keep]
         if not alive or monitor.stopped:
             break
-        lam = np.ascontiguousarray(result.lam[keep])
+        compiled, nodes, lam = compiled.take(keep), result.at.nodes[keep], np.ascontiguousarray(result.lam[keep])
     monitor.end()
     return [done[k] for k in sorted(done)]
+
+
+def _kept(converged: Solution, failed: Solution) -> Solution:
+    """The motion of the last converged pass, with the record of the pass that failed after it."""
+    return replace(
+        converged, passes=failed.passes, history=failed.history, stages=failed.stages, iterations=failed.iterations,
+        factorizations=failed.factorizations, seconds=failed.seconds,
+    )  # fmt: skip
+
+
+def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor, iterations: int) -> sqp.Result:
+    """One solve with what is left of the time."""
+    options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-3), max_iterations=iterations)
+    result = sqp.run(compiled, compiled.unknowns(nodes), lam, options, monitor)
+    run.seconds += result.seconds
+    return result
+
+
+def _stiffer(run: _Run, compiled: CompiledProblem, nodes: Array, stage: Pass) -> tuple[CompiledProblem, Array]:
+    """The same problems with a stiffer contact law, and the nodes shifted to their new starts."""
+    began = time.perf_counter()
+    problems = [_for_pass(problem, stage) for problem in compiled.problems]
+    shifted = np.stack([moved(x, old, new) for x, old, new in zip(nodes, compiled.problems, problems, strict=True)])
+    stiffer = CompiledProblem(problems, run.threads, like=compiled)
+    run.setup_seconds += time.perf_counter() - began
+    return stiffer, shifted
 
 
 def _solution(
@@ -212,6 +239,15 @@ def _first_multipliers(start: Solution | Array | None, compiled: CompiledProblem
     if not isinstance(start, Solution) or start.multipliers.shape != (compiled.K, compiled.ma):
         return None
     return np.repeat(start.multipliers[None], compiled.batch, axis=0)
+
+
+def _say_kept(solution: Solution) -> None:
+    last = solution.passes[-1]
+    if solution.converged and not last["converged"]:
+        print(
+            f"octo: pass {last['pass']} did not converge ({last['status']}): the motion of the pass before it is returned",
+            file=sys.stderr,
+        )
 
 
 @cache

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -126,6 +126,14 @@ class Result:
     history: list[dict[str, Array]]
     stages: dict[str, float]
     seconds: float
+
+    def after(self, before: Result) -> Result:
+        """This result with the iterations, time and history that led to it."""
+        joined = [{n: np.concatenate([a[n], b[n]]) for n in HISTORY} for a, b in zip(before.history, self.history, strict=True)]
+        return replace(
+            self, iterations=before.iterations + self.iterations, factorizations=before.factorizations + self.factorizations,
+            history=joined, stages={n: before.stages[n] + self.stages[n] for n in STAGES}, seconds=before.seconds + self.seconds,
+        )  # fmt: skip
 
 
 class _Member:
