@@ -41,7 +41,10 @@ int octo_batch(int batch, int steps, int order, int threads, const double *nodes
   for (int k = 0; k < threads && !failed; ++k) {
     octo_run_of_steps run = {steps, order, nodes, p, lam, fd, jac, hess, items * k / threads, items * (k + 1) / threads, 0};
     runs[k] = run;
-    if (k == threads - 1 || pthread_create(&handles[k], 0, octo_run_steps, &runs[k]) != 0) octo_run_steps(&runs[k]), handles[k] = 0;
+    if (k == threads - 1 || pthread_create(&handles[k], 0, octo_run_steps, &runs[k]) != 0) {
+      handles[k] = 0; /* the caller takes the last run, and those that got no thread */
+      octo_run_steps(&runs[k]);
+    }
   }
   for (int k = 0; k < threads && runs && handles; ++k) {
     if (handles[k]) pthread_join(handles[k], 0);
