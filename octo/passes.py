@@ -21,19 +21,19 @@ RATIOS = (10.0, 20.0, 50.0, 100.0)  # s/m, w_par/w_perp; the last one stays
 ONSETS = (0.010, 0.010, 0.005, 0.002)  # m, smoothing of the contact's onset; the last one stays
 
 
-
 @dataclass(frozen=True)
 class Pass:
-    """One pass: four feet that carry the weight sink by ``depth`` m, w_par/w_perp is ``ratio`` s/m."""
+    """One pass: four feet that carry the weight sink by ``depth`` m, w_par/w_perp is ``ratio`` s/m (None: not viscous)."""
 
     depth: float
-    ratio: float
+    ratio: float | None
     onset: float
 
     def parameters(self, weight: float) -> dict[str, float]:
         """The contact law's parameters for a robot of ``weight`` N: w_perp = mg/(4 depth²)."""
         w_perp = weight / (4.0 * self.depth**2)
-        return {"contact.w_perp": w_perp, "contact.w_par": self.ratio * w_perp, "contact.onset": self.onset}
+        friction = {} if self.ratio is None else {"contact.w_par": self.ratio * w_perp}
+        return {"contact.w_perp": w_perp, **friction, "contact.onset": self.onset}
 
 
 RAMP = 4  # a pass reaches its stiffness in so many equal factors …
@@ -47,17 +47,27 @@ def between(first: Pass, last: Pass) -> list[Pass]:
     def value(a: float, b: float, part: float) -> float:
         return a * (b / a) ** part
 
-    return [
-        Pass(value(first.depth, last.depth, f), value(first.ratio, last.ratio, f), value(first.onset, last.onset, f)) for f in parts
-    ]
+    def ratio(part: float) -> float | None:
+        return None if first.ratio is None or last.ratio is None else value(first.ratio, last.ratio, part)
+
+    return [Pass(value(first.depth, last.depth, f), ratio(f), value(first.onset, last.onset, f)) for f in parts]
 
 
 def growable(problem: Problem) -> bool:
-    """True where the contact law is Eq. 6 and its weights were not set by the caller."""
+    """True where the contact law is Eq. 6, with any friction, and its stiffness was not set by the caller."""
     names = ("contact.w_perp", "contact.w_par", "contact.onset")
-    law = problem.law
-    plain = law is None or (isinstance(law, Smooth) and isinstance(law.friction, Viscous) and law == Smooth())
+    law, default = problem.law, Smooth()
+    plain = law is None or (isinstance(law, Smooth) and (law.w_perp, law.onset) == (default.w_perp, default.onset))
     return problem.character is not None and plain and not any(name in problem.parameters for name in names)
+
+
+def ratios(problem: Problem) -> tuple[float | None, ...]:
+    """w_par/w_perp of each pass: growing by default, the caller's where the law says one, None without viscous friction."""
+    law = problem.law
+    if not isinstance(law, Smooth):
+        return RATIOS
+    friction = law.friction
+    return (friction.w_par / law.w_perp if isinstance(friction, Viscous) else None,) * len(RATIOS)
 
 
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
@@ -74,11 +84,12 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
         raise ValueRangeError(f"passes is {count}, must be a whole number of at least 1")
     if not growable(problem):
         if count is not None and count > 1:
-            raise ProblemError(f"passes is {count}: only the default contact law's stiffness can grow, give passes=1")
+            raise ProblemError(f"passes is {count}: the stiffness of this contact law is fixed by the caller, must be 1")
         return [None]
     last = len(DEPTHS) - 1
     wanted = (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)) if count is None else int(count)
-    return [Pass(DEPTHS[min(k, last)] / 2.0 ** max(0, k - last), RATIOS[min(k, last)], ONSETS[min(k, last)]) for k in range(wanted)]
+    ratio, place = ratios(problem), [min(k, last) for k in range(wanted)]
+    return [Pass(DEPTHS[at] / 2.0 ** (k - at), ratio[at], ONSETS[at]) for k, at in enumerate(place)]
 
 
 def moved(nodes: Array, before: Problem, problem: Problem) -> Array:

@@ -149,7 +149,7 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "a start not finite": (lambda: octo.solve(problem(), start=np.full((21, NX), np.nan)), "start is not finite"),
     "passes of a law that cannot grow": (
         lambda: octo.solve(problem(law=octo.laws.Compliant()), passes=2),
-        "passes is 2: only the default contact law",
+        "passes is 2: the stiffness of this contact law is fixed.*must be 1",
     ),
 }
 
