@@ -32,7 +32,7 @@ cart_pole = octo.CustomDynamics(dynamics, nx=2, actuated=[0], parameters={"cart"
 
 def near(target, weight):
     """A term that keeps the state near ``target``."""
-    return octo.CustomCost(function=lambda step, p: step.x_next - p["target"], values={"target": target}, weight=weight, name="near")
+    return octo.CustomCost(lambda step, p: step.x_next - p["target"], {"target": target}, weight=weight, name="near")
 
 
 balance = octo.Problem(

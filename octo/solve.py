@@ -91,7 +91,7 @@ def _solve(
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> tuple[list[Solution], list[int]]:
     """All members' solutions, and the index of the best one of each problem."""
-    given = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
     settings = replace(options or SqpOptions(), **{name: value for name, value in given.items() if value is not None})
     for name, count in (("seeds", seeds), ("threads", threads)):
         if int(count) != count or count < 1:
@@ -130,7 +130,7 @@ def _passes(
     done: dict[int, Solution] = {}
     alive = list(range(compiled.batch))
     lam = _first_multipliers(start, compiled)
-    for number, stage in enumerate(plan, start=1):
+    for number in range(1, len(plan) + 1):
         monitor.begin(number, len(plan))
         way: list[sqp.Result] = []
         if number > 1:

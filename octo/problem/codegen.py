@@ -83,7 +83,8 @@ def _references(term: Cost, setting: Setting) -> dict[str, Array]:
 
 def _sizes(references: References, term: int) -> str:
     """The references of a term and how many numbers each has, for a message."""
-    return ", ".join(f"{name} ({place.stop - place.start},)" for name, place in references.places[term].items()) or "no references"
+    places = references.places[term]
+    return ", ".join(f"{name} ({place.stop - place.start},)" for name, place in places.items()) or "no references"
 
 
 @contextlib.contextmanager

@@ -44,7 +44,7 @@ class Evaluation:
     def finite(self) -> NDArray[np.bool_]:
         return np.isfinite(self.energy) & np.isfinite(self.C).all(axis=(1, 2))
 
-    def take(self, members: NDArray) -> Evaluation:
+    def take(self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]) -> Evaluation:
         """Some members, by index or by a mask."""
         return Evaluation(**{name: value[members] for name, value in self.__dict__.items()})
 
@@ -122,10 +122,10 @@ class CompiledProblem:
                     values[k, unit] = value
             self.constant = node_values(stencil, values, self.constant)
             live = ~np.isin(stencil.unit, units)
-            unit = np.where(live, stencil.unit, -1).astype(np.int32)
+            free = np.where(live, stencil.unit, -1).astype(np.int32)
             coefficient = np.where(live, stencil.coefficient, 0.0)
             stencil = Stencil(
-                stencil.units, stencil.parts, unit, stencil.part, coefficient,
+                stencil.units, stencil.parts, free, stencil.part, coefficient,
                 stencil.test_row, stencil.test_part, stencil.test_coefficient,
             )  # fmt: skip
             fixed += units

@@ -35,7 +35,8 @@ class Interpreted:
         z, u = ca.SX.sym("z", 3 * n), ca.SX.sym("u", owner.nu)
         p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", owner.q.shape[-1])
         x_next, x, x_prev = z[:n], z[n : 2 * n], z[2 * n :]
-        parts, terms, mask = [functions.state(x_next, x, x_prev, u, p, q)], [*functions.state_terms], [1.0] * len(functions.state_terms)
+        parts, terms = [functions.state(x_next, x, x_prev, u, p, q)], [*functions.state_terms]
+        mask = [1.0] * len(terms)
         if functions.contact is not None and isinstance(dynamics, RobotDynamics):
             robot = dynamics.character
             poses = [symbolic.body_poses(robot, node) for node in (x_next, x, x_prev)]

@@ -51,7 +51,8 @@ def robot(speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0) -> list[C
         TorqueLimit(weight=1.0),
     ]
     if yaw_rate != 0.0:
-        terms.append(BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=4.0 * max(yaw_rate**2, 0.1**2)))
+        weight = 4.0 * max(yaw_rate**2, 0.1**2)
+        terms.append(BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=weight))
     return terms
 
 

@@ -159,7 +159,9 @@ class _Member:
         return {name: columns[:, k].copy() for k, name in enumerate(HISTORY)}
 
 
-def run(problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor | None = None) -> Result:
+def run(
+    problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor | None = None
+) -> Result:
     """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by default."""
     return _Run(problem, unknowns, lam, options, monitor or Monitor()).run()
 

@@ -72,7 +72,9 @@ def _unit(w: Array, xp: Any) -> Array:
     return w * spread(xp.where(length > 1e-300, 1.0 / xp.maximum(length, 1e-300), 0.0))
 
 
-def _two_by_two(hessian: tuple[Array, Array, Array], gradient: tuple[Array, Array], radius: Array, xp: Any) -> tuple[Array, Array]:
+def _two_by_two(
+    hessian: tuple[Array, Array, Array], gradient: tuple[Array, Array], radius: Array, xp: Any
+) -> tuple[Array, Array]:
     """Minimise gᵀz + ½zᵀBz over ‖z‖ ≤ radius (batch,), B = [[a, b], [b, c]]: bisection on the multiplier of the ball."""
     (a, b, c), (g1, g2) = hessian, gradient
     mean, half = 0.5 * (a + c), xp.sqrt((0.5 * (a - c)) ** 2 + b**2)

@@ -43,7 +43,7 @@ class TrustRegion:
         terms = problem.problems[0].costs
         effort = np.array([isinstance(term, Effort) for term in terms])
         start = values[:, ~effort].sum(axis=1)
-        for k, term in enumerate(terms):
+        for k in range(len(terms)):
             if effort[k]:
                 place = problem.functions.references.places[k]["inverse_reference"]
                 scaled.q[:, :, k] = EFFORT / scaled.q[:, :, place][..., 0] ** 2
@@ -89,7 +89,8 @@ class TrustRegion:
         self.refused = np.where(ok, 0, self.refused + 1)
         left = largest(after.C) * weight if after.C.size else np.zeros(len(length))
         return Move(
-            at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200), step=largest(full), taken=np.where(ok, moved, 0.0),
+            at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
+            step=largest(full), taken=np.where(ok, moved, 0.0),
             ratio=reduction / np.maximum(-step.energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
             factorizations=self.regularisation.factorizations.copy(),
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),

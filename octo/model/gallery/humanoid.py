@@ -27,7 +27,8 @@ def humanoid() -> Character:
     builder.sphere("head", head, (0.01, 0.0, 0.16), 0.085)
     inner = [f"foot_{end}_inner" for end in ("heel", "toe")]
     builder.pairs += [(f"left_{part}", f"right_{part}") for part in (*inner, "knee", "hand")]
-    builder.pairs += [(f"{side}_{part}", f"{side}_{to}") for side, _ in SIDES for part, to in (("hand", "pelvis"), ("elbow", "chest"))]
+    near = (("hand", "pelvis"), ("elbow", "chest"))
+    builder.pairs += [(f"{side}_{part}", f"{side}_{to}") for side, _ in SIDES for part, to in near]
     feet = [f"{side}_foot_{end}_{edge}" for side, _ in SIDES for end in ("heel", "toe") for edge in ("inner", "outer")]
     return builder.finish(mass=60.0, feet=feet)
 
@@ -45,7 +46,8 @@ def _leg(builder: Builder, pelvis: int, side: str, s: float) -> None:
     ankle = (Hinge("pitch", "y", -1.1, 0.6, -0.4, 100.0), Hinge("roll", "x", -0.4, 0.4, -0.03, 60.0))
     sole = [(name, x, y * s) for name, x in (("heel", -0.06), ("toe", 0.14)) for y in (-0.03, 0.03)]
     edges = [((-0.06, y, -0.05), (0.14, y, -0.05), 0.025) for y in (-0.03, 0.03)]
-    foot = builder.link(f"{side}_foot", shank, (0.0, 0.0, -0.38), [h.mirrored(s) for h in ankle], *edges[0][1:], edges[1], start=edges[0][0])
+    turns, (start, end, radius) = [h.mirrored(s) for h in ankle], edges[0]
+    foot = builder.link(f"{side}_foot", shank, (0.0, 0.0, -0.38), turns, end, radius, edges[1], start=start)
     for name, x, y in sole:
         builder.sphere(f"{side}_foot_{name}_{'outer' if y * s > 0 else 'inner'}", foot, (x, y, -0.05), 0.025)
     builder.sphere(f"{side}_knee", shank, (0.0, 0.0, 0.0), 0.055)
@@ -58,7 +60,8 @@ def _arm(builder: Builder, chest: int, side: str, s: float) -> None:
         Hinge("abduction", "x", -0.2, 2.2, 0.2, 60.0),
         Hinge("twist", "z", -1.2, 1.2, 0.0, 40.0),
     )
-    upper = builder.link(f"{side}_upper_arm", chest, (0.0, 0.20 * s, 0.28), [h.mirrored(s) for h in shoulder], (0.0, 0.0, -0.26), 0.04)
+    turns = [h.mirrored(s) for h in shoulder]
+    upper = builder.link(f"{side}_upper_arm", chest, (0.0, 0.20 * s, 0.28), turns, (0.0, 0.0, -0.26), 0.04)
     elbow = Hinge("elbow", "y", -2.3, -0.05, -0.6, 40.0)
     forearm = builder.link(f"{side}_forearm", upper, (0.0, 0.0, -0.26), [elbow], (0.0, 0.0, -0.23), 0.032)
     wrist = (Hinge("pitch", "y", -0.9, 0.9, 0.0, 10.0), Hinge("roll", "x", -0.6, 0.6, 0.0, 10.0))

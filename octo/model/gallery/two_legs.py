@@ -32,7 +32,8 @@ def bird() -> Character:
     builder = Builder("bird")
     body = builder.base("body", (-0.08, 0.0, 0.0), (0.08, 0.0, 0.02), 0.07)
     neck_hinge = Hinge("pitch", "y", -1.0, 1.0, 0.0, 4.0)
-    neck = builder.link("neck", body, (0.11, 0.0, 0.04), [neck_hinge], (0.06, 0.0, 0.16), 0.025, ((0.06, 0.0, 0.16), (0.10, 0.0, 0.16), 0.03))
+    head = ((0.06, 0.0, 0.16), (0.10, 0.0, 0.16), 0.03)
+    neck = builder.link("neck", body, (0.11, 0.0, 0.04), [neck_hinge], (0.06, 0.0, 0.16), 0.025, head)
     tail_hinge = Hinge("pitch", "y", -0.8, 0.8, 0.0, 4.0)
     tail = builder.link("tail", body, (-0.12, 0.0, 0.01), [tail_hinge], (-0.16, 0.0, 0.03), 0.02)
     for side, s in SIDES:
