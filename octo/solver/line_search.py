@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 HALVINGS = 12
 CORRECTIONS = 3  # second-order corrections of the full step
+HOLDS, HELD, HELD_PART = 3, 0.4, 0.1  # a few units that would move more than HELD get weights of their own
+BLAME, FORGET = 0.1, 1.0 / 3.0
 RESTORATIONS = 8  # of one member, before it counts as stalled
 RESTORATION_STEPS = 10
 
@@ -62,11 +64,7 @@ class LineSearch:
         from octo.solver.sqp import Move
 
         blocks = KKTBlocks(model.H, model.A, model.b, model.C)
-        with self.clock("factor"):
-            factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
-        with self.clock("solve"):
-            delta, multipliers = factors.solve(-model.b, -model.C)
-        has &= np.isfinite(delta).all(axis=(1, 2))
+        factors, sigma, has, delta, multipliers = self._step(blocks)
         full = np.where(has, largest(np.where(spread(has), delta, 0.0)), np.inf)
         violation = np.abs(model.C).max(axis=(1, 2)) if model.C.size else np.zeros(len(full))
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
@@ -94,6 +92,37 @@ class LineSearch:
             converged=converged,
         )  # fmt: skip
 
+    def _step(self, blocks: KKTBlocks) -> tuple[Factors, Array, Mask, Array, Array]:
+        """The KKT step; where single units would move beyond the cap, their own weights are raised first."""
+        local = self.regularisation.local
+        if local.shape[1] == 1:
+            local = self.regularisation.local = np.zeros((blocks.batch, blocks.units))
+        for attempt in range(HOLDS + 1):
+            with self.clock("factor"):
+                factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
+            with self.clock("solve"):
+                delta, multipliers = factors.solve(-blocks.b, -blocks.C)
+            has &= np.isfinite(delta).all(axis=(1, 2))
+            units = np.abs(np.where(spread(has), delta, 0.0)).max(axis=2)
+            beyond = units > HELD
+            few = (beyond.sum(axis=1) <= max(1, HELD_PART * blocks.units)) & beyond.any(axis=1)
+            if attempt == HOLDS or not few.any():
+                return factors, sigma, has, delta, multipliers
+            raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
+            local[:] = np.where(beyond & few[:, None], raised, local)
+        raise AssertionError("unreachable")
+
+    def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
+        """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
+        local = self.regularisation.local
+        worse = np.abs(trial.C).sum(axis=2) - np.abs(at.C).sum(axis=2)
+        worse = np.where(np.isfinite(worse), worse, 1e9)
+        for lag in (1, 2):
+            worse[:, :-lag] = np.maximum(worse[:, :-lag], worse[:, lag:])
+        blamed = refused[:, None] & (worse > BLAME * np.maximum(worse.max(axis=1), 1e-300)[:, None])
+        raised = np.maximum(4.0 * local, np.maximum(self.regularisation.last[:, None], 1e-6))
+        local[:] = np.where(blamed, raised, FORGET * local)
+
     def _search(
         self, at: Evaluation, model: Model, factors: Factors, delta: Array, pending: Mask
     ) -> tuple[Mask, Array, Evaluation, Array]:
@@ -111,6 +140,7 @@ class LineSearch:
             there = (size(trial.C), trial.energy)
             good = pending & trial.finite & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
+                self._blame(at, trial, pending & ~good)
                 worse = pending & ~good & trial.finite & (there[0] >= here[0])
                 if worse.any():
                     good |= self._correct(at, model, factors, step, trial, (here, slope, length), worse)

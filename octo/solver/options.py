@@ -38,7 +38,7 @@ class SqpOptions:
     hessian: Literal["exact", "gauss_newton"] = "exact"
     step: Literal["line_search", "trust_region"] = "line_search"
     gauss_newton_first: int = 0
-    max_iterations: int = 1500
+    max_iterations: int = 3000
     time_limit: float = np.inf
     tolerance: float = 2e-7
     step_tolerance: float = 1e-3
@@ -69,5 +69,5 @@ class SqpOptions:
 
         E is normalised as §8 says: E_obj is 1 at the start, E_reg is 1e-4‖u‖².
         """
-        verbatim = cls(hessian="gauss_newton", step="trust_region", tolerance=1e-5, max_iterations=3000)
+        verbatim = cls(hessian="gauss_newton", step="trust_region", tolerance=1e-5)
         return replace(verbatim, **changes)

@@ -45,10 +45,11 @@ class Regularisation:
         self.options = options
         self.last = xp.zeros(batch)  # the last one that was needed, 0 before any was
         self.factorizations = xp.zeros(batch, dtype=int)
+        self.local = xp.zeros((batch, 1))  # (batch, K) weights of single units, on top
 
     def take(self, members: Array) -> None:
         """Keep some members only."""
-        self.last, self.factorizations = self.last[members], self.factorizations[members]
+        self.last, self.factorizations, self.local = self.last[members], self.factorizations[members], self.local[members]
 
     def factorize(self, blocks: KKTBlocks, threads: int) -> tuple[Factors, Array, Array]:
         """The factors, the weights used (batch,), and where there is a factor (batch,) bool."""
@@ -59,7 +60,8 @@ class Regularisation:
         while len(pending):
             whole = len(pending) == batch
             H, A = (blocks.H, blocks.A) if whole else (blocks.H[pending], blocks.A[pending])
-            weight = sigma[pending] + FLOOR
+            weight = (sigma[pending] + FLOOR)[:, None] + self.local[pending]
+            weight = xp.ascontiguousarray(xp.broadcast_to(weight, H.shape[:2]))
             factor = kkt.factorize(H, A, weight, method=self.options.linear_solver, threads=threads)
             self.factorizations[pending] += 1
             good = factor.inertia_ok
