@@ -1,5 +1,5 @@
 """``python -m octo`` is the command ``octo``."""
 
-from octo.cli.main import run
+from octo.cli import run
 
 run()

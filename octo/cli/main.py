@@ -12,7 +12,6 @@ import octo
 from octo.cli import inspect, simulate, solve, view
 from octo.errors import OctoError, UnknownNameError, UsageError
 
-INTERRUPTED = 130
 REFUSED = 2
 EXAMPLES = """examples:
   octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
@@ -78,13 +77,6 @@ def main(words: Sequence[str] | None = None) -> int:
     except MemoryError:
         print("octo: error: this machine has not enough memory for so many steps or starts", file=sys.stderr)
         return REFUSED
-    except KeyboardInterrupt:
-        print("\nocto: interrupted, nothing was written", file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:  # `octo robots | head`: the reader has left
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-
-
-def run() -> NoReturn:
-    sys.exit(main())

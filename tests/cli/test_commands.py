@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import octo.solve  # the module is patched below
-from octo.cli import simulate
+from octo.cli import run, simulate
 from octo.cli.main import main, parse
 from octo.cli.output import OutputFolder
 from octo.cli.solve import described
@@ -103,10 +103,13 @@ def test_without_pictures_one_line_says_so(
 
 
 def test_interrupted_before_there_is_an_iterate(
-    solver: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     solver(interrupt=True)
-    assert walk(tmp_path / "walk") == 130
+    monkeypatch.setattr(sys, "argv", ["octo", "solve", "chain", "--seconds", "0.1", "--out", str(tmp_path / "walk")])
+    with pytest.raises(SystemExit) as stopped:
+        run()
+    assert stopped.value.code == 130
     assert not (tmp_path / "walk").exists()
     assert "interrupted, nothing was written" in capsys.readouterr().err
 
