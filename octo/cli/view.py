@@ -1,4 +1,4 @@
-"""``octo view``: a picture of a saved solution."""
+"""``octo view``: a picture of a saved solution, or a table of it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from octo.cli.output import OutputFolder
 from octo.errors import OutputError
 from octo.solver.solution import Solution
 
+PLOTS = (".png", ".pdf", ".svg")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` or Solution.save wrote")
-    parser.add_argument("--out", default="motion.html", metavar="FILE", help="motion.html (default), or plots: .png, .pdf, .svg")
+    parser.add_argument(
+        "--out", default="motion.html", metavar="FILE", help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
-    if out.suffix not in (".html", ".png", ".pdf", ".svg"):
-        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving) or .png, .pdf, .svg (plots)")
+    if out.suffix not in (".html", ".csv", *PLOTS):
+        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving), {', '.join(PLOTS)} (plots) or .csv (numbers)")
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
     solution = Solution.load(arguments.solution)
@@ -34,4 +38,5 @@ def picture(solution: Solution, path: Path) -> None:
     from octo.plot import plot
     from octo.viewer import view
 
-    (view if path.suffix == ".html" else plot)(solution, path)
+    writers = {".html": view, ".csv": Solution.to_csv}
+    writers.get(path.suffix, plot)(solution, path)

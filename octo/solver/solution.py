@@ -7,6 +7,7 @@ import json
 import os
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -19,6 +20,7 @@ from octo.errors import OutputError, RobotFileError
 from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
+from octo.solver import export
 
 Array = NDArray[np.float64]
 LOADED = 0.01  # of the weight: a contact that carries more counts as loaded
@@ -267,6 +269,20 @@ class Solution:
                 f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
         return "\n".join(lines)
+
+    # -- other tools ----------------------------------------------------------------------------------------------
+
+    def to_mujoco(self) -> tuple[Array, Array]:
+        """MuJoCo's qpos (N+1, nq) and qvel (N+1, nv)."""
+        return export.to_mujoco(self)
+
+    def to_pinocchio(self, joints: Sequence[str] | None = None) -> tuple[Array, Array]:
+        """Pinocchio's q (N+1, nq) and v (N+1, nv); ``joints`` names the order of its joints after the free flyer."""
+        return export.to_pinocchio(self, joints)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """A table: time, coordinates, torques; the first line has their names."""
+        export.to_csv(self, path)
 
     # -- files ----------------------------------------------------------------------------------------------------
 

@@ -200,6 +200,8 @@ def test_simulate_and_view(solver: Callable[..., None], tmp_path: Path) -> None:
     picture = tmp_path / "pictures" / "fall.html"
     assert main(["view", str(tmp_path / "solution.npz"), "--out", str(picture)]) == 0
     assert picture.read_text() == "picture"
+    assert main(["view", str(tmp_path / "solution.npz"), "--out", str(tmp_path / "fall.csv")]) == 0
+    assert (tmp_path / "fall.csv").read_text().startswith("time,base_x,")
 
 
 def test_help_says_the_defaults(capsys: pytest.CaptureFixture[str]) -> None:

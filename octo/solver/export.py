@@ -1,0 +1,150 @@
+"""A motion in the conventions of other tools: MuJoCo's qpos and qvel, Pinocchio's q and v, a table of numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import OutputError, ProblemError, UnknownNameError
+from octo.model.character import Character
+from octo.model.kinematics import axis_rotation, body_poses
+
+if TYPE_CHECKING:
+    from octo.solver.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+def to_mujoco(solution: Solution) -> tuple[Array, Array]:
+    """qpos (N+1, nq) and qvel (N+1, nv) at x_0 … x_N.
+
+    A floating base is place (m, world), quaternion (w, x, y, z), velocity (m/s, world) and angular velocity (rad/s, body
+    axes); a ball joint is a quaternion and an angular velocity (child's axes). Joints keep the order of the robot's tree.
+    """
+    positions, velocities = [], []
+    for part in _parts(solution):
+        place, turn, moved, spun = part.place, part.rotation, part.velocity, part.angular
+        positions += [place] if turn is None else [place, quaternions(turn)]
+        velocities += [moved] if spun is None else [moved, spun]
+    return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
+
+
+def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None) -> tuple[Array, Array]:
+    """q (N+1, nq) and v (N+1, nv) at x_0 … x_N, of a model with a free flyer at the root where the base floats.
+
+    The free flyer is place (m, world), quaternion (x, y, z, w), velocity (m/s) and angular velocity (rad/s), both in body
+    axes. ``joints``: names of the other joints in the order of the Pinocchio model (``model.names`` without the first two);
+    by default the order of the robot's tree.
+    """
+    parts = _parts(solution)
+    named = {part.name: part for part in parts if part.name}
+    for name in joints or ():
+        if name not in named:
+            raise UnknownNameError("joint", name, named)
+    if joints is not None:
+        parts = [part for part in parts if not part.name] + [named[name] for name in joints]
+    positions, velocities = [], []
+    for part in parts:
+        if part.rotation is None or part.angular is None:
+            positions.append(part.place)
+            velocities.append(part.velocity)
+        else:
+            real_last = quaternions(part.rotation)[:, [1, 2, 3, 0]]
+            in_body = np.einsum("ikj,ik->ij", part.rotation, part.velocity) if part.velocity.shape[1] else part.velocity
+            positions += [part.place, real_last]
+            velocities += [in_body, part.angular]
+    return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
+
+
+def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """A table with one row per time: s, the coordinates (rad, m), the torques (N m, N) from this row to the next."""
+    names = ["time", *solution.joint_names, *(f"torque_{name}" for name in solution.actuated_names)]
+    torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])  # none acts after x_N
+    rows = np.concatenate([solution.times[:, None], solution.x[1:], torque], axis=1)
+    try:
+        np.savetxt(Path(path), rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g")
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+class _Part:
+    """One joint of the other tool: a free base, a ball, or one coordinate."""
+
+    def __init__(self, name: str, place: Array, velocity: Array, rotation: Array | None = None, dt: float = 1.0):
+        self.name = name
+        self.place, self.velocity = place, velocity  # (N+1, 3, 1 or 0 of a ball)
+        self.rotation = None if rotation is None else rotation[1:]  # (N+1, 3, 3)
+        self.angular = None if rotation is None else turning(rotation) / dt  # (N+1, 3) rad/s, turning axes
+
+
+def _parts(solution: Solution) -> list[_Part]:
+    robot = solution.character
+    if robot is None:
+        raise ProblemError("user-written dynamics have no bodies: x is all there is")
+    x, dt = solution.x, solution.dt
+    rate = np.diff(x, axis=0) / dt
+    parts = []
+    for b, (body, start) in enumerate(zip(robot.bodies, robot.first_joint, strict=True)):
+        j, end = int(start), int(start) + len(body.joints)
+        if robot.base == "floating" and b == robot.base_body:
+            rotation, origin = (value[:, b] for value in body_poses(robot, x))
+            parts.append(_Part("", origin[1:], np.diff(origin, axis=0) / dt, rotation, dt))
+            j += 6
+        while j < end:
+            ball = _ball(robot, j, end)
+            if ball:
+                turn = _turn(robot, x, j)
+                parts.append(_Part(ball, x[1:, :0], rate[:, :0], turn, dt))
+            else:
+                parts.append(_Part(robot.joints[j].name, x[1:, j : j + 1], rate[:, j : j + 1]))
+            j += 3 if ball else 1
+    return parts
+
+
+def _ball(robot: Character, j: int, end: int) -> str:
+    """The name of the ball joint that begins at coordinate ``j``, "" where none does."""
+    names = [joint.name for joint in robot.joints[j : min(j + 3, end)]]
+    prefix = names[0].removesuffix("_z")
+    return prefix if names == [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"] else ""
+
+
+def _turn(robot: Character, x: Array, j: int) -> Array:
+    """(N+2, 3, 3) rotation of three hinges."""
+    turn = np.broadcast_to(np.eye(3), (len(x), 3, 3))
+    for k in range(j, j + 3):
+        joint = robot.joints[k]
+        turn = turn @ axis_rotation(joint.axis, x[:, k] - joint.reference)
+    return np.asarray(turn)
+
+
+def quaternions(rotation: Array) -> Array:
+    """(k, 4), real part first, of rotations (k, 3, 3); neighbours have the same sign."""
+    diagonal = rotation[:, [0, 1, 2], [0, 1, 2]]
+    squares = np.empty((len(rotation), 4))  # 4 w², 4 x², 4 y², 4 z²
+    squares[:, 0] = 1.0 + diagonal.sum(axis=1)
+    squares[:, 1:] = 1.0 - diagonal.sum(axis=1, keepdims=True) + 2.0 * diagonal
+    R, S = rotation, rotation + rotation.transpose(0, 2, 1)
+    wx, wy, wz = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
+    table = np.stack(  # 4·(product of the row's and the column's entry)
+        [squares[:, 0], wx, wy, wz, wx, squares[:, 1], S[:, 0, 1], S[:, 0, 2], wy, S[:, 0, 1], squares[:, 2], S[:, 1, 2],
+         wz, S[:, 0, 2], S[:, 1, 2], squares[:, 3]], axis=1,
+    ).reshape(-1, 4, 4)  # fmt: skip
+    out = table[np.arange(len(table)), np.argmax(squares, axis=1)]
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    sign = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))
+    out[1:] *= sign[:, None]
+    return np.asarray(out if out[0, 0] >= 0.0 else -out)
+
+
+def turning(rotation: Array) -> Array:
+    """(k-1, 3) rotation vectors, body axes, from each of rotations (k, 3, 3) to the next."""
+    relative = quaternions(np.matmul(rotation[:-1].transpose(0, 2, 1), rotation[1:]))
+    relative *= np.where(relative[:, :1] < 0.0, -1.0, 1.0)
+    sine = np.linalg.norm(relative[:, 1:], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, relative[:, :1])
+    return np.asarray(relative[:, 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0))
