@@ -25,7 +25,7 @@ typedef struct {
   const double *nodes;   /* (batch, steps+2, NX) */
   const double *p;       /* (batch, NP) */
   const double *q;       /* (batch, steps, NQ) coefficients and references of the costs */
-  const double *row_scale; /* (MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
+  const double *row_scale; /* (batch, MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
   double *fd;            /* (batch, steps, NX) out of octo_evaluate, in to octo_linearize */
   double *terms;         /* (batch, steps, NTERM) */
   const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
@@ -206,7 +206,7 @@ static double *octo_a(const octo_target *g, int row) {
 }
 static double *octo_c(const octo_target *g, int row) { return row < g->row ? g->halo_c : g->c + (size_t)row * g->ma; }
 
-static void octo_scatter(const octo_task *t, const octo_target *g, int i, const double *hess, const double *gradient, const double *fd, const double *jac) {
+static void octo_scatter(const octo_task *t, const octo_target *g, int i, const double *row_scale, const double *hess, const double *gradient, const double *fd, const double *jac) {
   for (int node_a = 0; node_a < 3; ++node_a) {
     size_t at_a = (size_t)(i + 2 - node_a) * t->slots;
     for (int sa = 0; sa < t->slots; ++sa) {
@@ -237,7 +237,7 @@ static void octo_scatter(const octo_task *t, const octo_target *g, int i, const 
     double test = t->test_value[i * t->tests + k];
     int offset = t->test_part[i * t->tests + k] * MU;
     double *c = octo_c(g, row) + offset, *a = octo_a(g, row);
-    for (int r = 0; r < MU; ++r) c[r] += test * t->row_scale[r] * fd[octo_unactuated[r]];
+    for (int r = 0; r < MU; ++r) c[r] += test * row_scale[r] * fd[octo_unactuated[r]];
     for (int node = 0; node < 3; ++node) {
       size_t at = (size_t)(i + 2 - node) * t->slots;
       for (int s = 0; s < t->slots; ++s) {
@@ -246,7 +246,7 @@ static void octo_scatter(const octo_task *t, const octo_target *g, int i, const 
         double value = test * t->slot_value[at + s];
         double *out = a + ((size_t)(row - unit) * g->ma + offset) * g->nc + t->slot_part[at + s] * NX;
         for (int r = 0; r < MU; ++r) {
-          double f = value * t->row_scale[r];
+          double f = value * row_scale[r];
           const double *in = jac + octo_unactuated[r] * W3 + node * NX;
           for (int j = 0; j < NX; ++j) out[r * g->nc + j] += f * in[j];
         }
@@ -268,6 +268,7 @@ static void octo_linearize_step(const octo_task *t, const octo_target *g, octo_s
   const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *p = t->p + (size_t)member * NP;
   const double *x_prev = nodes + i * NX, *x = x_prev + NX, *x_next = x + NX;
   const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
+  const double *row_scale = t->row_scale + (size_t)member * MU;
   const double *kin[3] = {s->kin[(i + 2) % 3], s->kin[(i + 1) % 3], s->kin[i % 3]};
   octo_kin(x_next, s->kin[(i + 2) % 3]);
   for (int j = 0; j < NU; ++j) s->u[j] = fd[octo_actuated[j]];
@@ -279,7 +280,7 @@ static void octo_linearize_step(const octo_task *t, const octo_target *g, octo_s
       if (row < 0) continue;
       double value = t->test_value[i * t->tests + k];
       for (int r = 0; r < MU; ++r)
-        s->lam[octo_unactuated[r]] += value * t->row_scale[r] * lam[row * g->ma + t->test_part[i * t->tests + k] * MU + r];
+        s->lam[octo_unactuated[r]] += value * row_scale[r] * lam[row * g->ma + t->test_part[i * t->tests + k] * MU + r];
     }
     octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, s->lam, 2, s->fd, s->jac, s->curvature, s->work);
     for (int r = 0; r < W3; ++r) memcpy(s->hess + r * LD, s->curvature + r * W3, W3 * sizeof(double));
@@ -289,7 +290,7 @@ static void octo_linearize_step(const octo_task *t, const octo_target *g, octo_s
   }
   octo_build_rows(&s->values, s->jac, kin, q, &s->rows);
   octo_gauss_newton(&s->rows, s->hess, s->gradient);
-  octo_scatter(t, g, i, s->hess, s->gradient, fd, s->jac);
+  octo_scatter(t, g, i, row_scale, s->hess, s->gradient, fd, s->jac);
 }
 
 static void octo_add_halo(const octo_task *t, int member) {

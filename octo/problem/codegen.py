@@ -76,19 +76,19 @@ class References:
 
 def _references(term: Cost, setting: Setting) -> dict[str, Array]:
     """A term's references as finite arrays."""
-    with _blamed(term, "its references cannot be formed"):
+    with blamed(term, "its references cannot be formed"):
         values = dict(term.references(setting))
     return {name: numbers(f"{term.label}.{name}", value) for name, value in values.items()}
 
 
-def _sizes(references: References, term: int) -> str:
+def sizes(references: References, term: int) -> str:
     """The references of a term and how many numbers each has, for a message."""
     places = references.places[term]
     return ", ".join(f"{name} ({place.stop - place.start},)" for name, place in places.items()) or "no references"
 
 
 @contextlib.contextmanager
-def _blamed(term: Cost, sentence: str) -> Iterator[None]:
+def blamed(term: Cost, sentence: str) -> Iterator[None]:
     """Whatever goes wrong inside (a user's code may raise anything) is one sentence that names the term."""
     try:
         yield
@@ -138,7 +138,7 @@ def _state_functions(
     for k, term in enumerate(references.terms):
         if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
             continue
-        with _blamed(term, f"its residual cannot be built from {_sizes(references, k)}"):
+        with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
             value = ca.vec(ca.SX(term.residual(step, references.view(q, k))))
         residuals.append(value)
         rows += [k] * value.numel()
@@ -168,7 +168,7 @@ def _contact_functions(dynamics: Dynamics, references: References, p: ca.SX, q: 
     )  # fmt: skip
     residuals, rows, use = [], [], []
     for k, term in chosen:
-        with _blamed(term, f"its residual cannot be built from {_sizes(references, k)}"):
+        with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
             value = ca.vec(ca.SX(term.contact_residual(symbols, references.view(q, k))))
         names = None if term.contacts is None else {robot.contact_index(name) for name in term.contacts}
         residuals.append(value)

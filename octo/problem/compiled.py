@@ -65,7 +65,7 @@ class Model:
 
 
 class CompiledProblem:
-    """A batch of problems that differ in numbers only (start, references, weights, parameters).
+    """A batch of problems that differ in numbers only (start, dt, references, weights, parameters).
 
     Parameters
     ----------
@@ -79,10 +79,9 @@ class CompiledProblem:
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
         for problem in problems[1:]:
-            if problem.dynamics.layout.names != self.dynamics.layout.names or problem.steps != self.steps:
-                raise ProblemError("problems of one batch must share the model, the terms, the basis and the steps")
-        between = isinstance(self.basis, Hermite)
+            _check_alike(first, problem)
         if like is None:
+            between = isinstance(self.basis, Hermite)
             self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
         else:
             self.functions = like.functions
@@ -91,32 +90,35 @@ class CompiledProblem:
         self.m = len(self.dynamics.unactuated)
         self.p = np.stack([problem.p for problem in problems])
         self.q = np.stack([self.functions.references.pack(problem.costs, problem.setting) for problem in problems])
-        self.row_scale, self.weight = first.row_scale, first.weight
+        self.row_scale = np.stack([problem.row_scale for problem in problems])  # (batch, m)
+        self.weight = first.weight
         self.start = np.stack([problem.start for problem in problems])
         dt = np.array([problem.dt for problem in problems])[:, None]
         before = self.start - dt * np.stack([problem.start_velocity for problem in problems])
         self.constant = self.basis.constant(self.steps, self.start, before)
-        self.stencil, self.fixed = self._fix_ends()
+        self.stencil, self.fixed, self.ends = self._fix_ends()
         self.K, self.nc, self.ma = self.stencil.units, self.stencil.parts * self.n, self.stencil.parts * self.m
-        self.neighbours = self._neighbour_terms() if between else None
+        self.neighbours = like.neighbours if like is not None else self._neighbour_terms()
 
     def _neighbour_terms(self) -> NeighbourTerms | None:
         """Terms over neighbouring Hermite controls, which no single step sees."""
-        if not any(isinstance(term, NeighbourCost) for term in self.problems[0].costs):
-            return None
-        return NeighbourTerms(self)
+        between = isinstance(self.basis, Hermite) and any(isinstance(term, NeighbourCost) for term in self.problems[0].costs)
+        return NeighbourTerms(self) if between else None
 
-    def _fix_ends(self) -> tuple[Stencil, NDArray[np.intp]]:
-        """Pins the units of a fixed last state: they become constants of the trajectory and dummies of the KKT matrix."""
+    def _fix_ends(self) -> tuple[Stencil, NDArray[np.intp], Array]:
+        """Pins the units of a fixed last state: they become constants of the trajectory and dummies of the KKT matrix.
+
+        The stencil without them, the dummies, and the values (batch, K, nc) of the pinned units, zero elsewhere.
+        """
         stencil = self.basis.stencil(self.steps)
         ends = [p.x_end is not None for p in self.problems]
         fixed: list[int] = [stencil.units - 1] if isinstance(self.basis, Hermite) else []
+        values = np.zeros((self.batch, stencil.units, stencil.parts * self.n))
         if any(ends):
             if not all(ends):
                 raise ProblemError("x_end must be given for every problem of a batch or for none")
             pinned = [self._pinned(problem) for problem in self.problems]
             units = sorted(pinned[0])
-            values = np.zeros((self.batch, stencil.units, stencil.parts * self.n))
             for k, table in enumerate(pinned):
                 for unit, value in table.items():
                     values[k, unit] = value
@@ -129,7 +131,7 @@ class CompiledProblem:
                 stencil.test_row, stencil.test_part, stencil.test_coefficient,
             )  # fmt: skip
             fixed += units
-        return stencil, np.array(sorted(fixed), dtype=np.intp)
+        return stencil, np.array(sorted(fixed), dtype=np.intp), values
 
     def _pinned(self, problem: Problem) -> dict[int, Array]:
         assert problem.x_end is not None
@@ -142,10 +144,8 @@ class CompiledProblem:
         part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_task", "_chunks", "_machine")})
         part.problems = tuple(self.problems[int(k)] for k in members)
         part.batch = len(part.problems)
-        for name in ("p", "q", "start", "constant"):
+        for name in ("p", "q", "row_scale", "start", "constant", "ends"):
             setattr(part, name, np.ascontiguousarray(getattr(self, name)[members]))
-        if self.neighbours is not None:
-            part.neighbours = NeighbourTerms(part)
         return part
 
     # -- what a solver calls --------------------------------------------------------------------------------------
@@ -168,12 +168,12 @@ class CompiledProblem:
             terms[:] = self._machine.terms(nodes, fd)
         energy = terms.sum(axis=(1, 2))
         if self.neighbours is not None:
-            energy = energy + self.neighbours.energy(unknowns).sum(axis=1)
+            energy = energy + self.neighbours.energy(self, unknowns).sum(axis=1)
         return Evaluation(unknowns, nodes, fd, terms, energy, self.reduce(fd))
 
     def reduce(self, fd: Array) -> Array:
         """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""
-        rows = fd[:, :, self.dynamics.unactuated] * self.row_scale
+        rows = fd[:, :, self.dynamics.unactuated] * self.row_scale[:, None]
         return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
@@ -186,14 +186,14 @@ class CompiledProblem:
         else:
             self._machine.linearize(at, lam, (H, A, b, C))
         if self.neighbours is not None:
-            self.neighbours.add(at.unknowns, H, b)
+            self.neighbours.add(self, at.unknowns, H, b)
         H[:, self.fixed, 0] = np.eye(self.nc)
         return Model(H, A, b, C)
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
         values = at.terms.sum(axis=1)
-        return values if self.neighbours is None else values + self.neighbours.energy(at.unknowns)
+        return values if self.neighbours is None else values + self.neighbours.energy(self, at.unknowns)
 
     # -- native ---------------------------------------------------------------------------------------------------
 
@@ -252,7 +252,7 @@ class CompiledProblem:
         return task, kept
 
     def refresh(self) -> None:
-        """Take over references, weights and parameters that the problems' terms changed. Nothing is recompiled."""
+        """Take over references and weights that changed in place in the problems' terms. Nothing is recompiled."""
         for k, problem in enumerate(self.problems):
             self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
         self.__dict__.pop("_task", None)
@@ -286,6 +286,21 @@ class CompiledProblem:
         depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
         outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
         return ca.Function("contacts", [x_next, x, p], [*outputs, depth])
+
+
+def _check_alike(first: Problem, other: Problem) -> None:
+    """Refuse what one generated code cannot serve: it knows the model and the terms, and sizes everything for them."""
+    a, b = first.dynamics, other.dynamics
+    same_text = a is b or (bool(a.text()) and a.text() == b.text())
+    alike = {
+        "model": same_text and a.layout.names == b.layout.names,
+        "steps": first.steps == other.steps,
+        "basis": first.basis_object == other.basis_object,
+        "terms": [(type(t), t.label, t.steps) for t in first.costs] == [(type(t), t.label, t.steps) for t in other.costs],
+    }
+    for name, same in alike.items():
+        if not same:
+            raise ProblemError(f"{name} differ between problems of one batch: they must share model, terms, basis and steps")
 
 
 class _Task(ctypes.Structure):

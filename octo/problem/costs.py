@@ -56,11 +56,11 @@ class Cost:
 
 
 def _each(field: str, values: Any, count: int) -> Array:
-    """One number for each of ``count`` coordinates, or one for all."""
+    """One number for each of ``count`` coordinates, or one for all; or a row of them per step."""
     array = numbers(field, values)
-    if array.shape not in ((), (count,)):
-        raise ShapeError(field, array.shape, f"() or ({count},)")
-    return np.broadcast_to(array, (count,))
+    if array.ndim > 2 or (array.ndim and array.shape[-1] != count):
+        raise ShapeError(field, array.shape, f"(), ({count},) or (N, {count})")
+    return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
 
 
 def _last_row(values: Any) -> Array:
@@ -213,7 +213,7 @@ class Posture(Cost):
 
 @dataclass(frozen=True, eq=False)
 class JointVelocity(Cost):
-    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``."""
+    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``: a number, (nu,) or (N, nu)."""
 
     velocity: Any = 0.0
 

@@ -86,7 +86,7 @@ class Interpreted:
         full[..., owner.dynamics.actuated] = np.einsum("kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :])
         if lam is not None:
             rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, -1, owner.m))
-            full[..., owner.dynamics.unactuated] = rows * owner.row_scale
+            full[..., owner.dynamics.unactuated] = rows * owner.row_scale[:, None]
         fd, fd_jac, hess = owner.dynamics.evaluate(at.nodes, owner.p, full, 1 if lam is None else 2)
         assert fd_jac is not None
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, owner.dynamics.actuated]
@@ -94,7 +94,7 @@ class Interpreted:
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
-        self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None], out)
+        self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None], out)
         out[3][:] = owner.reduce(at.fd)
 
     def _scatter(self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]) -> None:

@@ -1,4 +1,8 @@
-"""Terms over neighbouring Hermite controls r(c_k, c_{k+1}, p): offset ±1 of H, the pattern does not change."""
+"""Terms over neighbouring Hermite controls r(c_k, c_{k+1}, p): offset ±1 of H, the pattern does not change.
+
+Their coefficients and references are those of q: a segment's coefficient is the sum over its steps, so that E averages
+over the segments; its references are those of its last step, where c_{k+1} stands.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.problem.basis import Hermite
+from octo.problem.codegen import blamed, sizes
 from octo.problem.costs import NeighbourCost
 
 if TYPE_CHECKING:
@@ -20,48 +26,57 @@ class NeighbourTerms:
     """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed."""
 
     def __init__(self, problem: CompiledProblem):
-        first = problem.problems[0]
-        self.segments, self.size = problem.K - 1, 2 * problem.n
-        self.count = len(first.costs)
-        q = problem.basis.steps_per_segment if hasattr(problem.basis, "steps_per_segment") else 1
-        self.first = np.concatenate([problem.start, q * (problem.start - problem.constant[:, 0])], axis=-1)
-        self.functions: list[tuple[int, ca.Function, Array]] = []
+        assert isinstance(problem.basis, Hermite)
+        self.segment, self.segments, self.size = problem.basis.steps_per_segment, problem.K - 1, 2 * problem.n
+        references = problem.functions.references
+        self.count = len(references.terms)
         control, following = ca.SX.sym("c", self.size), ca.SX.sym("c_next", self.size)
-        for k, term in enumerate(first.costs):
+        q = ca.SX.sym("q", max(references.size, 1))
+        self.functions: list[tuple[int, ca.Function]] = []
+        for k, term in enumerate(references.terms):
             if not isinstance(term, NeighbourCost):
                 continue
-            values = {name: ca.SX(ca.DM(np.asarray(v, dtype=float))) for name, v in term.references(first.setting).items()}
-            r = ca.densify(ca.vec(term.between(control, following, values)))
+            with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
+                r = ca.densify(ca.vec(ca.SX(term.between(control, following, references.view(q, k)))))
             jac = ca.densify(ca.jacobian(r, ca.vertcat(control, following)))
-            function = ca.Function("between", [control, following], [r, jac], {"cse": True})
-            weight = np.broadcast_to(np.asarray(term.weight, dtype=float), (self.segments,))
-            self.functions.append((k, function.map(self.segments), weight / term.scale(first.setting) / self.segments))
+            function = ca.Function("between", [control, following, q], [r, jac], {"cse": True})
+            self.functions.append((k, function.map(self.segments)))
 
-    def _controls(self, unknowns: Array) -> Array:
-        return np.concatenate([self.first[:, None], unknowns[:, :-1]], axis=1)
+    def _controls(self, problem: CompiledProblem, unknowns: Array) -> Array:
+        """(batch, Z+1, 2n) c_0 … c_Z."""
+        first = np.concatenate([problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1)
+        return np.concatenate([first[:, None], (unknowns + problem.ends)[:, :-1]], axis=1)
 
-    def energy(self, unknowns: Array) -> Array:
+    def _parts(self, problem: CompiledProblem, k: int, member: int) -> tuple[Array, Array]:
+        """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
+        q = problem.q[member]
+        return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[self.segment - 1 :: self.segment].T
+
+    def energy(self, problem: CompiledProblem, unknowns: Array) -> Array:
         """(batch, terms)."""
-        out = np.zeros((len(unknowns), self.count))
-        for member, controls in enumerate(self._controls(unknowns)):
-            for k, function, weight in self.functions:
-                r = np.asarray(function(controls[:-1].T, controls[1:].T)[0])
+        out = np.zeros((problem.batch, self.count))
+        for member, controls in enumerate(self._controls(problem, unknowns)):
+            for k, function in self.functions:
+                weight, rows = self._parts(problem, k, member)
+                r = np.asarray(function(controls[:-1].T, controls[1:].T, rows)[0])
                 out[member, k] += float(weight @ (r**2).sum(axis=0))
         return out
 
-    def add(self, unknowns: Array, H: Array, b: Array) -> None:
+    def add(self, problem: CompiledProblem, unknowns: Array, H: Array, b: Array) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z."""
-        size = self.size
-        for member, controls in enumerate(self._controls(unknowns)):
-            for _, function, weight in self.functions:
-                value, flat = function(controls[:-1].T, controls[1:].T)
+        size, last = self.size, self.segments - 1  # unit k is c_{k+1}
+        free = ~np.isin(np.arange(self.segments), problem.fixed)
+        for member, controls in enumerate(self._controls(problem, unknowns)):
+            for k, function in self.functions:
+                weight, rows = self._parts(problem, k, member)
+                value, flat = function(controls[:-1].T, controls[1:].T, rows)
                 r = np.asarray(value).T
-                jac = np.asarray(flat).reshape(r.shape[1], self.segments, 2 * size).transpose(1, 0, 2)
+                jac = np.asarray(flat).reshape(r.shape[1], self.segments, 2 * size).transpose(1, 0, 2).copy()
+                jac[~free, :, size:] = 0.0  # c_{k+1} is pinned
                 gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)
                 block = 2.0 * np.einsum("k,kra,krb->kab", weight, jac, jac)
-                later = slice(0, self.segments)  # unit k is c_{k+1}
-                H[member, later, 0] += block[:, size:, size:]
-                b[member, later] += gradient[:, size:]
-                H[member, : self.segments - 1, 0] += block[1:, :size, :size]
-                b[member, : self.segments - 1] += gradient[1:, :size]
+                H[member, : self.segments, 0] += block[:, size:, size:]
+                b[member, : self.segments] += gradient[:, size:]
+                H[member, :last, 0] += block[1:, :size, :size]
+                b[member, :last] += gradient[1:, :size]
                 H[member, 1 : self.segments, 1] += block[1:, size:, :size]

@@ -24,7 +24,7 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
     if problem.ma == 0:
         return np.zeros(problem.batch), np.zeros(problem.batch)
     reduced = np.abs(at.C).max(axis=(1, 2)) * weight
-    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale).max(axis=(1, 2))
+    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale[:, None]).max(axis=(1, 2))
     return reduced, rows * weight
 
 
