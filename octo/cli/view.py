@@ -13,7 +13,7 @@ PLOTS = (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` or Solution.save wrote")
+    parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` wrote")
     parser.add_argument(
         "--out", default="motion.html", metavar="FILE", help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
     )
