@@ -22,12 +22,15 @@ from octo.checks import numbers
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
+from octo.model.kinematics import sphere_centers
+from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s², of the weight that forces are measured in
+TOUCHING = 0.01  # m above the ground up to which a contact is a foot at the start
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +127,7 @@ def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, 
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     state = _state_functions(dynamics, references, setting, p, q, between_controls)
-    contact = _contact_functions(dynamics, references, p, q)
+    contact = _contact_functions(dynamics, references, setting, p, q)
     return CostFunctions(references, *state, *contact)
 
 
@@ -151,13 +154,22 @@ def _state_functions(
     return function, jacobian, jac.sparsity(), tuple(rows)
 
 
-def _contact_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX) -> Any:
+def _feet(dynamics: RobotDynamics, setting: Setting) -> list[int]:
+    """The contacts that touch the ground at the start, as indices into the robot's."""
+    robot, touching = dynamics.character, list(dynamics.character.terrain_contacts)
+    radius = np.array([robot.contacts[k].radius for k in touching])
+    centers = sphere_centers(robot, setting.x0)[touching]
+    gap = signed_distance(dynamics.terrain, centers, dynamics.terrain.parameters) - radius
+    return [k for k, distance in zip(touching, gap, strict=True) if distance < TOUCHING]
+
+
+def _contact_functions(dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX) -> Any:
     chosen = [(k, term) for k, term in enumerate(references.terms) if isinstance(term, ContactCost)]
     if not chosen:
         return None, None, (), np.zeros((0, 0), dtype=bool), ()
     if not isinstance(dynamics, RobotDynamics):
         raise ProblemError(f"{chosen[0][1].label} is over contacts, which user-written dynamics do not have")
-    robot = dynamics.character
+    robot, feet = dynamics.character, _feet(dynamics, setting)
     twists = [ca.SX.sym(f"twist{k}", 6) for k in range(3)]
     columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
     sphere = ca.SX.sym("sphere", 4)
@@ -170,10 +182,10 @@ def _contact_functions(dynamics: Dynamics, references: References, p: ca.SX, q: 
     for k, term in chosen:
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
             value = ca.vec(ca.SX(term.contact_residual(symbols, references.view(q, k))))
-        names = None if term.contacts is None else {robot.contact_index(name) for name in term.contacts}
+        acts_on = term.chosen(robot, feet)
         residuals.append(value)
         rows += [k] * value.numel()
-        use += [[names is None or c in names for c in robot.terrain_contacts]] * value.numel()
+        use += [[c in acts_on for c in robot.terrain_contacts]] * value.numel()
     r = ca.densify(ca.vertcat(*residuals))
     moved = ca.vertcat(*twists)
     still = ca.SX.zeros(18)

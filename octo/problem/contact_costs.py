@@ -6,13 +6,14 @@ A term's residual is written for one contact; E sums it over the contacts chosen
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from octo.model.character import Character
 from octo.problem.costs import Cost
 
 if TYPE_CHECKING:
@@ -23,9 +24,19 @@ TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactCost(Cost):
-    """A term of E summed over contacts. ``contacts``: names, or all that touch the terrain."""
+    """A term of E summed over contacts.
+
+    ``contacts``: names; by default all that touch the terrain, or the feet where a term pulls on what is in the air.
+    """
 
     contacts: tuple[str, ...] | None = None
+    of_feet: ClassVar[bool] = False  # by default only contacts that touch the ground at the start
+
+    def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
+        """Indices into the robot's contacts."""
+        if self.contacts is not None:
+            return {robot.contact_index(name) for name in self.contacts}
+        return set(feet if self.of_feet else robot.terrain_contacts)
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         raise NotImplementedError(type(self).__name__)
@@ -49,6 +60,7 @@ class Slip(ContactCost):
 class FootLift(ContactCost):
     """Height (m) of a foot above ``height``, squared hinge: feet do not swing higher than they need."""
 
+    of_feet: ClassVar[bool] = True
     height: float = 0.02  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
@@ -62,6 +74,7 @@ class FootLift(ContactCost):
 class Clearance(ContactCost):
     """Moving feet stay clear of the ground: v·exp(−h/(2 length)), so that its square is v² exp(−h/length)."""
 
+    of_feet: ClassVar[bool] = True
     length: float = 0.02  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
