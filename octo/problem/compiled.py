@@ -98,7 +98,7 @@ class CompiledProblem:
         self.constant = self.basis.constant(self.steps, self.start, before)
         self.stencil, self.fixed, self.ends = self._fix_ends()
         self.K, self.nc, self.ma = self.stencil.units, self.stencil.parts * self.n, self.stencil.parts * self.m
-        self.neighbours = like.neighbours if like is not None else self._neighbour_terms()
+        self.neighbours: NeighbourTerms | None = like.neighbours if like is not None else self._neighbour_terms()
 
     def _neighbour_terms(self) -> NeighbourTerms | None:
         """Terms over neighbouring Hermite controls, which no single step sees."""

@@ -15,7 +15,7 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 
 STEPS, DT = 24, 0.05
-BASES = {"nodes": "nodes", "hermite": Hermite(6)}
+BASES = {"nodes": "nodes", "hermite": Hermite(3)}
 Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
@@ -33,7 +33,8 @@ def _robot() -> Character:
         Body("mast", 0, (mast,), np.array([0.0, 0.0, 0.1]), mass=0.2, inertia=0.1 * inertia),
     )
     places = (
-        ("top", 3, (0.0, 0.0, 0.1)), ("foot", 2, (0.0, 0.0, -0.2)), ("front", 0, (0.2, 0.0, -0.42)), ("back", 0, (-0.2, 0.1, -0.39)),
+        ("top", 3, (0.0, 0.0, 0.1)), ("foot", 2, (0.0, 0.0, -0.2)), ("front", 0, (0.2, 0.0, -0.42)),
+        ("back", 0, (-0.2, 0.1, -0.39)),
     )  # fmt: skip
     spheres = tuple(ContactSphere(n, b, np.array(at), 0.03, touches_terrain=n != "top") for n, b, at in places)
     return Character("walker", bodies, spheres, pairs=((0, 1),))

@@ -130,21 +130,21 @@ def _com_velocity(problem: CompiledProblem, nodes: np.ndarray) -> np.ndarray:
     return np.diff(center_of_mass(robot, nodes[1:]), axis=0) / problem.problems[0].dt
 
 
-def test_derivatives_with_a_fixed_end(compiled, wiggle, remainder_slope, every_cost):
+@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+def test_derivatives_with_a_fixed_end(compiled, wiggle, remainder_slope, basis):
     """The pinned units are constants: no column of A, no gradient, an identity block of H."""
-    for basis in ("nodes", "hermite"):
-        free = compiled(basis)
-        end = free.start[0] + 0.02
-        problem = CompiledProblem([p.replace(x_end=end, v_end=0.1 * np.ones(9)) for p in free.problems], like=free)
-        at, d = wiggle(problem), direction(problem)
-        evaluation = problem.evaluate(at)
-        np.testing.assert_allclose(evaluation.nodes[:, -1], end[None].repeat(2, axis=0), atol=1e-15)
-        model = problem.linearize(evaluation, None)
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
-        assert remainder_slope(lambda h: problem.evaluate(at + h * d).energy.sum(), (model.b * d).sum(), SIZES) > 1.9
-        assert remainder_slope(lambda h: problem.evaluate(at + h * d).C, blocks.constraints_times(d), SIZES) > 1.9
-        pinned = np.zeros_like(d)
-        pinned[:, problem.fixed] = np.random.default_rng(0).standard_normal((problem.batch, len(problem.fixed), problem.nc))
-        np.testing.assert_array_equal(blocks.constraints_times(pinned), 0.0)
-        np.testing.assert_array_equal(blocks.hessian_times(pinned), pinned)
-        np.testing.assert_array_equal(model.b[:, problem.fixed], 0.0)
+    free = compiled(basis)
+    end = free.start[0] + 0.02
+    problem = CompiledProblem([p.replace(x_end=end, v_end=0.1 * np.ones(9)) for p in free.problems], like=free)
+    at, d = wiggle(problem), direction(problem)
+    evaluation = problem.evaluate(at)
+    np.testing.assert_allclose(evaluation.nodes[:, -1], end[None].repeat(2, axis=0), atol=1e-15)
+    model = problem.linearize(evaluation, None)
+    blocks = KKTBlocks(model.H, model.A, model.b, model.C)
+    assert remainder_slope(lambda h: problem.evaluate(at + h * d).energy.sum(), (model.b * d).sum(), SIZES) > 1.9
+    assert remainder_slope(lambda h: problem.evaluate(at + h * d).C, blocks.constraints_times(d), SIZES) > 1.9
+    pinned = np.zeros_like(d)
+    pinned[:, problem.fixed] = np.random.default_rng(0).standard_normal((problem.batch, len(problem.fixed), problem.nc))
+    np.testing.assert_array_equal(blocks.constraints_times(pinned), 0.0)
+    np.testing.assert_array_equal(blocks.hessian_times(pinned), pinned)
+    np.testing.assert_array_equal(model.b[:, problem.fixed], 0.0)
