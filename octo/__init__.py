@@ -29,6 +29,7 @@ _HOME = {
     "SqpOptions": "octo.solver.options",
     "Solution": "octo.solver.solution",
     "Status": "octo.solver.solution",
+    "filmstrip": "octo.picture",
     "plot": "octo.plot",
     "view": "octo.viewer",
 }
@@ -98,6 +99,7 @@ if TYPE_CHECKING:
     from octo.model.load import load as load
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
+    from octo.picture import filmstrip as filmstrip
     from octo.plot import plot as plot
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from octo.cli.output import OutputFolder
@@ -38,5 +39,5 @@ def picture(solution: Solution, path: Path) -> None:
     from octo.plot import plot
     from octo.viewer import view
 
-    writers = {".html": view, ".csv": Solution.to_csv}
+    writers: dict[str, Callable[[Solution, Path], object]] = {".html": view, ".csv": Solution.to_csv}
     writers.get(path.suffix, plot)(solution, path)

@@ -1,0 +1,250 @@
+"""Still pictures of a motion: the character at several moments, drawn with matplotlib by the painter's algorithm."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import whole
+from octo.errors import MissingExtraError, ModelError, ValueRangeError
+from octo.model.figure import Surface, ball, size, surfaces
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.solver.solution import Solution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+TURN = 0.42  # rad, between the direction of travel and the width of the picture: seen a little from the front
+ELEVATION = 0.34  # rad, of the camera over the horizon
+FAR, NEAR = np.array([0.62, 0.72, 0.84]), np.array([0.13, 0.35, 0.62])  # colours of the first and of the last moment
+FOOT, LOADED_FOOT = np.array([0.35, 0.37, 0.40]), np.array([0.95, 0.52, 0.12])
+TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
+SHADOW = np.array([0.78, 0.79, 0.80])
+WIDEST = 13.0  # inches
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Parallel projection: ``axes`` (3, 3) are the directions right, up and into the picture, in the world."""
+
+    axes: Array
+
+    @staticmethod
+    def beside(heading: float) -> Camera:
+        """For a character that travels in the horizontal direction ``heading`` (rad): from left to right."""
+        a = heading + TURN
+        right, ahead = np.array([np.cos(a), np.sin(a), 0.0]), np.array([-np.sin(a), np.cos(a), 0.0])
+        up = np.sin(ELEVATION) * ahead + np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0])
+        return Camera(np.stack([right, up, np.cross(up, right)]))
+
+    def flat(self, points: Array) -> Array:
+        """(..., 2) m in the picture of points (..., 3) m."""
+        return np.asarray(points @ self.axes[:2].T)
+
+    def depth(self, points: Array) -> Array:
+        return np.asarray(points @ self.axes[2])
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Heights of the terrain that a solution sampled, continued sideways by its border."""
+
+    x: Array
+    y: Array
+    z: Array
+
+    @staticmethod
+    def of(solution: Solution) -> Ground | None:
+        g = solution.ground
+        return Ground(g["x"], g["y"], g["z"]) if g else None
+
+    def height(self, points: Array) -> Array:
+        """(...) m under points (..., 2 or 3)."""
+        i, s = _place(self.x, points[..., 0])
+        j, t = _place(self.y, points[..., 1])
+        z = self.z
+        return np.asarray((1 - s) * ((1 - t) * z[i, j] + t * z[i, j + 1]) + s * ((1 - t) * z[i + 1, j] + t * z[i + 1, j + 1]))
+
+    @property
+    def flat(self) -> bool:
+        """Whether all of it is one plane."""
+        step = [np.diff(self.z, axis=axis) for axis in (0, 1)]
+        return all(float(np.ptp(s, axis=axis).max(initial=0.0)) < 1e-6 for axis, s in enumerate(step))
+
+
+def filmstrip(
+    solution: Solution,
+    path: str | os.PathLike[str] | None = None,
+    moments: int = 6,
+    between: tuple[float, float] | None = None,
+) -> Figure:
+    """The character at ``moments`` times spread evenly over ``between`` (start, end in s; default: all), in one picture.
+
+    Feet are orange while they carry load; footprints and the path of the centre of mass are marked. A character that
+    hardly travels is drawn beside itself, moment by moment.
+
+    Raises
+    ------
+    MissingExtraError: matplotlib is not installed. ModelError: the dynamics are the user's own, there is no character.
+    ValueRangeError: ``moments`` or ``between`` is not possible.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("a picture", "view") from None
+    if solution.character is None:
+        raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
+    frames = _chosen(solution, whole("moments", moments), between)
+    path_of_com = solution.com[frames[0] : frames[-1] + 1]
+    travel = path_of_com[-1, :2] - path_of_com[0, :2]
+    room = 0.8 * size(solution.character)
+    moving = np.linalg.norm(travel) > room
+    camera = Camera.beside(float(np.arctan2(travel[1], travel[0])) if moving else float(solution.yaw[0]))
+    each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
+    shift = max(0.0, 1.1 * room - each) * camera.axes[0]  # (3,) m, to the right from moment to moment
+    scene = Scene(camera, Ground.of(solution), size(solution.character))
+    apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
+    scene.ground_under(path_of_com + apart)
+    if not shift.any():
+        scene.footprints(solution, frames)
+    for number, frame in enumerate(frames):
+        scene.character(solution, int(frame), number / max(len(frames) - 1, 1), number * shift)
+    figure = scene.figure(Figure, None if shift.any() else path_of_com)
+    if path is not None:
+        figure.savefig(path, dpi=130)
+    return figure
+
+
+class Scene:
+    """Polygons with colours, collected and then painted from far to near."""
+
+    def __init__(self, camera: Camera, ground: Ground | None, scale: float):
+        self.camera, self.terrain, self.scale = camera, ground, scale
+        light = -0.45 * camera.axes[0] - 0.55 * camera.axes[2] + np.array([0.0, 0.0, 0.9])
+        self.light = light / np.linalg.norm(light)
+        self.bodies: list[tuple[Array, Array]] = []  # (f, 3, 3) m and (f, 3) colours
+        self.shadows: list[Array] = []
+        self.tiles: list[tuple[Array, Array]] = []  # (4, 3) m, (3,) colour
+        self.prints = np.zeros((0, 3))
+
+    def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
+        """The character at node ``frame``; ``share`` of the way from the first to the last moment colours it."""
+        character = solution.character
+        assert character is not None
+        x = solution.x[frame + 1]
+        rotation, origin = body_poses(character, x)
+        color = (1 - share) * FAR + share * NEAR
+        for surface, R, t in zip(surfaces(character), rotation, origin, strict=True):
+            if surface is not None:
+                self._add(surface, R, t + shift, color)
+        centers = sphere_centers(character, x)
+        touching = solution.loaded[max(frame - 1, 0)] if solution.steps else np.zeros(0, dtype=bool)
+        ever = np.asarray(solution.loaded.any(axis=0))
+        for k, loaded, used in zip(character.terrain_contacts, touching, ever, strict=True):
+            radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
+            if used:
+                self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, LOADED_FOOT if loaded else FOOT)
+
+    def _add(self, surface: Surface, rotation: Array, origin: Array, color: Array) -> None:
+        corners = (surface.vertices @ rotation.T + origin)[surface.faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+        if self.terrain is not None:
+            shadow = corners[normal[:, 2] > 0.0].copy()
+            shadow[..., 2] = self.terrain.height(shadow)
+            self.shadows.append(shadow)
+        front = normal @ self.camera.axes[2] < 0.0
+        corners, normal = corners[front], normal[front]
+        bright = 0.50 + 0.55 * np.maximum(normal @ self.light, 0.0)
+        halfway = self.light - self.camera.axes[2]
+        shine = 0.25 * np.maximum(normal @ (halfway / np.linalg.norm(halfway)), 0.0) ** 30
+        self.bodies.append((corners, np.clip(bright[:, None] * color + shine[:, None], 0.0, 1.0)))
+
+    def ground_under(self, path: Array) -> None:
+        """Checkered tiles that fade with the distance from ``path`` (k, 3)."""
+        if self.terrain is None:
+            return
+        edge, reach = _tile(self.scale), 1.1 * self.scale
+        low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
+        first, last = np.floor(low / edge).astype(int), np.ceil(high / edge).astype(int)
+        square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+        thinned = path[:: max(1, len(path) // 200), :2]
+        for i in range(first[0], last[0]):
+            for j in range(first[1], last[1]):
+                corners = edge * (square + (i, j))
+                away = np.linalg.norm(thinned - corners.mean(axis=0), axis=1).min() / reach
+                fade = np.clip(1.35 * (1.0 - away), 0.0, 1.0)
+                if fade > 0.0:
+                    points = np.column_stack([corners, self.terrain.height(corners)])
+                    self.tiles.append((points, 1.0 - fade * (1.0 - TILES[(i + j) % 2])))
+
+    def footprints(self, solution: Solution, frames: NDArray[np.intp]) -> None:
+        steps = slice(max(frames[0] - 1, 0), max(frames[-1], 1))
+        self.prints = solution.contact_point[steps][solution.loaded[steps]]
+
+    def figure(self, make: type[Figure], path: Array | None) -> Figure:
+        """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the bodies."""
+        from matplotlib.collections import PolyCollection
+
+        flat, depth = self.camera.flat, self.camera.depth
+        corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
+        low, high = _bounds([flat(corners).reshape(-1, 2), *(flat(points) for points, _ in self.tiles)])
+        body_low, body_high = _bounds([flat(corners).reshape(-1, 2)])
+        margin = 0.22 * self.scale
+        low, high = np.maximum(low, body_low - (margin, 1.6 * margin)), np.minimum(high, body_high + (margin, margin))
+        high[1] = body_high[1] + 0.5 * margin
+        extent = high - low
+        width = float(np.clip(2.2 * extent[0] / extent[1], 5.0, WIDEST))
+        figure = make(figsize=(width, width * extent[1] / extent[0]))
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.axis("off")
+
+        def paint(polygons: Sequence[Array] | Array, colors: Any, order: int) -> None:
+            axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors=colors, linewidths=0.35, zorder=order))
+
+        if self.tiles:
+            far_first = sorted(self.tiles, key=lambda tile: -float(depth(tile[0].mean(axis=0))))
+            paint([flat(points) for points, _ in far_first], [color for _, color in far_first], 1)
+        prints = flat(self.prints)
+        axes.plot(prints[:, 0], prints[:, 1], "o", ms=3.0, mew=0.0, color=LOADED_FOOT, alpha=0.25, zorder=2)
+        if self.shadows:
+            paint(flat(np.concatenate(self.shadows)), SHADOW, 3)
+        order = np.argsort(-depth(corners.mean(axis=1)))
+        paint(flat(corners[order]), colors[order], 4)
+        if path is not None:
+            line = flat(path)
+            axes.plot(line[:, 0], line[:, 1], color="black", lw=0.9, alpha=0.55, zorder=5)
+        return figure
+
+
+def _chosen(solution: Solution, moments: int, between: tuple[float, float] | None) -> NDArray[np.intp]:
+    """Nodes at ``moments`` even times."""
+    end = solution.steps * solution.dt
+    start, stop = between if between is not None else (0.0, end)
+    if not 0.0 <= start <= stop <= end + 1e-9:
+        raise ValueRangeError(f"between is {between}, must be two times from 0 to {end:g} s, in order")
+    return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
+
+
+def _tile(scale: float) -> float:
+    """m, a round number near a third of the character's size."""
+    rounds = [0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0]
+    return min(rounds, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
+
+
+def _place(grid: Array, value: Array) -> tuple[NDArray[np.intp], Array]:
+    """Index of the interval of ``grid`` that holds ``value``, and where in it (0…1)."""
+    index = np.clip(np.searchsorted(grid, value, side="right") - 1, 0, len(grid) - 2)
+    return index, np.clip((value - grid[index]) / (grid[index + 1] - grid[index]), 0.0, 1.0)
+
+
+def _bounds(parts: Sequence[Array]) -> tuple[Array, Array]:
+    points = np.concatenate(parts)
+    return points.min(axis=0), points.max(axis=0)

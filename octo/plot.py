@@ -1,0 +1,216 @@
+"""A solution in one figure: centre of mass, contact forces, torques, convergence."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import MissingExtraError
+from octo.solver.solution import Solution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+COLORS = ("#2f6db2", "#d0703c", "#4f9a57", "#8c6aaa", "#b0892f", "#6b7785")
+STYLE = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e8eb",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#8a9099",
+    "xtick.color": "#4a4f57",
+    "ytick.color": "#4a4f57",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
+MOST_ROWS = 32  # contacts or joints in one panel; those that carry least are left out
+MOST_LINES = 6  # with more joints than these the torques are an image
+Panel = Callable[[Solution, "Axes"], None]
+
+
+def plot(solution: Solution, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw the solution; write it to ``path`` (.png, .pdf, .svg) where one is given.
+
+    Centre of mass and its velocity (coordinates, for user-written dynamics), normal force of every contact that ever
+    carries load, torques in parts of their limits, E and ‖C‖∞ over the iterations.
+
+    Raises
+    ------
+    MissingExtraError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("a plot", "view") from None
+    rows: list[tuple[float, list[Panel]]] = [(2.2, [_position, _velocity])]
+    if solution.loaded.any():
+        rows.append((_height(int(solution.loaded.any(axis=0).sum())), [_contacts]))
+    if solution.u.size:
+        rows.append((_height(solution.u.shape[1]) if solution.u.shape[1] > MOST_LINES else 2.4, [_torques]))
+    if len(solution.history.get("energy", ())):
+        rows.append((2.2, [_energy, _violation]))
+    with matplotlib.rc_context(STYLE):
+        heights = [height for height, _ in rows]
+        figure = Figure(figsize=(11.0, sum(heights) + 0.65 * len(rows) + 0.7), layout="constrained")
+        figure.suptitle(_headline(solution), x=0.01, ha="left", fontsize=9.5)
+        grid = figure.add_gridspec(len(rows), 2, height_ratios=heights)
+        for r, (_, panels) in enumerate(rows):
+            for k, panel in enumerate(panels):
+                panel(solution, figure.add_subplot(grid[r, k] if len(panels) == 2 else grid[r, :]))
+        if path is not None:
+            figure.savefig(path, dpi=120)
+    return figure
+
+
+def _height(count: int) -> float:
+    """inches, of a panel with one row for each of ``count`` things."""
+    return 0.5 + 0.22 * min(max(count, 3), MOST_ROWS)
+
+
+def _headline(solution: Solution) -> str:
+    sentence = solution.status.value.partition(":")[0] if solution.converged else solution.status.value
+    lines = [
+        f"{solution.name}, {solution.steps} steps of {solution.dt:g} s ({solution.basis}): {sentence}",
+        f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise {solution.pointwise_residual:.1e} N"
+        f" of {solution.weight:.0f} N weight; {solution.iterations} iterations, {solution.seconds:.2g} s",
+    ]
+    if solution.loaded.any():
+        lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
+    return "\n".join(lines)
+
+
+def _position(solution: Solution, axes: Axes) -> None:
+    names, values = _followed(solution)
+    _lines(axes, solution.times, values, names)
+    axes.set(title="centre of mass (m)" if solution.character is not None else "coordinates", xlabel="time (s)")
+
+
+def _velocity(solution: Solution, axes: Axes) -> None:
+    names, values = _followed(solution)
+    if solution.character is None:
+        rate = np.diff(solution.x, axis=0) / solution.dt
+        times = solution.times
+    else:
+        rate = np.diff(values, axis=0) / solution.dt
+        times = solution.times[1:]
+    _lines(axes, times, rate[:, : len(names)], names)
+    axes.set(title="its velocity (m/s)" if solution.character is not None else "their rates", xlabel="time (s)")
+
+
+def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
+    """Names and values (N+1, k) of the first row of panels."""
+    if solution.character is not None:
+        return ("x", "y", "z"), solution.com
+    return solution.joint_names[:MOST_LINES], solution.x[1:, :MOST_LINES]
+
+
+def _lines(axes: Axes, times: Array, values: Array, names: tuple[str, ...]) -> None:
+    marker = "o" if len(times) < 3 else ""
+    for k, name in enumerate(names):
+        axes.plot(times, values[:, k], color=COLORS[k % len(COLORS)], lw=1.5, marker=marker, ms=4, label=name)
+    if names:
+        axes.legend(ncols=min(len(names), 3), loc="best", handlelength=1.2)
+    axes.margins(x=0.01)
+
+
+def _contacts(solution: Solution, axes: Axes) -> None:
+    """One strip per contact: the height of the filled curve is the normal force, in the same scale for all."""
+    force, names, left_out = _chosen_rows(solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0)))
+    edges = solution.dt * np.arange(solution.steps + 1)
+    top = max(float(force.max()), 1e-12)
+    for row, name in enumerate(names):
+        base = len(names) - 1 - row
+        color = COLORS[row % len(COLORS)]
+        share = 0.9 * np.maximum(force[:, row], 0.0) / top
+        axes.stairs(base + share, edges, baseline=base, fill=True, color=color, alpha=0.8, lw=0)
+        axes.axhline(base, color="#c4c9d0", lw=0.6, zorder=0)
+        axes.text(-0.005, base + 0.3, name, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=8.5)
+    axes.set(ylim=(-0.1, len(names)), yticks=[], xlim=(0.0, edges[-1]), xlabel="time (s)")
+    axes.set_title(f"normal force (a full strip is {top:.3g} N; the weight is {solution.weight:.3g} N){left_out}")
+    axes.grid(False, axis="y")
+
+
+def _torques(solution: Solution, axes: Axes) -> None:
+    limit = solution.torque_limit
+    limited = np.isfinite(limit) & (limit > 0.0)
+    scale = np.where(limited, limit, np.maximum(np.abs(solution.u).max(axis=0, initial=0.0), 1e-12))
+    names = tuple(name + ("" if has else " *") for name, has in zip(solution.actuated_names, limited, strict=True))
+    title = "torque / limit" + ("" if limited.all() else " (* no limit: / its largest)" if limited.any() else "")
+    if len(names) <= MOST_LINES:
+        shown = solution.u / scale if limited.any() else solution.u
+        for k, name in enumerate(names if limited.any() else solution.actuated_names):
+            axes.stairs(shown[:, k], solution.times, color=COLORS[k], lw=1.4, baseline=None, label=name)
+        if limited.any() and np.abs(shown).max() > 0.5:
+            for side in (-1.0, 1.0):
+                axes.axhline(side, color="#b3261e", lw=0.8, ls="--")
+        axes.legend(ncols=len(names), loc="best", handlelength=1.2)
+        axes.set(title=title if limited.any() else "torque (N m, N)", xlabel="time (s)", xlim=(0.0, solution.times[-1]))
+        return
+    title = title if limited.any() else "torque / its largest"
+    share, names, left_out = _chosen_rows(solution.u / scale, names, np.ones(len(names), dtype=bool))
+    reach = float(np.clip(np.quantile(np.abs(share), 0.995), 0.1, 1.0))
+    image = axes.imshow(
+        share.T, aspect="auto", cmap="RdBu_r", vmin=-reach, vmax=reach, interpolation="nearest",
+        extent=(0.0, float(solution.times[-1]), len(names) - 0.5, -0.5),
+    )  # fmt: skip
+    axes.set_yticks(range(len(names)), names, fontsize=8.5)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(False)
+    axes.set_title(f"{title}; the largest is {np.abs(solution.u / scale).max():.2f}{left_out}")
+    axes.set_xlabel("time (s)")
+    bar = axes.figure.colorbar(image, ax=axes, pad=0.01, fraction=0.025, extend="both")
+    bar.outline.set_visible(False)
+
+
+def _chosen_rows(values: Array, names: tuple[str, ...], used: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...], str]:
+    """Columns of ``values`` that are ``used``, the largest MOST_ROWS of them in their order; a note on the rest."""
+    columns = np.flatnonzero(used)
+    left_out = len(columns) - MOST_ROWS
+    if left_out > 0:
+        columns = np.sort(columns[np.argsort(-np.abs(values[:, columns]).max(axis=0))[:MOST_ROWS]])
+    note = f"; {left_out} smaller ones are not shown" if left_out > 0 else ""
+    return values[:, columns], tuple(names[k] for k in columns), note
+
+
+def _energy(solution: Solution, axes: Axes) -> None:
+    _convergence(solution, axes, "energy", COLORS[0])
+    axes.set_title("E")
+
+
+def _violation(solution: Solution, axes: Axes) -> None:
+    _convergence(solution, axes, "violation", COLORS[1])
+    axes.set_title("‖C‖∞ (N)")
+
+
+def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
+    """One column of the history over all iterations, passes as bands."""
+    values, number = np.asarray(solution.history[name], dtype=float), np.asarray(solution.history["pass"])
+    count = np.arange(len(values))
+    starts = np.flatnonzero(np.diff(number, prepend=number[:1] - 1))
+    ends = np.append(starts[1:], len(values))
+    for start, end in zip(starts, ends, strict=True):
+        if len(starts) > 1 and number[start] % 2 == 0:
+            axes.axvspan(start - 0.5, end - 0.5, color="#f1f3f6", lw=0, zorder=0)
+        if len(starts) > 1 and end - start > 0.04 * len(values):
+            where = 0.5 * (start + end - 1)
+            axes.text(where, 0.98, f"{number[start]:g}", transform=axes.get_xaxis_transform(), ha="center", va="top",
+                      fontsize=8, color="#7a808a")  # fmt: skip
+        axes.plot(count[start:end], values[start:end], color=color, lw=1.2, marker="o" if len(values) < 3 else "", ms=4)
+    if (values > 0.0).any():
+        axes.set_yscale("log", nonpositive="mask")
+    passes = ", passes in bands" if len(starts) > 1 else ""
+    axes.set_xlabel(f"iteration{passes}")
+    axes.margins(x=0.01)
