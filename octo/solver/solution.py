@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import tempfile
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -297,13 +296,15 @@ class Solution:
         plain["status"] = self.status.label
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
+        beside = target.with_name(f".{target.name}.{os.getpid()}")
         try:
-            handle, scratch = tempfile.mkstemp(dir=target.parent, suffix=".npz")
-            with os.fdopen(handle, "wb") as file:
+            with beside.open("wb") as file:
                 np.savez_compressed(file, **arrays)
-            os.replace(scratch, target)
+            os.replace(beside, target)
         except OSError as error:
             raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
+        finally:
+            beside.unlink(missing_ok=True)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:
