@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo.checks import whole
 from octo.dynamics.laws import Smooth, Viscous
-from octo.errors import ProblemError, ValueRangeError
+from octo.errors import ProblemError
 from octo.problem.basis import Hermite
 from octo.problem.problem import Array, Problem
 from octo.solver.solution import Solution
@@ -80,8 +81,8 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     ------
     ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the caller fixed.
     """
-    if count is not None and (int(count) != count or count < 1):
-        raise ValueRangeError(f"passes is {count}, must be a whole number of at least 1")
+    if count is not None:
+        whole("passes", count)
     if not growable(problem):
         if count is not None and count > 1:
             raise ProblemError(f"passes is {count}: the stiffness of this contact law is fixed by the caller, must be 1")

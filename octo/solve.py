@@ -12,6 +12,7 @@ from typing import Any, overload
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from octo.checks import whole
 from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
@@ -94,8 +95,7 @@ def _solve(
     given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
     settings = replace(options or SqpOptions(), **{name: value for name, value in given.items() if value is not None})
     for name, count in (("seeds", seeds), ("threads", threads)):
-        if int(count) != count or count < 1:
-            raise ValueRangeError(f"{name} is {count}, must be a whole number of at least 1")
+        whole(name, count)
     run = _Run(settings, int(threads), resolve_device(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from octo.checks import whole
 from octo.errors import UnknownNameError, ValueRangeError
 
 CHOICES = {
@@ -56,12 +57,10 @@ class SqpOptions:
                 raise UnknownNameError(name, getattr(self, name), values)
         for name in ("tolerance", "step_tolerance", "dual_tolerance", "cap", "first_sigma", "c_max", "time_limit"):
             value = getattr(self, name)
-            if not value > 0.0:
-                raise ValueRangeError(f"{name} is {value}, must be positive")
+            if not isinstance(value, (int, float, np.number)) or not value > 0.0:
+                raise ValueRangeError(f"{name} is {value!r}, must be positive")
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
-            value = getattr(self, name)
-            if int(value) != value or value < least:
-                raise ValueRangeError(f"{name} is {value}, must be a whole number of at least {least}")
+            whole(name, getattr(self, name), least)
 
     @classmethod
     def paper(cls, **changes: Any) -> SqpOptions:

@@ -48,7 +48,7 @@ def minimize(blocks: KKTBlocks, at: Directions, project: Any, radius: Array) -> 
     """
     xp = array_module(blocks.H)
     length = xp.sqrt(inner(at.normal, at.normal))
-    theta = xp.minimum(1.0, RELAXATION * radius / xp.maximum(length, 1e-300))
+    theta = RELAXATION * radius / xp.maximum(length, RELAXATION * radius)
     v = spread(theta) * at.normal
     target = spread(theta) * at.full + spread(1.0 - theta) * at.tangential
     gradient = blocks.b + blocks.hessian_times(v)
@@ -85,8 +85,9 @@ def _two_by_two(
         return -((c + shift) * g1 - b * g2) / d, -((a + shift) * g2 - b * g1) / d
 
     size = xp.sqrt(g1**2 + g2**2)
-    low = xp.maximum(0.0, -lowest) + 1e-14 * xp.maximum(xp.abs(mean) + half, 1e-300)
-    high = low + size / xp.maximum(radius, 1e-300) + 1e-300
+    least = size / xp.maximum(radius, 1e-300)  # the multiplier where the Hessian is zero
+    low = xp.maximum(0.0, -lowest) + 1e-14 * xp.maximum(xp.abs(mean) + half, xp.maximum(least, 1e-300))
+    high = low + least + 1e-300
     z1, z2 = at(low)
     inside = z1**2 + z2**2 <= radius**2
     for _ in range(60):

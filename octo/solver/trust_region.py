@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 RHO = 0.3  # of Eq. 11, as in Nocedal and Wright (18.36)
+UNBOUNDED = 1e150  # its square is still a number
 EFFORT = 1e-4  # of ‖u‖², §8
 
 
@@ -69,7 +70,7 @@ class TrustRegion:
             full, multipliers = factors.solve(-model.b, -model.C)
             tangential, _ = factors.solve(-model.b, np.zeros_like(model.C))
             directions = Directions(full, tangential, normal.least_norm(-model.C), multipliers)
-            step = minimize(blocks, directions, normal.project, np.where(np.isfinite(self.radius), self.radius, 1e300))
+            step = minimize(blocks, directions, normal.project, np.where(np.isfinite(self.radius), self.radius, UNBOUNDED))
         self._raise_penalty(model.C, step.energy, step.residual)
         length = np.sqrt(inner(step.delta, step.delta))
         self.radius = np.where(np.isfinite(self.radius), self.radius, length)
