@@ -1,0 +1,112 @@
+"""FD and its Jacobian as one SX function, the way anybody would write it: ca.jacobian, CodeGenerator, gcc -O1."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import RobotDynamics
+
+Array = NDArray[np.float64]
+
+SWEEP = """
+#include <string.h>
+void sweep(int steps, const double *nodes, const double *p, double *fd, double *jac) {
+  static double w[WORK + 1];
+  for (int i = 0; i < steps; ++i) {
+    double z[3 * NX];
+    for (int node = 0; node < 3; ++node) memcpy(z + node * NX, nodes + (i + 2 - node) * NX, NX * sizeof(double));
+    const double *arg[2] = {z, p};
+    double *res[2] = {fd + i * NX, jac + (size_t)i * NJAC};
+    fd_jacobian(arg, res, 0, w, 0);
+  }
+}
+"""
+
+
+class Monolithic:
+    """FD and Jacobian of all contacts and pairs, compiled and cached.
+
+    ``plain``: without common-subexpression elimination, and with the dense n × 3n Jacobian row by row (the form of
+    the first measurements); otherwise octo's own symbolic FD and the sparse Jacobian.
+    """
+
+    def __init__(self, dynamics: RobotDynamics, plain: bool = False):
+        n, self.plain = dynamics.nx, plain
+        with _without_cse() if plain else nullcontext():
+            made = symbolic.forward_dynamics(dynamics.character, dynamics.law, dynamics.terrain, dynamics.layout)
+        z, p = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size)
+        fd = made(z[:n], z[n : 2 * n], z[2 * n :], p)
+        jac = ca.jacobian(fd, z)
+        self.sparsity = jac.sparsity()
+        function = ca.Function("fd_jacobian", [z, p], [fd, ca.densify(jac.T) if plain else jac])
+        self.n, self.entries, self.operations = n, int(function.nnz_out(1)), int(function.n_instructions())
+        generator = ca.CodeGenerator("fd_jacobian.c", {"with_header": False, "casadi_int": "int"})
+        generator.add(function)
+        sizes = {"NX": n, "WORK": function.sz_w(), "NJAC": self.entries}
+        text = generator.dump() + "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + SWEEP
+        self.library = ctypes.CDLL(str(_compiled(text)))
+
+    def sweep(self, nodes: Array, p: Array) -> tuple[Array, Array, Callable[[], None]]:
+        """FD (N, n), the Jacobian's entries (N, entries), and the function that writes them."""
+        steps = len(nodes) - 2
+        fd, jac = np.zeros((steps, self.n)), np.zeros((steps, self.entries))
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (nodes, p, fd, jac)]
+        held = (nodes, p)
+
+        def run() -> None:
+            assert held
+            self.library.sweep(steps, *pointers)
+
+        return fd, jac, run
+
+    def dense(self, jac: Array) -> Array:
+        """(N, n, 3n) of the entries."""
+        if self.plain:
+            return jac.reshape(len(jac), self.n, 3 * self.n)
+        full = np.zeros((len(jac), self.n, 3 * self.n))
+        full[:, self.sparsity.row(), self.sparsity.get_col()] = jac
+        return full
+
+
+@contextmanager
+def _without_cse() -> Iterator[None]:
+    """``ca.Function`` ignores its options inside."""
+    original = ca.Function
+
+    def function(*arguments: Any) -> Any:
+        return original(*(argument for argument in arguments if not isinstance(argument, dict)))
+
+    with mock.patch.object(symbolic.ca, "Function", function):
+        yield
+
+
+def _compiled(text: str) -> Path:
+    """The library at -O1, in octo's cache: a humanoid takes minutes."""
+    words = native.compiler()
+    if words is None:
+        raise SystemExit("the benchmark needs a C compiler")
+    folder = native.cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = folder / ("monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24])
+    library = stem.with_suffix(".so")
+    if not library.exists():
+        source, made = stem.with_suffix(".c"), stem.with_suffix(f".{os.getpid()}")
+        source.write_text(text)
+        subprocess.run([*words, "-O1", "-fPIC", "-shared", "-o", str(made), str(source), "-lm"], check=True)
+        source.unlink()
+        made.replace(library)
+    return library

@@ -1,0 +1,107 @@
+"""Times of interleaved runs, and the records that benchmarks write."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds of repeated runs: the fastest, and the median."""
+
+    least: float
+    median: float
+
+    def per(self, count: float) -> Timing:
+        return Timing(self.least / count, self.median / count)
+
+
+def interleaved(
+    candidates: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.thread_time
+) -> dict[str, Timing]:
+    """Every candidate once a round, so that what else the machine does hits all of them alike.
+
+    The default clock is this thread's processor time: the wall's on a quiet machine, and the same on a busy one.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in candidates}
+    for run in candidates.values():
+        run()
+    for _ in range(rounds):
+        for name, run in candidates.items():
+            began = clock()
+            run()
+            seconds[name].append(clock() - began)
+    return {name: Timing(min(values), float(np.median(values))) for name, values in seconds.items()}
+
+
+@dataclass(frozen=True)
+class Record:
+    """One number; ``baseline_ratio`` is value over the committed baseline's, None where that has none."""
+
+    name: str
+    value: float
+    unit: str
+    baseline_ratio: float | None = None
+
+
+class Records:
+    """The numbers of one run, in order, beside those of a baseline file."""
+
+    def __init__(self, baseline: Path | None):
+        self.made: list[Record] = []
+        known = json.loads(baseline.read_text())["records"] if baseline is not None and baseline.exists() else []
+        self.before = {record["name"]: record["value"] for record in known}
+
+    def add(self, name: str, value: float, unit: str) -> None:
+        before = self.before.get(name)
+        self.made.append(Record(name, float(value), unit, float(value) / before if before else None))
+
+    def add_timing(self, name: str, timing: Timing, scale: float, unit: str) -> None:
+        """``scale`` units in a second."""
+        self.add(name, timing.least * scale, unit)
+        self.add(f"{name}.median", timing.median * scale, unit)
+
+    def ratio(self, name: str, value: str, of: str) -> None:
+        """One number over another."""
+        self.add(name, self[value] / self[of], "")
+
+    def __contains__(self, name: str) -> bool:
+        return any(record.name == name for record in self.made)
+
+    def __getitem__(self, name: str) -> float:
+        return next(record.value for record in self.made if record.name == name)
+
+    def table(self) -> str:
+        """One line a number; medians stand behind their minimum."""
+        medians = {record.name: record.value for record in self.made}
+        lines = []
+        for record in self.made:
+            if record.name.endswith(".median"):
+                continue
+            median = medians.get(f"{record.name}.median")
+            ratio = "" if record.baseline_ratio is None else f"{record.baseline_ratio:8.2f} x baseline"
+            more = "" if median is None else f"(median {median:.4g})"
+            lines.append(f"{record.name:44s} {record.value:10.4g} {record.unit:8s} {more:20s}{ratio}".rstrip())
+        return "\n".join(lines)
+
+    def write(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "records": [asdict(r) for r in self.made]}
+        path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def processor() -> str:
+    """The processor's name as the system says it."""
+    try:
+        fields = dict(line.split(":", 1) for line in Path("/proc/cpuinfo").read_text().splitlines() if ":" in line)
+        table = {name.strip(): value.strip() for name, value in fields.items()}
+        return f"{table['model name']} (family {table['cpu family']}, model {table['model']})"
+    except (OSError, KeyError):
+        return platform.processor() or platform.machine()
