@@ -130,37 +130,59 @@ def _passes(
     done: dict[int, Solution] = {}
     alive = list(range(compiled.batch))
     lam = _first_multipliers(start, compiled)
-    for number in range(1, len(plan) + 1):
-        monitor.begin(number, len(plan))
-        way: list[sqp.Result] = []
-        if number > 1:
-            before, after = plan[number - 2], plan[number - 1]
-            assert before is not None and after is not None
-            for part in between(before, after):
-                compiled, nodes = _stiffer(run, compiled, nodes, part)
-                way.append(_pass(run, compiled, nodes, lam, monitor, RAMP_ITERATIONS))
-                nodes, lam = way[-1].at.nodes, way[-1].lam
-            compiled, nodes = _stiffer(run, compiled, nodes, after)
-        result = _pass(run, compiled, nodes, lam, monitor, run.options.max_iterations)
-        for earlier in reversed(way):
-            result = result.after(earlier)
-        made = [_solution(run, compiled, result, place, numbers[k], number, done.get(k)) for place, k in enumerate(alive)]
-        for k, member in zip(alive, made, strict=True):
-            done[k] = member if member.converged or k not in done else _kept(done[k], member)
-        keep = np.flatnonzero([member.converged for member in made])
-        alive = [alive[place] for place in keep]
-        if not alive or monitor.stopped:
-            break
-        compiled, nodes, lam = compiled.take(keep), result.at.nodes[keep], np.ascontiguousarray(result.lam[keep])
+    number = 0
+    try:
+        for number in range(1, len(plan) + 1):
+            monitor.begin(number, len(plan))
+            if number > 1:
+                compiled, nodes, result = _climb(run, compiled, nodes, lam, monitor, (plan[number - 2], plan[number - 1]))
+            else:
+                result = _pass(run, compiled, nodes, lam, monitor, run.options.max_iterations)
+            made = [_solution(run, compiled, result, place, numbers[k], number, done.get(k)) for place, k in enumerate(alive)]
+            for k, member in zip(alive, made, strict=True):
+                done[k] = member if member.converged or k not in done else _kept(done[k], member)
+            keep = np.flatnonzero([member.converged for member in made])
+            alive = [alive[place] for place in keep]
+            if not alive or monitor.stopped:
+                break
+            compiled, nodes, lam = compiled.take(keep), result.at.nodes[keep], np.ascontiguousarray(result.lam[keep])
+    except KeyboardInterrupt:  # between two passes
+        if not done:
+            raise
+        monitor.stopped, number = True, min(number, len(plan) - 1)
+    if monitor.stopped and number < len(plan):
+        done.update({k: replace(done[k], status=Status.INTERRUPTED) for k in alive})
     monitor.end()
     return [done[k] for k in sorted(done)]
 
 
+def _climb(
+    run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor,
+    ends: tuple[Pass | None, Pass | None],
+) -> tuple[CompiledProblem, Array, sqp.Result]:  # fmt: skip
+    """From one converged pass to the end of the next, over the stiffnesses between them."""
+    before, after = ends
+    assert before is not None and after is not None
+    way: list[sqp.Result] = []
+    for part in (*between(before, after), after):
+        compiled, nodes = _stiffer(run, compiled, nodes, part)
+        way.append(_pass(run, compiled, nodes, lam, monitor, run.options.max_iterations if part is after else RAMP_ITERATIONS))
+        nodes, lam = way[-1].at.nodes, way[-1].lam
+        if monitor.stopped and part is not after:
+            way[-1].status = [Status.INTERRUPTED] * compiled.batch
+            break
+    result = way.pop()
+    for earlier in reversed(way):
+        result = result.after(earlier)
+    return compiled, nodes, result
+
+
 def _kept(converged: Solution, failed: Solution) -> Solution:
     """The motion of the last converged pass, with the record of the pass that failed after it."""
+    status = failed.status if failed.status is Status.INTERRUPTED else converged.status
     return replace(
-        converged, passes=failed.passes, history=failed.history, stages=failed.stages, iterations=failed.iterations,
-        factorizations=failed.factorizations, seconds=failed.seconds,
+        converged, status=status, passes=failed.passes, history=failed.history, stages=failed.stages, seconds=failed.seconds,
+        iterations=failed.iterations, factorizations=failed.factorizations,
     )  # fmt: skip
 
 

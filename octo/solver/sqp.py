@@ -66,7 +66,7 @@ class Monitor:
         self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, at.nodes)
         if self.progress is not None:
             self.progress(self.last)
-        self.stopped = self.callback is not None and bool(self.callback(self.last))
+        self.stopped |= self.callback is not None and bool(self.callback(self.last))
         return self.stopped
 
     def end(self) -> None:
