@@ -48,7 +48,7 @@ def minimize(blocks: KKTBlocks, at: Directions, project: Any, radius: Array) -> 
     """
     xp = array_module(blocks.H)
     length = xp.sqrt(inner(at.normal, at.normal))
-    theta = RELAXATION * radius / xp.maximum(length, RELAXATION * radius)
+    theta = RELAXATION * radius / xp.maximum(xp.maximum(length, RELAXATION * radius), 1e-300)
     v = spread(theta) * at.normal
     target = spread(theta) * at.full + spread(1.0 - theta) * at.tangential
     gradient = blocks.b + blocks.hessian_times(v)

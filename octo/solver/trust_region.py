@@ -78,7 +78,7 @@ class TrustRegion:
             trial = self.problem.evaluate(at.unknowns + step.delta)
         weight = self.problem.weight
         violation = largest(trial.C) * weight if trial.C.size else np.zeros(len(length))
-        ok = trial.finite & (self._merit(trial) < self._merit(at))
+        ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))  # length 0: nothing is left to do
         ok &= (violation < self.options.c_max) | (violation < (largest(at.C) * weight if at.C.size else 0.0))
         reduction = self._merit(at) - self._merit(trial)
         self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
