@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import importlib
 
 import numpy as np
 import pytest
@@ -106,7 +106,7 @@ def test_ctrl_c_between_two_passes_keeps_the_converged_pass(monkeypatch):
     def press(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sys.modules["octo.solve"], "moved", press)  # octo.solve itself is the function
+    monkeypatch.setattr(importlib.import_module("octo.solve"), "moved", press)  # octo.solve is the function
     solution = interrupted(standing(), lambda at: None)
     assert [record["converged"] for record in solution.passes] == [True]
 
