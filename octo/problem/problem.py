@@ -206,6 +206,17 @@ class Problem:
         return max(base - lowest, 0.05)
 
     @cached_property
+    def torque_reference(self) -> float:
+        """N m, the effort's u_ref: 0.4·mg·ℓ, and 0.4 times what the motors' own inertia and damping need to swing at √(g/ℓ)."""
+        robot = self.character
+        if robot is None:
+            return 1.0
+        motors = [robot.joints[j] for j in robot.actuated]
+        rate = np.sqrt(GRAVITY / self.length)  # rad/s
+        inertia, damping = (np.mean([getattr(m, name) for m in motors] or [0.0]) for name in ("armature", "damping"))
+        return float(0.4 * (self.weight * self.length + inertia * rate**2 + damping * rate))
+
+    @cached_property
     def row_scale(self) -> Array:
         """(m,) of C's rows: 1/mg for forces, 1/(mg·ℓ) for moments."""
         robot = self.character
@@ -225,7 +236,7 @@ class Problem:
             dt=float(self.dt),
             x0=self.start,
             torque_limit=limit,
-            torque_reference=0.4 * self.weight * self.length if robot is not None else 1.0,
+            torque_reference=self.torque_reference,
             character=robot,
         )
 

@@ -29,7 +29,7 @@ class Setting:
     dt: float
     x0: Array  # (nx,) the start
     torque_limit: Array  # (nu,)
-    torque_reference: float  # N m, 0.4·mg·ℓ
+    torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
     character: Character | None
 
     @cached_property
