@@ -6,8 +6,6 @@ the constraints alone are restored by Newton steps of least norm.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,10 +15,8 @@ from octo.solver.filter import ARMIJO, Filter
 from octo.solver.normal import NormalFactor
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Factors, Regularisation
+from octo.solver.rule import Clock, Move
 from octo.solver.subproblem import inner, spread
-
-if TYPE_CHECKING:
-    from octo.solver.sqp import Clock, Move
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -61,8 +57,6 @@ class LineSearch:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
-        from octo.solver.sqp import Move
-
         blocks = KKTBlocks(model.H, model.A, model.b, model.C)
         factors, sigma, has, delta, multipliers = self._step(blocks)
         full = np.where(has, largest(np.where(spread(has), delta, 0.0)), np.inf)

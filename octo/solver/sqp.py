@@ -7,10 +7,8 @@ the clock and the history. Members that are done leave the batch, so none waits 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +17,11 @@ from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.blocks import KKTBlocks
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
+from octo.solver.rule import STAGES, Clock, Move, Rule
 from octo.solver.solution import HISTORY, Status
 from octo.solver.trust_region import TrustRegion
 
 Array = NDArray[np.float64]
-STAGES = ("linearize", "factor", "solve", "evaluate")
 
 
 @dataclass(eq=False)
@@ -72,46 +70,6 @@ class Monitor:
     def end(self) -> None:
         if self.progress is not None and self.last is not None:
             self.progress(self.last, final=True)
-
-
-@dataclass(eq=False)
-class Clock:
-    """Seconds by stage."""
-
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[None]:
-        began = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] += time.perf_counter() - began
-
-
-@dataclass(eq=False)
-class Move:
-    """What a rule did in one iteration; arrays over the batch."""
-
-    at: Evaluation  # where the members are now
-    lam: Array
-    accepted: NDArray[np.bool_]
-    failed: NDArray[np.bool_]  # no step can be found from here
-    step: Array  # ‖Δ‖∞ of the full KKT step from the iterate before
-    taken: Array  # ‖Δ‖∞ of what was taken
-    ratio: Array  # actual over predicted reduction, or the line search's length
-    radius: Array
-    sigma: Array
-    factorizations: NDArray[np.intp]
-    converged: NDArray[np.bool_]  # the tests of the rule held before the step: it was not taken
-
-
-class Rule(Protocol):
-    """How a step is made and accepted."""
-
-    def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
-
-    def take(self, members: NDArray[np.intp]) -> None: ...
 
 
 @dataclass(eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,10 +12,8 @@ from octo.solver.line_search import largest
 from octo.solver.normal import NormalFactor
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
+from octo.solver.rule import Clock, Move
 from octo.solver.subproblem import Directions, inner, minimize
-
-if TYPE_CHECKING:
-    from octo.solver.sqp import Clock, Move
 
 Array = NDArray[np.float64]
 RHO = 0.3  # of Eq. 11, as in Nocedal and Wright (18.36)
@@ -60,8 +56,6 @@ class TrustRegion:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration of Algorithm 1, lines 3 to 20."""
-        from octo.solver.sqp import Move
-
         blocks = KKTBlocks(model.H, model.A, model.b, model.C)
         with self.clock("factor"):
             factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)

@@ -1,0 +1,57 @@
+"""What Algorithm 1's loop asks of a rule that makes and accepts steps, and what it gets back."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.problem.compiled import Evaluation, Model
+
+Array = NDArray[np.float64]
+STAGES = ("linearize", "factor", "solve", "evaluate")
+
+
+@dataclass(eq=False)
+class Clock:
+    """Seconds by stage."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - began
+
+
+@dataclass(eq=False)
+class Move:
+    """What a rule did in one iteration; arrays over the batch."""
+
+    at: Evaluation  # where the members are now
+    lam: Array
+    accepted: NDArray[np.bool_]
+    failed: NDArray[np.bool_]  # no step can be found from here
+    step: Array  # ‖Δ‖∞ of the full KKT step from the iterate before
+    taken: Array  # ‖Δ‖∞ of what was taken
+    ratio: Array  # actual over predicted reduction, or the line search's length
+    radius: Array
+    sigma: Array
+    factorizations: NDArray[np.intp]
+    converged: NDArray[np.bool_]  # the tests of the rule held before the step: it was not taken
+
+
+class Rule(Protocol):
+    """How a step is made and accepted."""
+
+    def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
+
+    def take(self, members: NDArray[np.intp]) -> None: ...
