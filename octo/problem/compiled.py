@@ -162,14 +162,16 @@ class CompiledProblem:
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         if self._library is not None:
-            self._native_evaluate(nodes, fd, terms)
+            C = np.empty((self.batch, self.K, self.ma))
+            self._native_evaluate(nodes, fd, terms, C)
         else:
             fd[:] = self.dynamics.evaluate(nodes, self.p)[0]
             terms[:] = self._machine.terms(nodes, fd)
+            C = self.reduce(fd)
         energy = terms.sum(axis=(1, 2))
         if self.neighbours is not None:
             energy = energy + self.neighbours.energy(self, unknowns).sum(axis=1)
-        return Evaluation(unknowns, nodes, fd, terms, energy, self.reduce(fd))
+        return Evaluation(unknowns, nodes, fd, terms, energy, C)
 
     def reduce(self, fd: Array) -> Array:
         """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""
@@ -257,10 +259,10 @@ class CompiledProblem:
             self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
         self.__dict__.pop("_task", None)
 
-    def _native_evaluate(self, nodes: Array, fd: Array, terms: Array) -> None:
+    def _native_evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         assert self._library is not None
         task, _ = self._task
-        task.nodes, task.fd, task.terms = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data
+        task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
         self._library.octo_evaluate(ctypes.byref(task), self.threads)
 
     def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
