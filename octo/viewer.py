@@ -130,7 +130,7 @@ def _record(server: Any, actors: Sequence[Actor], times: Array, follow: bool, fo
 
 
 def _set_stage(server: Any, actors: Sequence[Actor], scale: float) -> None:
-    """Camera and light."""
+    """The camera. Light stays as it is by default: a player sets it back to that, slowly, each time it begins anew."""
     middle = np.mean([actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors], axis=0)
     wide = scale + float(np.ptp([actor.offset[1] for actor in actors]))
     camera = server.initial_camera
@@ -138,8 +138,6 @@ def _set_stage(server: Any, actors: Sequence[Actor], scale: float) -> None:
     camera.look_at = tuple(middle - (0.0, 0.0, 0.12 * scale))
     camera.position = tuple(middle + wide * np.array([1.1, -2.5, 0.95]))
     server.scene.set_up_direction("+z")
-    server.scene.configure_default_lights(enabled=True, cast_shadow=True)
-    server.scene.configure_environment_map("studio", environment_intensity=0.35)
 
 
 def _camera_path(actor: Actor, follow: bool, scale: float) -> Array:
@@ -148,7 +146,8 @@ def _camera_path(actor: Actor, follow: bool, scale: float) -> Array:
     way = com * (1.0, 1.0, 0.0)
     if not follow or np.ptp(way, axis=0).max() < scale or len(way) < 3:
         return np.repeat(way[:1], len(way), axis=0)
-    return np.asarray(gaussian_filter1d(way, CALM * RATE, axis=0, mode="nearest"))
+    straight = np.linspace(way[0], way[-1], len(way))
+    return np.asarray(straight + gaussian_filter1d(way - straight, CALM * RATE, axis=0, mode="nearest"))
 
 
 class Player:
@@ -169,9 +168,7 @@ class Player:
             parent = dict(self.bodies).get(contact.body)
             if ever[c] and parent is not None:
                 surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
-                node = scene.add_mesh_simple(
-                    f"{parent.name}/{_plain(contact.name)}", surface.vertices, surface.faces, color=FOOT
-                )
+                node = scene.add_mesh_simple(f"{parent.name}/{_plain(contact.name)}", surface.vertices, surface.faces, color=FOOT)
                 self.feet.append((c, node))
         self.length = 0.8 * scale / actor.solution.weight if actor.solution.weight > 0.0 else 0.0  # m/N
         self.arrows: Any = None
@@ -226,7 +223,7 @@ def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> None:
     lines = np.concatenate([np.stack([corners[:-1], corners[1:]], axis=2).reshape(-1, 2, 3),
                             np.stack([corners[:, :-1], corners[:, 1:]], axis=2).reshape(-1, 2, 3)])  # fmt: skip
     raised = lines + actor.offset + (0.0, 0.0, 2e-3 * scale)
-    server.scene.add_line_segments(f"{name}_lines", raised, colors=(190, 194, 200), line_width=1.0)
+    server.scene.add_line_segments(f"{name}_lines", raised, colors=(190, 194, 200), thickness=1.0, thickness_units="screen")
 
 
 def _turn_to(normal: Array) -> Array:
