@@ -6,7 +6,9 @@ import argparse
 import json
 import math
 import sys
+import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
+    began = time.perf_counter()
     goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
     steps = steps_of(arguments.seconds, arguments.dt)
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
@@ -58,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     resolve_device(arguments.device)
     problem = described(robot, goal, steps, arguments)
+    prepared = time.perf_counter() - began
     solution = solve(
         problem,
         passes=arguments.passes,
@@ -71,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
         tolerance=arguments.tolerance,
         progress=True,
     )
+    solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
     write(folder, solution, report(solution, goal))
     print(solution)
     print(f"written to {folder.path}")
