@@ -87,7 +87,9 @@ def _compiled(basis: str, threads: int = 1) -> CompiledProblem:
         _robot(), steps=STEPS, dt=DT, costs=_every_cost(), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
         parameters={"contact.onset": 0.004},
     )  # fmt: skip
-    return CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)], threads)
+    made = CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)], threads)
+    made.evaluate(_wiggle(made))  # loads the native code, so that problems made like this one share it
+    return made
 
 
 @pytest.fixture
