@@ -59,13 +59,20 @@ _COSTS = (
     "TorqueLimit",
 )
 _HOME.update(dict.fromkeys(_COSTS, "octo.costs"))
-_MODULES = {"costs": "octo.costs", "errors": "octo.errors", "gallery": "octo.model.gallery", "laws": "octo.dynamics.laws"}
+_MODULES = {
+    "costs": "octo.costs",
+    "errors": "octo.errors",
+    "gallery": "octo.model.gallery",
+    "laws": "octo.dynamics.laws",
+    "reference": "octo.reference",
+}
 
 __all__ = sorted([*_HOME, *_MODULES])
 
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
+    from octo import reference as reference
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
     from octo.costs import BaseOrientation as BaseOrientation

@@ -1,0 +1,12 @@
+"""The identical optimisation problem for other solvers: as CasADi expressions, for IPOPT and for fatrop.
+
+``nlp`` gives anybody the functions, the bounds and the start; ``ipopt`` and ``fatrop`` solve it, from the same start and
+to the same tolerances as octo, with derivatives in compiled code.
+"""
+
+from octo.reference.interior_point import Ipopt, ipopt
+from octo.reference.program import Nlp, nlp
+from octo.reference.run import Run
+from octo.reference.stagewise import Fatrop, fatrop
+
+__all__ = ["Fatrop", "Ipopt", "Nlp", "Run", "fatrop", "ipopt", "nlp"]

@@ -1,0 +1,114 @@
+"""IPOPT on the identical problem: exact Hessian, every callback in compiled code, the same tolerances as octo."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.problem.problem import Problem
+from octo.reference.layout import octo_layout
+from octo.reference.library import Library
+from octo.reference.program import has_neighbours, nlp, point_of, start_nodes, unknowns_of
+from octo.reference.run import OPTIONS, Run, history, one_core, settled, solution_of
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Status
+
+Array = NDArray[np.float64]
+WORDS = {
+    "Solve_Succeeded": Status.CONVERGED,
+    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+    "Invalid_Number_Detected": Status.NOT_FINITE,
+}
+
+
+class Ipopt:
+    """A problem made ready for IPOPT; starts, weights and parameters may differ from solve to solve.
+
+    Parameters
+    ----------
+    options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E + Aᵀlam‖∞ ≤
+        ``dual_tolerance``, or by octo's own rule "acceptable", which a compiled function watches.
+    settings: more options of IPOPT, by its own names.
+    """
+
+    def __init__(self, problem: Problem, options: SqpOptions = OPTIONS, settings: Mapping[str, Any] | None = None):
+        began = time.perf_counter()
+        self.problem, self.options = problem, options
+        self.nlp = nlp(problem)
+        self.compiled = native.compiler() is not None and not has_neighbours(self.nlp.compiled)
+        self.library = Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
+        self.settings = {
+            "max_iter": options.max_iterations, "tol": options.dual_tolerance, "dual_inf_tol": options.dual_tolerance,
+            "constr_viol_tol": options.tolerance, "acceptable_iter": 0, "print_level": 0, "sb": "yes", **(settings or {}),
+        }  # fmt: skip
+        if np.isfinite(options.time_limit):
+            self.settings["max_wall_time"] = options.time_limit
+        self.solvers = {warm: self._solver(warm) for warm in (False, True)}
+        self.setup_seconds = time.perf_counter() - began
+
+    def _solver(self, warm: bool) -> ca.Function:
+        """With ``warm``, IPOPT takes over the multipliers that it is given."""
+        settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
+        options = {"ipopt": settings, "print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        if self.library is None:
+            return ca.nlpsol("reference", "ipopt", self.nlp.symbols, options)
+        options["iteration_callback"] = self.library.function("octo_watch")
+        return ca.nlpsol("reference", "ipopt", self.library.path, options)
+
+    def solve(self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0) -> Run:
+        """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still, and multipliers (K, ma)."""
+        compiled, o = self.nlp.compiled, self.options
+        first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
+        arguments: dict[str, Any] = {**self.nlp.arguments, "x0": first}
+        if multipliers is not None:
+            arguments["lam_g0"] = multipliers.ravel()
+        solver = self.solvers[multipliers is not None]
+        with one_core():
+            began = time.perf_counter()
+            if self.library is not None:
+                self.library.activate()
+                self.library.begin(o.tolerance, o.plateau_change, o.plateau)
+            found = solver(**arguments)
+            seconds = time.perf_counter() - began
+        stats = solver.stats()
+        said = str(stats["return_status"])
+        status = WORDS.get(said, Status.STALLED)
+        if said == "User_Requested_Stop" and self.library is not None and self.library.settled:
+            said, status = "stopped by octo's rule of an acceptable point", Status.ACCEPTABLE
+        columns = self._history(stats, seconds)
+        if not status.converged and settled(columns["energy"], columns["violation"] / compiled.weight, o):
+            status = Status.ACCEPTABLE
+        multipliers = np.asarray(found["lam_g"]).reshape(compiled.K, compiled.ma)
+        solution = solution_of(
+            compiled, unknowns_of(compiled, found["x"]), multipliers, status, iterations=int(stats["iter_count"]),
+            history=columns, seconds=seconds, setup_seconds=self.setup_seconds, seed=seed,
+        )  # fmt: skip
+        return Run("ipopt", solution, said, self.compiled, dict(self.settings))
+
+    def _history(self, stats: dict[str, Any], seconds: float) -> dict[str, Array]:
+        """A row an iterate: E, ‖C‖∞ in N, and when, as the compiled watch saw them."""
+        told = {name: np.asarray(values, dtype=float) for name, values in stats.get("iterations", {}).items()}
+        energies, violations = told.get("obj", np.zeros(0)), told.get("inf_pr", np.zeros(0))
+        log = self.library.log() if self.library is not None else np.zeros((0, 3))
+        times = np.linspace(0.0, seconds, len(energies))
+        if len(log):
+            times = log[:, 0] if len(log) == len(energies) else np.interp(times, np.linspace(0.0, seconds, len(log)), log[:, 0])
+        more = {"dual": told.get("inf_du"), "step": told.get("d_norm"), "ratio": told.get("alpha_pr")}
+        more["sigma"] = told.get("regularization_size")
+        kept = {name: values for name, values in more.items() if values is not None and len(values) == len(energies)}
+        return history(energies, violations * self.nlp.compiled.weight, times, **kept)
+
+
+def ipopt(problem: Problem, start: Array | None = None, **options: Any) -> Run:
+    """Solve ``problem`` with IPOPT; see :class:`Ipopt` for ``options`` and ``settings``, its ``solve`` for the rest."""
+    more = {name: options.pop(name) for name in ("multipliers", "seed") if name in options}
+    return Ipopt(problem, **options).solve(start, **more)

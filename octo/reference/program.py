@@ -1,0 +1,225 @@
+"""The problem as CasADi expressions: the same unknowns, rows, scales, weights and start as octo's own.
+
+The laws are those of ``dynamics.symbolic``, one step as an SX function that is mapped over the steps; every derivative
+is CasADi's. It shares no code with the compiled assembly but the numbers it starts from: that is what tests compare.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import ShapeError
+from octo.problem.basis import Hermite
+from octo.problem.compiled import CompiledProblem
+from octo.problem.costs import NeighbourCost
+from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Nlp:
+    """Minimise f(x, p) over x_lower ≤ x ≤ x_upper subject to g_lower ≤ g(x, p) ≤ g_upper.
+
+    Attributes
+    ----------
+    compiled: octo's own form of the problem, a batch of one.
+    x, p, f, g: CasADi expressions; p are the run-time numbers (start, parameters, weights and references, row scales).
+    parameters: values of p. start: of x, rad and m (tangents times τ in the Hermite basis).
+    x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7, in mg and mg·ℓ.
+    """
+
+    compiled: CompiledProblem
+    x: ca.MX
+    p: ca.MX
+    f: ca.MX
+    g: ca.MX
+    parameters: Array
+    start: Array
+
+    @property
+    def symbols(self) -> dict[str, ca.MX]:
+        """What ``casadi.nlpsol`` and others take."""
+        return {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
+
+    @property
+    def x_lower(self) -> Array:
+        return np.full(len(self.start), -np.inf)
+
+    @property
+    def x_upper(self) -> Array:
+        return np.full(len(self.start), np.inf)
+
+    @property
+    def g_lower(self) -> Array:
+        return np.zeros(self.g.numel())
+
+    @property
+    def g_upper(self) -> Array:
+        return np.zeros(self.g.numel())
+
+    @property
+    def arguments(self) -> dict[str, Array]:
+        """Of one call of a CasADi solver: x0, p and the bounds."""
+        bounds = {"lbx": self.x_lower, "ubx": self.x_upper, "lbg": self.g_lower, "ubg": self.g_upper}
+        return {"x0": self.start, "p": self.parameters, **bounds}
+
+    @cached_property
+    def objective(self) -> ca.Function:
+        """(x, p) -> f."""
+        return ca.Function("objective", [self.x, self.p], [self.f])
+
+    @cached_property
+    def gradient(self) -> ca.Function:
+        """(x, p) -> ∇f."""
+        return ca.Function("gradient", [self.x, self.p], [ca.gradient(self.f, self.x)])
+
+    @cached_property
+    def constraints(self) -> ca.Function:
+        """(x, p) -> g."""
+        return ca.Function("constraints", [self.x, self.p], [self.g])
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """(x, p) -> ∂g/∂x, sparse."""
+        return ca.Function("jacobian", [self.x, self.p], [ca.jacobian(self.g, self.x)])
+
+    @cached_property
+    def hessian(self) -> ca.Function:
+        """(x, p, sigma, lam) -> ∇²(sigma f + lamᵀg), sparse, symmetric, exact."""
+        sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", self.g.numel())
+        lagrangian = sigma * self.f + ca.dot(lam, self.g)
+        return ca.Function("hessian", [self.x, self.p, sigma, lam], [ca.hessian(lagrangian, self.x)[0]])
+
+    def unknowns(self, x: Any) -> Array:
+        """(1, K, nc) octo's unknowns of a point x."""
+        return unknowns_of(self.compiled, x)
+
+
+def nlp(problem: Problem, start: Array | None = None) -> Nlp:
+    """The problem as functions of one vector x, for any solver.
+
+    Parameters
+    ----------
+    start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still.
+    """
+    compiled = CompiledProblem([problem])
+    size, n = (len(free_units(compiled)) * compiled.nc, compiled.n)
+    numbers = parameter_vector(compiled)
+    x, p = ca.MX.sym("x", size), ca.MX.sym("p", len(numbers))
+    constant, rest = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2), p[n * (compiled.steps + 2) :]
+    nodes = ca.reshape(ca.mtimes(node_matrix(compiled), x), n, compiled.steps + 2) + constant
+    step, (NP, NQ) = _step(compiled), (compiled.p.shape[1], compiled.q.shape[2])
+    dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
+    scale = rest[NP + NQ * compiled.steps :]
+    repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
+    energy, rows = step.map(compiled.steps)(nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1])
+    f = ca.sum2(energy) + _between(compiled, x, constant, q)
+    g = ca.vec(ca.mtimes(rows, ca.sparsify(ca.DM(compiled._test_matrix)).T)) if compiled.m else ca.MX(0, 1)
+    at = compiled.unknowns(start_nodes(problem, start)[None])
+    return Nlp(compiled, x, p, f, g, numbers, point_of(compiled, at))
+
+
+def start_nodes(problem: Problem, start: Array | None) -> Array:
+    """(N+2, nx): what was given, or x_0 held still."""
+    shape = (problem.steps + 2, problem.dynamics.nx)
+    if start is None:
+        start = np.repeat(problem.start[None], shape[0], axis=0)
+        start[0] -= problem.dt * problem.start_velocity
+    if start.shape != shape:
+        raise ShapeError("start", start.shape, shape)
+    return start
+
+
+def free_units(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """The units that are unknowns of x: the dummies of the KKT matrix are left out."""
+    return np.setdiff1d(np.arange(compiled.K), compiled.fixed)
+
+
+def point_of(compiled: CompiledProblem, unknowns: Array) -> Array:
+    """x of octo's unknowns (1, K, nc)."""
+    return unknowns[0, free_units(compiled)].ravel()
+
+
+def unknowns_of(compiled: CompiledProblem, x: Any) -> Array:
+    """(1, K, nc) of x."""
+    unknowns = np.zeros((1, compiled.K, compiled.nc))
+    unknowns[0, free_units(compiled)] = np.asarray(x, dtype=float).reshape(-1, compiled.nc)
+    return unknowns
+
+
+def parameter_vector(compiled: CompiledProblem) -> Array:
+    """p: the part of the nodes that no unknown moves (N+2, nx), parameters (NP,), q (N, NQ), row scales (m,)."""
+    return np.concatenate([a[0].ravel() for a in (compiled.constant, compiled.p, compiled.q, compiled.row_scale)])
+
+
+def node_matrix(compiled: CompiledProblem) -> ca.DM:
+    """((N+2)·nx, size of x) sparse: what x adds to x_{-1} … x_N."""
+    s, n = compiled.stencil, compiled.n
+    place = np.full(compiled.K, -1)
+    place[free_units(compiled)] = np.arange(len(free_units(compiled))) * compiled.nc
+    rows, columns, values = [], [], []
+    for node, slot in zip(*np.nonzero(s.unit >= 0), strict=True):
+        first = place[s.unit[node, slot]] + n * s.part[node, slot]
+        rows.append(node * n + np.arange(n))
+        columns.append(first + np.arange(n))
+        values.append(np.full(n, s.coefficient[node, slot]))
+    shape = (n * (compiled.steps + 2), len(free_units(compiled)) * compiled.nc)
+    flat = [np.concatenate(a).tolist() for a in (rows, columns, values)]
+    return ca.DM.triplet(flat[0], flat[1], ca.DM(flat[2]), *shape)
+
+
+def _step(compiled: CompiledProblem) -> ca.Function:
+    """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of FD."""
+    dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
+    nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
+    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", compiled.q.shape[2])
+    scale = ca.SX.sym("scale", compiled.m)
+    fd = dynamics.symbolic(*nodes, p)
+    r = functions.state(*nodes, fd[[int(j) for j in dynamics.actuated]], p, q)
+    energy = ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
+    if functions.contact is not None and isinstance(dynamics, RobotDynamics):
+        poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
+        for k, index in enumerate(functions.contact_spheres):
+            sphere = dynamics.character.contacts[index]
+            columns = [ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses]
+            r = functions.contact(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q)
+            used = functions.contact_use[k].astype(float)
+            energy += ca.dot(ca.vertcat(*[q[t] * u for t, u in zip(functions.contact_terms, used, strict=True)]), r**2)
+    rows = scale * fd[[int(j) for j in dynamics.unactuated]]
+    return ca.Function("step", [*nodes, p, q, scale], [energy, ca.densify(rows)], {"cse": True})
+
+
+def has_neighbours(compiled: CompiledProblem) -> bool:
+    """True where E has terms that no single step sees."""
+    return isinstance(compiled.basis, Hermite) and any(isinstance(t, NeighbourCost) for t in compiled.problems[0].costs)
+
+
+def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> ca.MX:
+    """Terms over neighbouring Hermite controls c_0 … c_Z."""
+    total = ca.MX(0)
+    if not has_neighbours(compiled):
+        return total
+    assert isinstance(compiled.basis, Hermite)
+    segment, terms, n = compiled.basis.steps_per_segment, compiled.functions.references, compiled.n
+    full = ca.MX(ca.DM(compiled.ends[0].T))
+    for k, unit in enumerate(free_units(compiled)):
+        full[:, int(unit)] = x[k * compiled.nc : (k + 1) * compiled.nc]
+    first = ca.vertcat(constant[:, 1], segment * (constant[:, 1] - constant[:, 0]))
+    controls = ca.horzcat(first, full[:, :-1])
+    now, following, row = ca.SX.sym("c", 2 * n), ca.SX.sym("c_next", 2 * n), ca.SX.sym("q", compiled.q.shape[2])
+    for k, term in enumerate(terms.terms):
+        if isinstance(term, NeighbourCost):
+            r = ca.vec(ca.SX(term.between(now, following, terms.view(row, k))))
+            square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(compiled.K - 1)
+            weight = ca.sum1(ca.reshape(q[k, :], segment, compiled.K - 1))
+            total += ca.dot(weight, square(controls[:, :-1], controls[:, 1:], q[:, segment - 1 :: segment]))
+    return total

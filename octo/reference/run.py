@@ -1,0 +1,76 @@
+"""What a run of another solver leaves: a Solution measured like octo's own, and the solver's own words."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.problem.compiled import CompiledProblem
+from octo.solver import measure
+from octo.solver.options import SqpOptions
+from octo.solver.solution import HISTORY, Solution, Status
+
+Array = NDArray[np.float64]
+ITERATIONS = 1500  # of one pass of every solver that is compared
+OPTIONS = SqpOptions(max_iterations=ITERATIONS)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One solve.
+
+    Attributes
+    ----------
+    solver: "ipopt" or "fatrop". solution: measured by octo's own functions.
+    said: the solver's own word for its end. compiled: no Python and no interpreter ran inside an iteration.
+    settings: what the solver was told.
+    """
+
+    solver: str
+    solution: Solution
+    said: str
+    compiled: bool
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+@contextlib.contextmanager
+def one_core() -> Any:
+    """Every thread pool that is loaded has one thread inside."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:
+        yield
+        return
+    with threadpool_limits(limits=1):
+        yield
+
+
+def settled(energies: Array, violations: Array, options: SqpOptions) -> bool:
+    """octo's rule "acceptable" at the end of a history; ``violations`` in parts of the weight."""
+    window = energies[-options.plateau - 1 :]
+    still = len(window) > options.plateau and np.ptp(window) <= options.plateau_change * abs(window[-1])
+    return bool(still and violations[-1] <= options.tolerance)
+
+
+def history(energies: Array, violations: Array, seconds: Array, **more: Array) -> dict[str, Array]:
+    """Columns of a Solution's history; what the solver does not tell is NaN."""
+    count = len(energies)
+    known: dict[str, Array] = {
+        "pass": np.ones(count), "iteration": np.arange(float(count)), "energy": energies, "violation": violations,
+        "seconds": seconds, "factorizations": np.zeros(count), **more,
+    }  # fmt: skip
+    return {name: np.asarray(known.get(name, np.full(count, np.nan)), dtype=float) for name in HISTORY}
+
+
+def solution_of(compiled: CompiledProblem, unknowns: Array, multipliers: Array, status: Status, **own: Any) -> Solution:
+    """A Solution from octo's unknowns (1, K, nc) and multipliers (K, ma), evaluated by octo's own functions."""
+    at = compiled.evaluate(np.ascontiguousarray(unknowns))
+    if not bool(at.finite[0]):
+        status = Status.NOT_FINITE
+    return Solution(
+        **measure.measured(compiled, at, 0), multipliers=multipliers, status=status, factorizations=0, device="cpu", **own
+    )

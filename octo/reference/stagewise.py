@@ -1,0 +1,112 @@
+"""fatrop on the identical problem in the nodes basis: state (x_i, x_{i−1}), control x_{i+1}, U_/FD_i = 0 at every stage."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import ProblemError
+from octo.problem.basis import Nodes
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Problem
+from octo.reference.layout import stage_layout
+from octo.reference.library import Library
+from octo.reference.program import parameter_vector, start_nodes
+from octo.reference.run import OPTIONS, Run, history, one_core, settled, solution_of
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Status
+
+Array = NDArray[np.float64]
+
+
+class Fatrop:
+    """A problem made ready for fatrop. Options as of :class:`~octo.reference.interior_point.Ipopt`.
+
+    fatrop has no call-back, so it cannot be stopped by octo's rule "acceptable", nor after a time.
+
+    Raises
+    ------
+    ProblemError: the basis is not "nodes". DeviceError: there is no C compiler.
+    """
+
+    def __init__(self, problem: Problem, options: SqpOptions = OPTIONS, settings: Mapping[str, Any] | None = None):
+        if not isinstance(problem.basis_object, Nodes):
+            raise ProblemError(
+                f"fatrop cannot solve in the {problem.basis_object.name} basis: a stage may see its own state and control only, "
+                "and a row of C sums the steps of two segments; must be nodes"
+            )
+        began = time.perf_counter()
+        self.problem, self.options = problem, options
+        self.compiled = CompiledProblem([problem])
+        self.layout = stage_layout(self.compiled)
+        self.library = Library(self.compiled, self.layout)
+        n, m, steps = self.compiled.n, self.compiled.m, self.compiled.steps
+        self.settings = {
+            "max_iter": options.max_iterations, "tolerance": options.dual_tolerance, "constr_viol_tol": options.tolerance,
+            "tol_acceptable": options.dual_tolerance, "print_level": 0, **(settings or {}),
+        }  # fmt: skip
+        structure = {
+            "structure_detection": "manual", "N": steps - 1, "nx": [2 * n] * steps, "nu": [n] * steps, "ng": [m] * steps,
+            "equality": [True] * self.layout.rows,
+        }  # fmt: skip
+        own = {"fatrop": self.settings, "print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        self.solver = ca.nlpsol("reference", "fatrop", self.library.path, {**structure, **own})
+        self.setup_seconds = time.perf_counter() - began
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Of every stage's numbers: the first state is given, and so may be the last."""
+        c = self.compiled
+        free = np.full((c.steps, 3, c.n), np.inf)
+        lower, upper = -free, free.copy()
+        for bound in (lower, upper):
+            bound[0, 0], bound[0, 1] = c.constant[0, 1], c.constant[0, 0]
+            for unit in c.fixed:
+                bound[unit, 2] = c.ends[0, unit]
+        return lower.ravel(), upper.ravel()
+
+    def solve(self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0) -> Run:
+        """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still; fatrop makes its own multipliers."""
+        del multipliers
+        c, o = self.compiled, self.options
+        nodes = start_nodes(self.problem, start).copy()
+        nodes[:2] = c.constant[0, :2]
+        first = np.stack([nodes[1:-1], nodes[:-2], nodes[2:]], axis=1)
+        lower, upper = self._bounds()
+        rows = np.zeros(self.layout.rows)
+        with one_core():
+            began = time.perf_counter()
+            self.library.activate()
+            self.library.begin(o.tolerance, o.plateau_change, o.plateau)
+            found = self.solver(
+                x0=np.clip(first.ravel(), lower, upper), p=parameter_vector(c), lbx=lower, ubx=upper, lbg=rows, ubg=rows
+            )
+            seconds = time.perf_counter() - began
+        stats = self.solver.stats()
+        iterations, log = int(stats["iter_count"]), self.library.log()
+        columns = history(log[:, 1], log[:, 2] * c.weight, log[:, 0])
+        status = Status.CONVERGED if stats["success"] else Status.STALLED
+        if not stats["success"] and iterations >= o.max_iterations:
+            status = Status.ITERATION_LIMIT
+        if not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
+            status = Status.ACCEPTABLE
+        x = np.asarray(found["x"]).reshape(c.steps, 3, c.n)
+        unknowns = x[None, :, 2].copy()
+        unknowns[:, c.fixed] = 0.0
+        at = self.layout.test_row[:, 0][:, None] + np.arange(c.m)
+        solution = solution_of(
+            c, unknowns, np.asarray(found["lam_g"]).ravel()[at], status, iterations=iterations, history=columns,
+            seconds=seconds, setup_seconds=self.setup_seconds, seed=seed,
+        )  # fmt: skip
+        said = f"return flag {stats['fatrop']['return_flag']}"
+        return Run("fatrop", solution, said, True, dict(self.settings))
+
+
+def fatrop(problem: Problem, start: Array | None = None, **options: Any) -> Run:
+    """Solve ``problem`` with fatrop; see :class:`Fatrop`."""
+    more = {name: options.pop(name) for name in ("seed",) if name in options}
+    return Fatrop(problem, **options).solve(start, **more)

@@ -1,0 +1,112 @@
+"""The reference is the same problem: values and derivatives of three ways to evaluate it agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from octo import costs, native
+from octo.errors import ShapeError
+from octo.problem.basis import Hermite
+from octo.problem.problem import Problem
+from octo.reference import Nlp, nlp
+from octo.reference.layout import octo_layout
+from octo.reference.library import Library
+from octo.reference.program import free_units
+
+TOLERANCE = 1e-10
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+def _turned(step, p):
+    return p["gain"] * ca.vertcat(step.com[0] * step.u[0], step.pose("left_shank")[1][2], step.com_velocity[2] ** 2)
+
+
+def _between(control, following, p):
+    return p["gain"] * (following - control) + 0.3 * following[2] * control[:1]
+
+
+def _cases(cart_pole: Callable[..., Problem], robot: Callable[..., Problem]) -> dict[str, Problem]:
+    end = {"x_end": np.array([0.1, 0.2]), "v_end": np.array([0.3, 0.0])}
+    custom = costs.CustomCost(_turned, {"gain": 0.7})
+    return {
+        "mammal": robot("mammal", 6, costs.paper()),
+        "chain": robot("chain", 20, costs.paper(), Hermite(10)),
+        "biped": robot("biped", 6, [*costs.robot(), costs.Slip(), custom], Hermite(3)),
+        "cart-pole": cart_pole(),
+        "end": cart_pole(**end),
+        "end, hermite": cart_pole(basis="hermite", **end),
+    }
+
+
+CASES = ("mammal", "chain", "biped", "cart-pole", "end", "end, hermite")
+
+
+def _point(made: Nlp) -> np.ndarray:
+    return made.start + 0.03 * np.random.default_rng(1).standard_normal(len(made.start))
+
+
+def _close(found: object, wanted: np.ndarray) -> None:
+    found, wanted = np.asarray(found), np.asarray(wanted)
+    assert found.reshape(wanted.shape) == pytest.approx(wanted, abs=TOLERANCE * max(1.0, np.abs(wanted).max(initial=0.0)))
+
+
+def _dense(made: Nlp, A: np.ndarray) -> np.ndarray:
+    """∂C/∂x of octo's blocks A (1, K, 3, ma, nc)."""
+    c = made.compiled
+    whole = np.zeros((c.K, c.ma, c.K, c.nc))
+    for k in range(c.K):
+        for lag in range(min(k, 2) + 1):
+            whole[k, :, k - lag] = A[0, k, lag]
+    return whole[:, :, free_units(c)].reshape(c.K * c.ma, -1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_expressions_equal_the_compiled_problem(
+    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem]
+) -> None:
+    made = nlp(_cases(cart_pole, robot)[name])
+    c, x, p = made.compiled, _point(made), made.parameters
+    at = c.evaluate(made.unknowns(x))
+    model = c.linearize(at, None)
+    _close(made.objective(x, p), at.energy)
+    _close(made.constraints(x, p), at.C.ravel())
+    _close(made.gradient(x, p), model.b[0, free_units(c)].ravel())
+    _close(ca.densify(made.jacobian(x, p)), _dense(made, model.A))
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", CASES)
+def test_library_equals_the_expressions(name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem]) -> None:
+    made = nlp(_cases(cart_pole, robot)[name])
+    library = Library(made.compiled, octo_layout(made.compiled))
+    x, p = _point(made), made.parameters
+    lam = np.random.default_rng(2).standard_normal(made.g.numel())
+    _close(library.function("nlp_f")(x, p), np.asarray(made.objective(x, p)))
+    _close(library.function("nlp_g")(x, p), np.asarray(made.constraints(x, p)))
+    _close(library.function("nlp_grad_f")(x, p)[1], np.asarray(made.gradient(x, p)))
+    _close(ca.densify(library.function("nlp_jac_g")(x, p)[1]), np.asarray(ca.densify(made.jacobian(x, p))))
+    for sigma in (0.7, 0.0):  # IPOPT's restoration asks for the curvature of the constraints alone
+        wanted = np.asarray(ca.densify(ca.triu(made.hessian(x, p, sigma, lam))))
+        _close(ca.densify(library.function("nlp_hess_l")(x, p, sigma, lam)), wanted)
+
+
+def test_terms_between_hermite_controls(cart_pole: Callable[..., Problem]) -> None:
+    term = costs.NeighbourCost(_between, {"gain": 0.5}, weight=2.0)
+    made = nlp(cart_pole(basis="hermite", costs=[term, costs.Effort()]))
+    x = _point(made)
+    at = made.compiled.evaluate(made.unknowns(x))
+    _close(made.objective(x, made.parameters), at.energy)
+    _close(made.gradient(x, made.parameters), made.compiled.linearize(at, None).b[0, free_units(made.compiled)].ravel())
+
+
+def test_start_and_bounds(cart_pole: Callable[..., Problem]) -> None:
+    problem = cart_pole()
+    made = nlp(problem)
+    assert made.start == pytest.approx(np.tile(problem.start, problem.steps))
+    assert not made.g_lower.any() and not made.g_upper.any() and np.isinf(made.x_lower).all()
+    with pytest.raises(ShapeError, match="start"):
+        nlp(problem, np.zeros((3, 2)))

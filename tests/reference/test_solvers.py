@@ -1,0 +1,86 @@
+"""Where there is one optimum, octo, IPOPT and fatrop find it; and what a run says about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import octo
+from octo import costs, native
+from octo.errors import ProblemError
+from octo.problem.basis import Hermite
+from octo.problem.problem import Problem
+from octo.reference import Fatrop, Ipopt, fatrop, ipopt
+from octo.solver.options import SqpOptions
+from octo.solver.solution import HISTORY, Status
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+SAME = 1e-6  # of E
+
+
+def _agree(problem: Problem, solvers: tuple[Callable, ...]) -> None:
+    own = octo.solve(problem, start=np.repeat(problem.start[None], problem.steps + 1, axis=0), device="cpu")
+    assert own.converged
+    for solver in solvers:
+        run = solver(problem)
+        assert run.solution.status is Status.CONVERGED and run.compiled, run.said
+        assert run.solution.energy == pytest.approx(own.energy, rel=SAME, abs=SAME)
+        assert run.solution.violation <= 1e-6 * own.weight
+        assert np.abs(run.solution.x - own.x).max() < 2e-3
+
+
+@pytest.mark.parametrize("basis", ["nodes", Hermite(10)])
+def test_cart_pole_balanced(basis: str | Hermite, cart_pole: Callable[..., Problem]) -> None:
+    _agree(cart_pole(basis=basis), (ipopt, fatrop) if basis == "nodes" else (ipopt,))
+
+
+def test_settle(robot: Callable[..., Problem]) -> None:
+    problem = robot("biped", 20, [costs.CenterOfMassVelocity(), costs.Effort()])
+    names = ("contact.w_perp", "contact.w_par", "contact.onset")  # as they are: one pass
+    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    _agree(problem.replace(parameters={name: values[name] for name in names}), (ipopt, fatrop))
+
+
+def test_a_fixed_end(cart_pole: Callable[..., Problem]) -> None:
+    problem = cart_pole(x_end=np.array([0.2, 0.0]))
+    _agree(problem, (ipopt, fatrop))
+
+
+def test_fatrop_refuses_hermite(cart_pole: Callable[..., Problem]) -> None:
+    with pytest.raises(ProblemError, match="hermite basis.*must be nodes"):
+        fatrop(cart_pole(basis="hermite"))
+
+
+@pytest.mark.parametrize("kind", [Ipopt, Fatrop])
+def test_history_and_limits(kind: type, cart_pole: Callable[..., Problem]) -> None:
+    problem = cart_pole(x0=np.array([0.0, 1.5]))
+    run = kind(problem).solve()
+    history = run.solution.history
+    assert set(history) == set(HISTORY)
+    assert len(history["energy"]) >= run.solution.iterations
+    assert (np.diff(history["seconds"]) >= 0.0).all() and history["seconds"][-1] <= run.solution.seconds
+    assert history["violation"][-1] <= 1e-5 < history["violation"][0]
+    assert history["energy"][-1] == pytest.approx(run.solution.energy)
+    short = kind(problem, SqpOptions(max_iterations=2)).solve().solution
+    assert short.status is Status.ITERATION_LIMIT and short.iterations <= 3
+
+
+def test_ipopt_starts_warm(cart_pole: Callable[..., Problem]) -> None:
+    """From its own solution and multipliers it has nothing left to do."""
+    solver = Ipopt(cart_pole(x0=np.array([0.0, 1.0])))
+    cold = solver.solve(seed=3).solution
+    warm = solver.solve(cold.x, cold.multipliers).solution
+    assert warm.iterations <= 1 < cold.iterations and cold.seed == 3
+
+
+def test_octos_rule_of_an_acceptable_point_stops_ipopt(cart_pole: Callable[..., Problem]) -> None:
+    run = ipopt(cart_pole(x0=np.array([0.0, 1.5])), options=SqpOptions(dual_tolerance=1e-300, plateau=2, plateau_change=1e-2))
+    assert run.solution.status is Status.ACCEPTABLE and "octo's rule" in run.said
+
+
+def test_without_a_compiler_casadi_interprets(cart_pole: Callable[..., Problem], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native, "compiler", lambda: None)
+    run = ipopt(cart_pole())
+    assert run.solution.status is Status.CONVERGED and not run.compiled
