@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from octo.checks import whole
-from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
@@ -100,6 +100,8 @@ def _solve(
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]
     plan = schedule(problems[0], passes)
+    if any(schedule(problem, passes) != plan for problem in problems[1:]):
+        raise ProblemError("the contact laws of the problems differ in stiffness or friction: solve them one by one")
     began = time.perf_counter()
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)

@@ -99,13 +99,20 @@ def test_several_starts_as_one_batch_are_those_of_one_by_one(balance):
     assert len({own.x.tobytes() for own in alone}) == 3  # the seeds do differ
 
 
-def test_a_list_of_problems_is_one_batch(balance):
-    problems = [balance(), balance(x0=np.array([0.3, -0.2]), costs=list(balance().costs))]
-    both = octo.solve(problems)
-    for solution, problem in zip(both, problems, strict=True):
-        assert solution.converged
-        np.testing.assert_array_equal(solution.x[1], problem.x0)
-        same(solution, octo.solve(problem))
+@pytest.mark.parametrize("basis", BASES)
+def test_a_list_of_problems_is_one_batch(balance, basis):
+    """Starts, time steps, parameters, weights and ends of their own: bit for bit the solves one by one."""
+    longer = balance(parameters={"length": 1.0})
+    problems = [
+        balance(), balance(dt=0.04, x0=np.array([0.3, -0.2]), v0=np.array([0.1, -0.2])),
+        longer.replace(costs=[dataclasses.replace(c, weight=2.0 * c.weight) for c in longer.costs]),
+    ]  # fmt: skip
+    for ends in ([None] * 3, [np.zeros(2), np.array([0.1, 0.0]), np.array([-0.2, 0.0])]):
+        listed = [problem.replace(basis=BASES[basis], x_end=end) for problem, end in zip(problems, ends, strict=True)]
+        for solution, problem in zip(octo.solve(listed), listed, strict=True):
+            assert solution.converged
+            np.testing.assert_array_equal(solution.x[1], problem.x0)
+            same(solution, octo.solve(problem))
     assert len(octo.solve([balance()])) == 1
 
 

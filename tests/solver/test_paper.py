@@ -9,8 +9,8 @@ import octo
 from octo.problem.compiled import CompiledProblem
 from octo.solver.line_search import largest
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
 from octo.solver.rule import Clock
+from octo.solver.solution import Status
 from octo.solver.subproblem import inner
 from octo.solver.trust_region import TrustRegion
 

@@ -75,6 +75,19 @@ def test_a_second_pass_halves_the_penetration(two_passes):
     assert two_passes.parameters["contact.w_perp"] == second["contact.w_perp"]
 
 
+def test_passes_of_a_batch_are_those_of_one_by_one(two_passes):
+    together = octo.solve(standing(), passes=2, seeds=2)
+    for seed, alone in ((0, two_passes), (1, octo.solve(standing(), passes=2, seed=1))):
+        record = together.starts[seed]
+        assert (record["energy"], record["iterations"]) == (alone.energy, alone.iterations)
+
+
+def test_problems_whose_passes_differ_are_refused():
+    fixed = standing(parameters={"contact.w_perp": 1e5})
+    with pytest.raises(ProblemError, match="differ in stiffness or friction"):
+        octo.solve([standing(), fixed])
+
+
 def interrupted(problem: octo.Problem, stop) -> octo.Solution:
     solution = octo.solve(problem, passes=3, callback=stop)
     assert solution.status is Status.INTERRUPTED and np.isfinite(solution.x).all()

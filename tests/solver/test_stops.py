@@ -114,6 +114,12 @@ def test_a_stop_is_not_forgotten():
     assert lines == [False, True]
 
 
+def test_a_progress_line_on_the_error_stream(swing_up, turning, capfd):
+    solution = octo.solve(swing_up(), start=turning, progress=True)
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("octo: pass")]
+    assert lines[-1].startswith(f"octo: pass 1/1, iteration {solution.iterations - 1}: E ") and "‖C‖∞" in lines[-1]
+
+
 def test_members_leave_when_they_are_done(balance):
     """A member that converged early keeps its numbers while the others go on."""
     problems = [balance(x0=np.array([0.0, tilt])) for tilt in (0.02, 0.9, 0.4)]

@@ -1,0 +1,77 @@
+"""Goals: what they ask for as terms of E, and how far a motion is from them."""
+
+from __future__ import annotations
+
+import types
+
+import numpy as np
+import pytest
+
+import octo
+from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.goals import Goal
+from octo.model import gallery
+from octo.model.character import Body, Character, Joint
+
+
+def motion(velocity=(0.0, 0.0, 0.0), yaw_rate: float = 0.0, steps: int = 10, dt: float = 0.1):
+    """What Goal.error looks at, of a centre of mass that moves and a base that turns at constant rates."""
+    times = dt * np.arange(steps + 1)
+    return types.SimpleNamespace(steps=steps, dt=dt, com=times[:, None] * np.array(velocity), yaw=0.3 + yaw_rate * times)
+
+
+ERRORS = {
+    "walk": (Goal("walk", 0.5), motion((0.4, 0.1, 0.0)), np.hypot(0.1, 0.1) / 0.5),
+    "walk backwards": (Goal("walk", -0.5), motion((-0.5, 0.0, 0.0)), 0.0),
+    "stride": (Goal("stride", 0.5), motion((0.0, 0.45, 0.0)), 0.1),
+    "slow walk": (Goal("walk", 0.05), motion(), 0.5),
+    "turn left": (Goal("turn", 0.5), motion(yaw_rate=0.4), 0.2),
+    "turn right": (Goal("turn", -0.5), motion(yaw_rate=0.5), 2.0),
+    "jump": (Goal("jump", distance=0.6, height=0.8), motion((0.6, 0.0, 0.0)), 0.8),
+    "stand": (Goal("stand"), motion((0.02, 0.0, 0.0)), 0.2),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_error(name):
+    goal, found, expected = ERRORS[name]
+    assert goal.error(found) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["paper", "robot"])
+@pytest.mark.parametrize("kind", ["walk", "stride", "turn", "jump", "stand"])
+def test_terms_compile_to_an_energy_of_about_one(kind, preset):
+    """At the start, standing, E is of order one for every goal (a stand that stands has nothing to do)."""
+    robot = gallery.biped()
+    goal = Goal(kind, preset=preset)
+    setting = octo.Problem(robot, steps=10, dt=0.05, costs=[octo.Effort()], x0=robot.default_pose).setting
+    terms = {term.label: term for term in goal.costs(setting.com)}
+    if kind == "jump":
+        np.testing.assert_allclose(terms["CenterOfMassPosition"].target, setting.com + [0.5, 0.0, 0.2])
+        assert terms["CenterOfMassPosition"].steps == "last" and "CenterOfMassVelocity" not in terms
+        miss = 0.5**2 + 0.2**2
+        assert terms["CenterOfMassPosition"].weight * miss / terms["CenterOfMassPosition"].scale(setting) == pytest.approx(1.0)
+        return
+    velocity = np.asarray(terms["CenterOfMassVelocity"].velocity)
+    np.testing.assert_allclose(velocity, {"walk": [0.5, 0, 0], "stride": [0, 0.5, 0]}.get(kind, [0, 0, 0]))
+    if kind == "turn":
+        turn = terms["BaseAngularVelocity"]
+        assert tuple(turn.velocity) == (0.0, 0.0, 0.5) and tuple(turn.axes) == (0.0, 0.0, 1.0)
+    elif kind in ("walk", "stride"):
+        expected = 1.0 if preset == "paper" else 4.0 * 0.25
+        size = terms["CenterOfMassVelocity"].weight * (velocity @ velocity) / terms["CenterOfMassVelocity"].scale(setting)
+        assert size == pytest.approx(expected)
+
+
+def test_refused():
+    with pytest.raises(UnknownNameError, match="did you mean walk"):
+        Goal("wlak")
+    with pytest.raises(UnknownNameError, match="robot"):
+        Goal(preset="robots")
+    with pytest.raises(ValueRangeError, match="speed is nan"):
+        Goal(speed=np.nan)
+    hinge = Joint("hinge", "hinge", np.array([0.0, 1.0, 0.0]))
+    arm = Character("arm", (Body("link", -1, (hinge,), mass=1.0),), base="fixed")
+    with pytest.raises(ProblemError, match="goal 'walk' needs a floating base"):
+        Goal().check(arm)
+    Goal().check(gallery.biped())
