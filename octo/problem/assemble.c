@@ -94,6 +94,7 @@ static void octo_cost_derivatives(const double *x_next, const double *x, const d
 #if NR > 0
   for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* entries are sorted by column */
     int row = octo_state_entry_row[z];
+    if (q[octo_state_row_term[row]] == 0.0) continue; /* a step that a term leaves out may have no finite residual */
     lam[octo_actuated[octo_state_entry_column[z] - W3]] += 2.0 * q[octo_state_row_term[row]] * v->r[row] * v->jac[z];
   }
 #endif

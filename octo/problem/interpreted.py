@@ -64,7 +64,8 @@ class Interpreted:
         out = np.zeros((owner.batch, owner.steps, len(owner.functions.references.terms)))
         for k in range(owner.batch):
             r = np.asarray(value.map(owner.steps)(*self._arguments(k, nodes, fd))).T.reshape(owner.steps, len(terms))
-            weighted = np.where(owner.q[k][:, terms] * mask != 0.0, owner.q[k][:, terms] * mask * r**2, 0.0)
+            coefficient = owner.q[k][:, terms] * mask
+            weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
             for t in range(out.shape[-1]):
                 out[k, :, t] = weighted[:, terms == t].sum(axis=1)
         return out

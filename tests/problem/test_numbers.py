@@ -93,6 +93,25 @@ def test_weights_by_step_and_at_the_last_step(basis):
     np.testing.assert_allclose(problem.term_values(at), expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("compiled_code", [True, False])
+def test_a_step_without_weight_is_not_looked_at(compiled_code):
+    """A residual that is not finite at a step whose weight is zero disturbs nothing, the curvature of the torques included."""
+    weight = np.ones(STEPS)
+    weight[3] = 0.0
+    away = octo.CustomCost(lambda step, p: step.u / p["distance"], {"distance": weight[:, None]}, weight=weight, name="away")
+    plain = octo.CustomCost(lambda step, p: step.u / p["distance"], {"distance": np.ones((STEPS, 1))}, weight=weight, name="away")
+    found = []
+    for term in (away, plain):
+        problem = CompiledProblem([point(costs=[term])])
+        if not compiled_code:
+            problem.__dict__["_library"] = None
+        at = problem.evaluate(moving(problem))
+        found.append((at.energy, *vars(problem.linearize(at, np.ones((1, problem.K, problem.ma)))).values()))
+    for one, other in zip(*found, strict=True):
+        assert np.isfinite(one).all()
+        np.testing.assert_array_equal(one, other)
+
+
 def test_neighbours_in_both_bases_see_the_same_straight_motion():
     """In the Hermite basis the velocities are over a segment of q steps, in nodes over one."""
     straight = octo.NeighbourCost(lambda c, c_next, p: c_next[:3] - c[:3] - c[3:], name="straight")
@@ -135,7 +154,7 @@ def test_a_fixed_last_state_has_its_velocity(compiled):
 def test_energy_is_about_one_at_the_start_of_a_walk():
     """Every term is divided by a scale of its own: a robot that stands and should walk has E near 1, at any speed."""
     for speed in (0.2, 0.5, 2.0):
-        robot = gallery.mammal()
+        robot = gallery.biped()
         problem = Problem(robot, steps=10, dt=0.025, costs=octo.costs.paper((speed, 0.0, 0.0)), x0=robot.default_pose)
         compiled = CompiledProblem([problem])
         at = compiled.evaluate(compiled.unknowns(np.repeat(problem.start[None, None], 12, axis=1)))
