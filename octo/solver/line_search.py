@@ -81,7 +81,7 @@ class LineSearch:
         change = np.abs(after.energy - at.energy) <= o.plateau_change / o.plateau * np.abs(at.energy)
         self.flat = np.where(change, self.flat + 1, 0)
         return Move(
-            at=after, lam=lam, accepted=~converged, failed=failed, step=full, taken=largest(step), ratio=length,
+            at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=largest(step), ratio=length,
             radius=np.full(len(full), o.cap), sigma=sigma, factorizations=self.regularisation.factorizations.copy(),
             converged=converged,
         )  # fmt: skip

@@ -40,6 +40,7 @@ class Move:
     lam: Array
     accepted: NDArray[np.bool_]
     failed: NDArray[np.bool_]  # no step can be found from here
+    dual: Array  # ‖∇E + Aᵀlam‖∞ at the iterate before
     step: Array  # ‖Δ‖∞ of the full KKT step from the iterate before
     taken: Array  # ‖Δ‖∞ of what was taken
     ratio: Array  # actual over predicted reduction, or the line search's length

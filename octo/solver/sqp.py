@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
-from octo.solver.blocks import KKTBlocks
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
@@ -166,11 +165,9 @@ class _Run:
             with self.clock("linearize"):
                 self.model = self.problem.linearize(self.at, self.lam if exact else None)
         model = self.model
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
-        dual = np.abs(model.b + blocks.constraints_transposed_times(self.lam)).max(axis=(1, 2))
         before, violation = self.at, self.violation
         move = self.rule.move(self.at, self.lam, model, iteration)
-        self._record(iteration, before, violation, dual, move)
+        self._record(iteration, before, violation, move)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
         plateau = np.array([self.members[k].plateau(self.options) for k in self.active])
         acceptable = plateau & (self.violation <= self.tolerance)
@@ -195,14 +192,14 @@ class _Run:
         """N."""
         return self.options.tolerance * (self.problem.weight if self.options.step == "line_search" else 1.0)
 
-    def _record(self, iteration: int, before: Evaluation, violation: Array, dual: Array, move: Move) -> None:
+    def _record(self, iteration: int, before: Evaluation, violation: Array, move: Move) -> None:
         seconds = time.perf_counter() - self.began
         for place, k in enumerate(self.active):
             member = self.members[k]
             member.factorizations = int(move.factorizations[place])
             energy = float(before.energy[place])
             member.energies.append(energy)
-            values = (0.0, iteration, energy, violation[place], dual[place], move.step[place], move.taken[place])
+            values = (0.0, iteration, energy, violation[place], move.dual[place], move.step[place], move.taken[place])
             more = (move.ratio[place], move.radius[place], move.sigma[place], move.factorizations[place], seconds)
             member.rows.append((*(float(v) for v in values), *(float(v) for v in more)))
             score = energy + 100.0 * float(violation[place]) / self.problem.weight

@@ -57,6 +57,7 @@ class TrustRegion:
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration of Algorithm 1, lines 3 to 20."""
         blocks = KKTBlocks(model.H, model.A, model.b, model.C)
+        dual = largest(model.b + blocks.constraints_transposed_times(lam))
         with self.clock("factor"):
             factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
             normal = NormalFactor(model.A, threads=self.problem.threads)
@@ -85,7 +86,7 @@ class TrustRegion:
         left = largest(after.C) * weight if after.C.size else np.zeros(len(length))
         return Move(
             at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
-            step=largest(full), taken=np.where(ok, moved, 0.0),
+            dual=dual, step=largest(full), taken=np.where(ok, moved, 0.0),
             ratio=reduction / np.maximum(-step.energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
             factorizations=self.regularisation.factorizations.copy(),
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
