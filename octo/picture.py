@@ -27,6 +27,7 @@ FOOT, LOADED_FOOT = np.array([0.35, 0.37, 0.40]), np.array([0.95, 0.52, 0.12])
 TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
 WIDEST = 13.0  # inches
+LONGEST = 0.12  # edge of a painted triangle, in parts of the character's size: far to near is not defined for long ones
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def filmstrip(
         scene.character(solution, int(frame), number / max(len(frames) - 1, 1), number * shift)
     figure = scene.figure(Figure, None if shift.any() else path_of_com)
     if path is not None:
-        figure.savefig(path, dpi=130)
+        figure.savefig(path, dpi=150)
     return figure
 
 
@@ -160,7 +161,7 @@ class Scene:
             shadow[..., 2] = self.terrain.height(shadow)
             self.shadows.append(shadow)
         front = normal @ self.camera.axes[2] < 0.0
-        corners, normal = corners[front], normal[front]
+        corners, normal = _halved(corners[front], normal[front], LONGEST * self.scale)
         bright = 0.50 + 0.55 * np.maximum(normal @ self.light, 0.0)
         halfway = self.light - self.camera.axes[2]
         shine = 0.25 * np.maximum(normal @ (halfway / np.linalg.norm(halfway)), 0.0) ** 30
@@ -213,14 +214,14 @@ class Scene:
             far_first = sorted(self.tiles, key=lambda tile: -float(depth(tile[0].mean(axis=0))))
             paint([flat(points) for points, _ in far_first], [color for _, color in far_first], 1)
         prints = flat(self.prints)
-        axes.plot(prints[:, 0], prints[:, 1], "o", ms=3.0, mew=0.0, color=LOADED_FOOT, alpha=0.25, zorder=2)
+        axes.plot(prints[:, 0], prints[:, 1], "o", ms=2.5, mew=0.0, color=LOADED_FOOT, alpha=0.2, zorder=3)
         if self.shadows:
-            paint(flat(np.concatenate(self.shadows)), SHADOW, 3)
+            paint(flat(np.concatenate(self.shadows)), SHADOW, 2)
         order = np.argsort(-depth(corners.mean(axis=1)))
-        paint(flat(corners[order]), colors[order], 4)
+        paint(flat(corners[order]), colors[order], 5)
         if path is not None:
             line = flat(path)
-            axes.plot(line[:, 0], line[:, 1], color="black", lw=0.9, alpha=0.55, zorder=5)
+            axes.plot(line[:, 0], line[:, 1], color="black", lw=1.0, alpha=0.6, zorder=4)
         return figure
 
 
@@ -231,6 +232,22 @@ def _chosen(solution: Solution, moments: int, between: tuple[float, float] | Non
     if not 0.0 <= start <= stop <= end + 1e-9:
         raise ValueRangeError(f"between is {between}, must be two times from 0 to {end:g} s, in order")
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
+
+
+def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array]:
+    """Triangles (f, 3, 3) m and their normals, cut at the middle of the longest edge until no edge is over ``longest``."""
+    for _ in range(8):
+        edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of corner k to k + 1
+        cut = edge.max(axis=1) > longest
+        if not cut.any():
+            break
+        first = np.argmax(edge[cut], axis=1)[:, None]
+        a, b, c = (np.take_along_axis(corners[cut], ((first + k) % 3)[..., None], axis=1)[:, 0] for k in range(3))
+        middle = 0.5 * (a + b)
+        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        corners = np.concatenate([corners[~cut], *halves])
+        normal = np.concatenate([normal[~cut], normal[cut], normal[cut]])
+    return corners, normal
 
 
 def _tile(scale: float) -> float:

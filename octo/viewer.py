@@ -115,7 +115,8 @@ def _record(server: Any, actors: Sequence[Actor], times: Array, follow: bool, fo
     _set_stage(server, actors, scale)
     world = server.scene.add_frame("/world", show_axes=False)
     for k, actor in enumerate(actors):
-        if k == 0 or actor.offset.any():
+        level = not actor.solution.ground or float(np.ptp(actor.solution.ground["z"])) < 1e-6
+        if k == 0 or (actor.offset.any() and not level):  # one level ground is enough for all
             _add_ground(server, f"/world/ground_{k}", actor, scale)
     players = [Player(server, f"/world/{k}_{actor.solution.name}", actor, COLORS[k % len(COLORS)], forces)
                for k, actor in enumerate(actors)]  # fmt: skip
@@ -132,7 +133,7 @@ def _record(server: Any, actors: Sequence[Actor], times: Array, follow: bool, fo
 def _set_stage(server: Any, actors: Sequence[Actor], scale: float) -> None:
     """The camera. Light stays as it is by default: a player sets it back to that, slowly, each time it begins anew."""
     middle = np.mean([actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors], axis=0)
-    wide = scale + float(np.ptp([actor.offset[1] for actor in actors]))
+    wide = scale + 0.4 * float(np.ptp([actor.offset[1] for actor in actors]))
     camera = server.initial_camera
     camera.fov = 0.6
     camera.look_at = tuple(middle - (0.0, 0.0, 0.12 * scale))

@@ -63,7 +63,7 @@ def surfaces(character: Character, fineness: int = 2) -> list[Surface | None]:
     """One surface per body, None where there is nothing to draw. A ball has 10·4^fineness + 2 vertices, a thick one more."""
     scale = size(character)
     thin = THINNEST * scale
-    cores = [_core(character, b) for b in range(len(character.bodies))]
+    cores = [_core(character, b, scale) for b in range(len(character.bodies))]
     out: list[Surface | None] = []
     for b, core in enumerate(cores):
         solids = [*([core] if core else []), *_rods(character, b, cores, thin)]
@@ -112,19 +112,29 @@ def unit_sphere(fineness: int) -> Array:
     return cast(Array, points)
 
 
-def _core(character: Character, b: int) -> Solid | None:
-    """The body without its rods."""
+def _core(character: Character, b: int, scale: float) -> Solid | None:
+    """The body without its rods; ``scale`` is the size of the character."""
     spheres = [contact for contact in character.contacts if contact.body == b and contact.radius > 0.0]
     if len(spheres) >= 2:
         return Solid(np.array([s.position for s in spheres]), np.array([s.radius for s in spheres]))
-    core = _of_inertia(character.bodies[b])
+    core = _of_inertia(character.bodies[b], _reach(character, b, scale))
     if core is None and spheres:
         return Solid(spheres[0].position[None], np.array([spheres[0].radius]))
     return core
 
 
-def _of_inertia(body: Body) -> Solid | None:
-    """The capsule or rounded box that has the body's mass and inertia; None without a mass."""
+def _reach(character: Character, b: int, scale: float) -> float:
+    """m, how far a body may stretch from its centre of mass: robot files give some links the inertia of far larger ones."""
+    body = character.bodies[b]
+    if body.parent < 0:
+        return np.inf
+    places = [np.zeros(3), *(child.position for child in character.bodies if child.parent == b)]
+    places += [contact.position for contact in character.contacts if contact.body == b]
+    return 1.25 * max(*(float(np.linalg.norm(place - body.com)) for place in places), 0.1 * scale)
+
+
+def _of_inertia(body: Body, reach: float) -> Solid | None:
+    """The capsule or rounded box that has the body's mass and inertia, at most ``reach`` long; None without a mass."""
     if body.mass <= 0.0:
         return None
     moments, axes = np.linalg.eigh(body.inertia / body.mass)  # m², ascending: the first axis is the longest
@@ -132,10 +142,10 @@ def _of_inertia(body: Body) -> Solid | None:
         return None
     if moments[1] >= SLENDER * moments[2]:
         radius, length = _capsule_of(float(moments[0]), float(moments[1:].mean()))
-        ends = body.com + np.outer([-0.5, 0.5], length * axes[:, 0])
-        return Solid(ends, np.full(2, radius))
+        ends = body.com + np.outer([-0.5, 0.5], min(length, 2.0 * reach) * axes[:, 0])
+        return Solid(ends, np.full(2, min(radius, reach)))
     squares = 1.5 * (moments.sum() - 2.0 * moments)
-    half = np.sqrt(np.maximum(squares, 1e-3 * squares.max()))  # m, half edges along the axes
+    half = np.minimum(np.sqrt(np.maximum(squares, 1e-3 * squares.max())), reach)  # m, half edges along the axes
     radius = 0.5 * float(half.min())
     signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     return Solid(body.com + (signs * (half - radius)) @ axes.T, np.full(8, radius))
