@@ -26,6 +26,13 @@ FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_goal_arguments(parser)
+    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
+    parser.set_defaults(run=run)
+
+
+def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is solved and how, without where it is written."""
     add_robot_arguments(parser)
     parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)")
     parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
@@ -43,8 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time-limit", type=positive, help="s, of all passes")
     parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda (default auto)")
-    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

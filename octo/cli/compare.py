@@ -1,0 +1,183 @@
+"""``octo compare``: the same problem, from the same start and to the same tolerances, in octo and in other solvers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo.cli.arguments import steps_of
+from octo.cli.output import OutputFolder, Writer
+from octo.cli.solve import add_goal_arguments, described, finite, report
+from octo.errors import ProblemError, UnknownNameError
+from octo.goals import Goal
+from octo.model.load import load
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Solution, Status
+
+HEAD = (
+    f"{'solver':8s}{'pass':>5s}{'seed':>5s}  {'status':16s}{'its':>5s}{'s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}"
+    f"{'point N':>10s}"
+)
+SOLVERS = ("ipopt", "fatrop")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_goal_arguments(parser)
+    parser.add_argument(
+        "--with", dest="others", metavar="SOLVERS", help="ipopt, fatrop or both with a comma (default: all that the basis allows)"
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="a list with one record per solver, seed and pass; a plot is written beside it"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Everything that can be refused is refused before anything is compiled."""
+    goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+    steps = steps_of(arguments.seconds, arguments.dt)
+    others = solvers_of(arguments.others, arguments.basis)
+    path = None if arguments.json is None else Path(arguments.json)
+    if path is not None:
+        OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
+    start = None if arguments.start is None else Solution.load(arguments.start)
+    robot = load(arguments.robot, arguments.base)
+    goal.check(robot)
+    from octo.cli.contest import Contest, Entry  # after the checks: it takes longer to import than they take
+    from octo.reference.run import OPTIONS
+    from octo.solve import resolve_device
+
+    device = resolve_device(arguments.device)
+    problem = described(robot, goal, steps, arguments)
+    options = options_of(arguments, OPTIONS)
+    contest = Contest(problem, others, options, arguments.passes or 1, arguments.threads, device, start)
+    entries: list[Entry] = []
+    interrupted = False
+    print(f"{robot.name}, {steps} steps of {arguments.dt:g} s, {problem.basis_object.name}, goal {goal.kind}\n{HEAD}", flush=True)
+    try:
+        for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
+            entries.append(entry)
+            print(row(entry), flush=True)
+            if entry.solution.status is Status.INTERRUPTED:
+                raise KeyboardInterrupt
+    except KeyboardInterrupt:
+        interrupted = True
+    for line in summary(entries, others, len(contest.plan)):
+        print(line)
+    if path is not None:
+        write(path, entries, [record(entry, goal, options) for entry in entries])
+    return 130 if interrupted else 0
+
+
+def solvers_of(words: str | None, basis: str) -> tuple[str, ...]:
+    """The solvers beside octo.
+
+    Raises
+    ------
+    UnknownNameError: no such solver. ProblemError: fatrop was asked for in another basis than nodes.
+    """
+    if words is None:
+        return SOLVERS if basis == "nodes" else ("ipopt",)
+    names = tuple(dict.fromkeys(word.strip() for word in words.split(",") if word.strip()))
+    for name in names:
+        if name not in SOLVERS:
+            raise UnknownNameError("solver", name, SOLVERS)
+    if "fatrop" in names and basis != "nodes":
+        raise ProblemError(
+            f"fatrop cannot solve in the {basis} basis: a stage may see its own state and control only, and a row of C sums "
+            "the steps of two segments; leave it out of --with, or use --basis nodes"
+        )
+    return names
+
+
+def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions:
+    given = {name: getattr(arguments, name) for name in ("max_iterations", "time_limit", "tolerance")}
+    return replace(default, **{name: value for name, value in given.items() if value is not None})
+
+
+def row(entry: Any) -> str:
+    """One line of the table."""
+    s = entry.solution
+    line = f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  {s.status.label:16s}{s.iterations:5d}{s.seconds:9.2f}"
+    line += f"{1e3 * s.seconds / max(s.iterations, 1):8.1f}{s.energy:12.6g}{s.violation:10.1e}{s.pointwise_residual:10.1e}"
+    return line if entry.compiled else f"{line}  interpreted"
+
+
+def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[str]:
+    """How many starts each solver converged on, and octo's medians over another's where both converged."""
+    lines = []
+    for number in range(1, passes + 1):
+        found = {(e.solver, e.seed): e.solution for e in entries if e.number == number}
+        seeds = sorted({seed for _, seed in found})
+        if not seeds:
+            continue
+        count = {name: sum(found[name, k].converged for k in seeds if (name, k) in found) for name in ("octo", *others)}
+        told = ", ".join(f"{name} {done}" for name, done in count.items())
+        lines.append(f"pass {number}: converged of {len(seeds)} starts: {told}")
+        for name in others:
+            both = [k for k in seeds if (name, k) in found and found[name, k].converged and found["octo", k].converged]
+            if both:
+                lines.append(
+                    f"  octo/{name}, medians over {len(both)}: {ratios([(found['octo', k], found[name, k]) for k in both])}"
+                )
+    return lines
+
+
+def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> str:
+    """The medians of octo over those of another solver."""
+
+    def ratio(value: Any) -> float:
+        own, other = (float(np.median([value(pair[k]) for pair in pairs])) for k in (0, 1))
+        return own / other if other else float("nan")
+
+    values = {
+        "iterations": ratio(lambda s: s.iterations),
+        "E": ratio(lambda s: s.energy),
+        "time an iteration": ratio(lambda s: s.seconds / max(s.iterations, 1)),
+        "time": ratio(lambda s: s.seconds),
+    }
+    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
+
+
+def record(entry: Any, goal: Goal, options: SqpOptions) -> dict[str, Any]:
+    """The fields of report.json, who made it, and to which tolerances."""
+    return {
+        **report(entry.solution, goal),
+        "solver": entry.solver,
+        "pass": entry.number,
+        "said": entry.said,
+        "compiled": entry.compiled,
+        "iteration_limit": options.max_iterations,
+        "tolerances": {
+            "violation": options.tolerance, "dual": options.dual_tolerance, "step": options.step_tolerance,
+            "plateau": options.plateau, "plateau_change": options.plateau_change,
+        },
+        "settings": entry.settings,
+    }  # fmt: skip
+
+
+def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]]) -> None:
+    """The list, and the plot beside it where matplotlib is."""
+    from octo.cli.convergence import draw
+
+    text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
+    if entries:
+        s = entries[0].solution
+        title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
+        writers[f"{path.stem}.png"] = lambda scratch: draw(entries, title, scratch)
+    missing, reason = OutputFolder(path.parent).write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    print(f"written to {path}")
+
+
+def _text(text: str, path: Path) -> None:
+    path.write_text(text)

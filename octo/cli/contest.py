@@ -1,0 +1,140 @@
+"""octo and other solvers on one problem: the same start for all, pass by pass."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from octo import reference
+from octo.errors import ShapeError
+from octo.passes import RAMP_ITERATIONS, Pass, between, moved, schedule
+from octo.problem.problem import Array, Problem
+from octo.reference.run import one_core
+from octo.solve import smooth_noise, solve
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Solution
+
+OTHERS: dict[str, Callable[..., Any]] = {"ipopt": reference.Ipopt, "fatrop": reference.Fatrop}
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One solver's run of one pass from one start. ``said``: its own word; ``compiled``: no Python in an iteration."""
+
+    solver: str
+    seed: int
+    number: int  # of the pass, counted from 1
+    solution: Solution
+    said: str
+    compiled: bool = True
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class Contest:
+    """Every solver on every seed and pass, one core each.
+
+    The first pass starts from the static pose with the seed's noise, or from ``start``; each later pass, for all
+    solvers, from the same converged solution of the pass before: octo's, or where octo did not converge another one's.
+    """
+
+    problem: Problem
+    others: Sequence[str]
+    options: SqpOptions
+    passes: int = 1
+    threads: int = 1
+    device: str = "auto"
+    start: Solution | None = None
+
+    def __post_init__(self) -> None:
+        shape = (self.problem.steps + 2, self.problem.dynamics.nx)
+        if self.start is not None and self.start.x.shape != shape:
+            raise ShapeError("start", self.start.x.shape, shape)
+        self.plan = schedule(self.problem, self.passes)
+        self.problems = [self._for_pass(stage) for stage in self.plan]
+        self.ready: dict[tuple[str, int], Any] = {}
+        self.octo_setup: dict[int, float] = {}
+
+    def _for_pass(self, stage: Pass | None) -> Problem:
+        return self.problem if stage is None else self.problem.replace(parameters=stage.parameters(self.problem.weight))
+
+    def run(self, seeds: Sequence[int]) -> Iterator[Entry]:
+        """Entries as they are done."""
+        for seed in seeds:
+            before: Solution | None = None
+            for number, problem in enumerate(self.problems, start=1):
+                start = self._start(problem, number, seed, before)
+                done = []
+                for solver in ("octo", *self.others):
+                    done.append(self._entry(solver, number, seed, start, before))
+                    yield done[-1]
+                before = next((entry.solution for entry in done if entry.solution.converged), None)
+                if before is None:
+                    break
+
+    def _start(self, problem: Problem, number: int, seed: int, before: Solution | None) -> Array:
+        """Nodes x_{-1} … x_N (N+2, nx)."""
+        if before is not None:
+            return moved(before.x, self.problems[number - 2], problem)
+        nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
+        if self.start is None:
+            nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+        else:
+            nodes[2:] = self.start.x[2:]
+        nodes[0] -= problem.dt * problem.start_velocity
+        return nodes
+
+    def _entry(self, solver: str, number: int, seed: int, start: Array, before: Solution | None) -> Entry:
+        if solver == "octo":
+            with one_core():
+                self._prepare(number, start)
+                solution = self._octo(number, seed, start, before)
+            return Entry("octo", seed, number, replace(solution, setup_seconds=self.octo_setup[number]), solution.status.label)
+        key = (solver, number)
+        if key not in self.ready:
+            self.ready[key] = OTHERS[solver](self.problems[number - 1], options=self.options)
+        run = self.ready[key].solve(start, None if before is None else before.multipliers, seed)
+        return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
+
+    def _prepare(self, number: int, start: Array) -> None:
+        """octo compiles when first evaluated: one iteration that is set-up and not counted as optimisation."""
+        if number not in self.octo_setup:
+            began = time.perf_counter()
+            solve(self.problems[number - 1], start=start[1:], options=replace(self.options, max_iterations=1), device=self.device)
+            self.octo_setup[number] = time.perf_counter() - began
+
+    def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
+        """A later pass approaches its stiffness in small factors, as octo's passes do; that is counted."""
+        own = {"seed": seed, "threads": self.threads, "device": self.device}
+        problem, now = self.problems[number - 1], before
+        if now is None:
+            return solve(problem, start=start[1:], options=self.options, **own)
+        first, last = self.plan[number - 2], self.plan[number - 1]
+        assert first is not None and last is not None
+        at, way = self.problems[number - 2], []
+        for part in [*map(self._for_pass, between(first, last)), problem]:
+            iterations = self.options.max_iterations if part is problem else RAMP_ITERATIONS
+            warm = replace(now, x=moved(now.x, at, part))
+            now, at = solve(part, start=warm, options=replace(self.options, max_iterations=iterations), **own), part
+            way.append(now)
+        return joined(way)
+
+
+def joined(parts: Sequence[Solution]) -> Solution:
+    """The last of several solves in a row, with the iterations, times and histories of all of them."""
+    columns: dict[str, list[Array]] = {name: [] for name in parts[-1].history}
+    seconds, count = 0.0, 0
+    for part in parts:
+        for name, values in part.history.items():
+            columns[name].append(values + {"seconds": seconds, "iteration": count}.get(name, 0.0))
+        seconds, count = seconds + part.seconds, count + part.iterations
+    stages = {name: sum(part.stages.get(name, 0.0) for part in parts) for name in parts[-1].stages}
+    return replace(
+        parts[-1], history={name: np.concatenate(values) for name, values in columns.items()}, seconds=seconds,
+        iterations=count, factorizations=sum(part.factorizations for part in parts), stages=stages,
+        setup_seconds=sum(part.setup_seconds for part in parts),
+    )  # fmt: skip

@@ -1,0 +1,77 @@
+"""``octo compare`` on a tiny problem: the table, the list, the plot, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from octo import native
+from octo.cli.contest import joined
+from octo.cli.main import main
+from octo.solver.solution import Solution
+
+TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
+FIELDS = (
+    "status", "converged", "iterations", "energy", "terms", "violation", "pointwise_residual", "goal_error", "penetration",
+    "slip", "seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass", "tolerances", "iteration_limit",
+)  # fmt: skip
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+@needs_compiler
+def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    file = tmp_path / "out" / "compare.json"
+    assert main([*TINY, "--passes", "2", "--with", "ipopt,fatrop", "--json", str(file)]) == 0
+    records = json.loads(file.read_text(), parse_constant=lambda word: pytest.fail(f"{word} in the list"))
+    assert [(r["solver"], r["pass"]) for r in records] == [(name, k) for k in (1, 2) for name in ("octo", "ipopt", "fatrop")]
+    for record in records:
+        assert set(FIELDS) <= set(record)
+        assert record["basis"] == "nodes" and record["seed"] == 0 and record["iteration_limit"] == 1500
+        assert record["converged"] and record["seconds"] > 0.0 and record["setup_seconds"] > 0.0
+    for number in (1, 2):
+        energies = [record["energy"] for record in records if record["pass"] == number]
+        assert np.ptp(energies) <= 1e-6
+    assert (tmp_path / "out" / "compare.png").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    assert "octo/ipopt, medians over 1: iterations" in printed and "pass 2: converged of 1 starts: octo 1" in printed
+
+
+@needs_compiler
+def test_hermite_and_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "list.json"
+    assert main([*TINY, "--basis", "hermite", "--seeds", "2", "--seed", "3", "--max-iterations", "3", "--json", str(file)]) == 0
+    records = json.loads(file.read_text())
+    assert [(r["solver"], r["seed"], r["status"]) for r in records] == [
+        (name, seed, "iteration_limit") for seed in (3, 4) for name in ("octo", "ipopt")
+    ]
+    assert "octo 0, ipopt 0" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--with", "ipopt,fatrop", "--basis", "hermite"], "fatrop cannot solve in the hermite basis"),
+        (["--with", "snopt"], "solver 'snopt' is not known"),
+        (["--out", "there"], "option '--out' is not known"),
+        (["--json", "/proc/none/list.json"], "cannot be written"),
+    ],
+)
+def test_refused(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TINY, *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_joined_solutions_add_up(tmp_path: Path) -> None:
+    """What led to a solve is part of it."""
+    import octo
+
+    problem = octo.Problem(octo.gallery.biped(), steps=4, dt=0.05, costs=[octo.Effort()])
+    parts = [octo.solve(problem, passes=1, max_iterations=k, device="cpu") for k in (2, 3)]
+    whole: Solution = joined(parts)
+    assert whole.iterations == sum(part.iterations for part in parts)
+    assert whole.seconds == pytest.approx(parts[0].seconds + parts[1].seconds)
+    assert (np.diff(whole.history["seconds"]) > 0).all() and (np.diff(whole.history["iteration"]) == 1).all()
