@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,24 +34,27 @@ def to_mujoco(solution: Solution) -> tuple[Array, Array]:
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
 
 
-def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None) -> tuple[Array, Array]:
+def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None, circular: Collection[str] = ()) -> tuple[Array, Array]:
     """q (N+1, nq) and v (N+1, nv) at x_0 … x_N, of a model with a free flyer at the root where the base floats.
 
     The free flyer is place (m, world), quaternion (x, y, z, w), velocity (m/s) and angular velocity (rad/s), both in body
-    axes. ``joints``: names of the other joints in the order of the Pinocchio model (``model.names`` without the first two);
-    by default the order of the robot's tree.
+    axes; a velocity is the change since the node before over dt. ``joints``: names of the other joints in the order of
+    the Pinocchio model (``model.names`` without the first two); by default the order of the robot's tree. ``circular``:
+    joints that Pinocchio keeps as cosine and sine (``continuous`` ones of a URDF).
     """
     parts = _parts(solution)
     named = {part.name: part for part in parts if part.name}
-    for name in joints or ():
+    for name in (*(joints or ()), *circular):
         if name not in named:
             raise UnknownNameError("joint", name, named)
     if joints is not None:
         parts = [part for part in parts if not part.name] + [named[name] for name in joints]
-    positions, velocities = [], []
+    positions: list[Array] = []
+    velocities: list[Array] = []
     for part in parts:
         if part.rotation is None or part.angular is None:
-            positions.append(part.place)
+            circle = part.name in circular
+            positions += [np.cos(part.place), np.sin(part.place)] if circle else [part.place]
             velocities.append(part.velocity)
         else:
             real_last = quaternions(part.rotation)[:, [1, 2, 3, 0]]
@@ -62,14 +65,35 @@ def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None) -> tup
 
 
 def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
-    """A table with one row per time: s, the coordinates (rad, m), the torques (N m, N) from this row to the next."""
-    names = ["time", *solution.joint_names, *(f"torque_{name}" for name in solution.actuated_names)]
-    torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])  # none acts after x_N
-    rows = np.concatenate([solution.times[:, None], solution.x[1:], torque], axis=1)
+    """A table with one row for each of x_0 … x_N; the first line has names and units.
+
+    Time, coordinates, the torques from this row to the next (none after the last), the contact forces in world axes
+    (none at x_0). What does not exist is nan.
+    """
+    robot = solution.character
+    turns = [robot is not None and joint.kind == "hinge" for joint in robot.joints] if robot is not None else []
+    places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
+    efforts = [("N m" if turns[j] else "N") for j in robot.actuated] if robot is not None else [""] * solution.u.shape[1]
+    names = [
+        "time (s)",
+        *_headed(solution.joint_names, places),
+        *_headed([f"torque {name}" for name in solution.actuated_names], efforts),
+        *(f"force {name} {axis} (N)" for name in solution.contact_names for axis in "xyz"),
+    ]
+    force = solution.contact_force.reshape(len(solution.contact_force), -1)
+    torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])
+    force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
+    rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
     try:
-        np.savetxt(Path(path), rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g")
+        np.savetxt(Path(path), rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Names with their units, without commas."""
+    headed = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
+    return [name.replace(",", ";") for name in headed]
 
 
 class _Part:
@@ -107,10 +131,17 @@ def _parts(solution: Solution) -> list[_Part]:
 
 
 def _ball(robot: Character, j: int, end: int) -> str:
-    """The name of the ball joint that begins at coordinate ``j``, "" where none does."""
-    names = [joint.name for joint in robot.joints[j : min(j + 3, end)]]
-    prefix = names[0].removesuffix("_z")
-    return prefix if names == [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"] else ""
+    """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on; "" where there is none."""
+    hinges = robot.joints[j : min(j + 3, end)]
+    prefix = hinges[0].name.removesuffix("_z")
+    if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
+        return ""
+    alike = all(
+        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.axis, axis)
+        and np.array_equal(hinge.anchor, hinges[0].anchor)
+        for hinge, axis in zip(hinges, np.eye(3)[::-1], strict=True)
+    )  # fmt: skip
+    return prefix if alike else ""
 
 
 def _turn(robot: Character, x: Array, j: int) -> Array:

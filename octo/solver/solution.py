@@ -6,7 +6,7 @@ import dataclasses
 import json
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -275,12 +275,15 @@ class Solution:
         """MuJoCo's qpos (N+1, nq) and qvel (N+1, nv)."""
         return export.to_mujoco(self)
 
-    def to_pinocchio(self, joints: Sequence[str] | None = None) -> tuple[Array, Array]:
-        """Pinocchio's q (N+1, nq) and v (N+1, nv); ``joints`` names the order of its joints after the free flyer."""
-        return export.to_pinocchio(self, joints)
+    def to_pinocchio(self, joints: Sequence[str] | None = None, circular: Collection[str] = ()) -> tuple[Array, Array]:
+        """Pinocchio's q (N+1, nq) and v (N+1, nv).
+
+        ``joints`` names the order of its joints after the free flyer, ``circular`` those it keeps as cosine and sine.
+        """
+        return export.to_pinocchio(self, joints, circular)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """A table: time, coordinates, torques; the first line has their names."""
+        """A table: time, coordinates, torques, contact forces; the first line has names and units."""
         export.to_csv(self, path)
 
     # -- files ----------------------------------------------------------------------------------------------------

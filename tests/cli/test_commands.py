@@ -201,7 +201,7 @@ def test_simulate_and_view(solver: Callable[..., None], tmp_path: Path) -> None:
     assert main(["view", str(tmp_path / "solution.npz"), "--out", str(picture)]) == 0
     assert picture.read_text() == "picture"
     assert main(["view", str(tmp_path / "solution.npz"), "--out", str(tmp_path / "fall.csv")]) == 0
-    assert (tmp_path / "fall.csv").read_text().startswith("time,base_x,")
+    assert (tmp_path / "fall.csv").read_text().startswith("time (s),base_x (m),")
 
 
 def test_help_says_the_defaults(capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,12 +30,13 @@ def moving(robot: Character) -> Solution:
     times = DT * np.arange(-1, STEPS + 1)[:, None]
     amplitude = rng.uniform(0.2, 0.6, robot.nx)
     x = amplitude * np.sin(3.0 * times + rng.uniform(0, 6, robot.nx))
-    x[:, 3] += 8.0 * times[:, 0]
+    if robot.base == "floating":
+        x[:, 3] += 8.0 * times[:, 0]
     names = tuple(joint.name for joint in robot.joints)
     actuated = tuple(robot.joints[j].name for j in robot.actuated)
     return types.SimpleNamespace(  # type: ignore[return-value]
         character=robot, x=x, u=np.zeros((STEPS, robot.nu)), dt=DT, times=DT * np.arange(STEPS + 1),
-        joint_names=names, actuated_names=actuated,
+        joint_names=names, actuated_names=actuated, contact_names=("foot",), contact_force=rng.normal(size=(STEPS, 1, 3)),
     )  # fmt: skip
 
 
@@ -82,12 +83,37 @@ def test_pinocchio_has_the_real_part_last_and_velocities_in_the_body(file: Path)
         export.to_pinocchio(motion, ("wrists",))
 
 
-def test_csv(file: Path, tmp_path: Path) -> None:
+def test_circular_joints_of_pinocchio_are_cosine_and_sine(file: Path) -> None:
+    motion = moving(octo.load(file))
+    plain, rate = export.to_pinocchio(motion)
+    circular, same = export.to_pinocchio(motion, circular=("wrist",))
+    angle = plain[:, 11]
+    assert np.allclose(circular[:, 11:13], np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    assert np.array_equal(circular[:, 13], plain[:, 12]) and np.array_equal(rate, same)
+
+
+def test_three_limited_hinges_are_no_ball(tmp_path: Path) -> None:
+    """Whatever their names are."""
+    hinges = "".join(
+        f'<joint name="arm_{c}" axis="{a}" range="-40 40"/>' for c, a in (("z", "0 0 1"), ("y", "0 1 0"), ("x", "1 0 0"))
+    )
+    path = tmp_path / "arm.xml"
+    path.write_text(f'<mujoco><worldbody><body>{hinges}<geom size=".1"/></body></worldbody></mujoco>')
+    assert export.to_mujoco(moving(octo.load(path)))[0].shape[1] == 3
+
+
+def test_csv(tmp_path: Path) -> None:
     motion = moving(octo.gallery.chain())
     export.to_csv(motion, tmp_path / "motion.csv")
     lines = (tmp_path / "motion.csv").read_text().splitlines()
-    assert lines[0].split(",")[:3] == ["time", "base_x", "base_y"] and len(lines) == STEPS + 2
-    assert np.allclose(np.array(lines[1].split(",")[1:15], dtype=float), motion.x[1], atol=1e-8)
+    names = lines[0].split(",")
+    assert names[:2] == ["time (s)", "base_x (m)"] and names[4] == "base_yaw (rad)" and names[-1] == "force foot z (N)"
+    assert names[15] == "torque front_inner_pitch (N m)"
+    rows = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", skip_header=1)
+    assert rows.shape == (STEPS + 1, 1 + 14 + 8 + 3)
+    assert np.allclose(rows[:, 1:15], motion.x[1:], atol=1e-8)
+    assert np.isnan(rows[-1, 15:23]).all() and not np.isnan(rows[:-1, 15:23]).any()
+    assert np.isnan(rows[0, 23:]).all() and np.allclose(rows[1:, 23:], motion.contact_force[:, 0], atol=1e-8)
 
 
 def test_user_written_dynamics_have_no_bodies() -> None:
