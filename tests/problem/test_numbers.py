@@ -13,6 +13,7 @@ from octo.model import gallery
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
+from octo.solver.blocks import KKTBlocks
 
 START, STEPS, DT = np.array([0.1, -0.2, 0.3]), 24, 0.05
 
@@ -122,6 +123,24 @@ def test_neighbours_in_both_bases_see_the_same_straight_motion():
         problem = CompiledProblem([point(basis, [straight, rise], v0=v0)])
         values = problem.term_values(problem.evaluate(problem.unknowns(nodes)))[0]
         np.testing.assert_allclose(values, [0.0, (q * DT) ** 2 * (v0 @ v0)], atol=1e-15)
+
+
+@pytest.mark.parametrize("pinned", [False, True])
+def test_hessian_of_a_linear_neighbour_term(pinned):
+    """E of a linear residual is the quadratic that E, b and H say, to rounding."""
+    weights = np.random.default_rng(0).standard_normal((6, 6))
+    rising = np.linspace(1.0, 2.0, STEPS)
+    mixed = octo.NeighbourCost(lambda c, c_next, p: ca.DM(weights) @ c_next - c + p["a"], {"a": 0.3}, weight=rising)
+    for basis in ("nodes", Hermite(4)):
+        problem = CompiledProblem([point(basis, [mixed], x_end=START + 0.1 if pinned else None)])
+        unknowns = moving(problem)
+        at = problem.evaluate(unknowns)
+        d = np.random.default_rng(1).standard_normal(unknowns.shape)
+        d[:, problem.fixed] = 0.0
+        model = problem.linearize(at, None)
+        product = KKTBlocks(model.H, model.A, model.b, model.C).hessian_times(d)
+        expected = at.energy[0] + (model.b * d).sum() + 0.5 * (d * product).sum()
+        assert problem.evaluate(unknowns + d).energy[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_neighbour_term_at_a_pinned_end():

@@ -40,6 +40,10 @@ def test_an_iterate_that_was_left_cannot_come_back():
     entries = Filter(of(1.0))
     entries.add(of(1.0), of(5.0), np.array([True]))
     assert not accepts(entries, (3.0, 9.0), (1.0 - 1e-7, 5.0 - 1e-10))
+    violation, energy = float(entries.violation[0, 0]), float(entries.energy[0, 0])
+    assert violation < 1.0 and energy < 5.0
+    assert not accepts(entries, (3.0, 9.0), (violation, energy))
+    assert accepts(entries, (3.0, 9.0), (violation, energy - 1e-9)) and accepts(entries, (3.0, 9.0), (violation - 1e-9, energy))
 
 
 def test_a_steep_slope_asks_for_a_decrease_of_the_energy():

@@ -58,6 +58,18 @@ def test_limit_of_iterations(swing_up, turning):
         assert all(found <= score(solution.history, row) * (1 + 1e-9) for row in range(limit))
 
 
+def test_the_best_iterate_is_returned_and_not_the_last(swing_up, turning):
+    """Gauss–Newton steps go up and down: whatever the limit, nothing that was seen is better than what is returned."""
+    options, better = SqpOptions(hessian="gauss_newton"), 0
+    whole = octo.solve(swing_up(), start=turning, options=options, max_iterations=30).history
+    for limit in range(1, 29):
+        solution = octo.solve(swing_up(), start=turning, options=options, max_iterations=limit)
+        seen = [score(whole, row) for row in range(limit + 1)]  # the last one is where the limit left it
+        assert solution.energy + 100.0 * solution.violation == pytest.approx(min(seen), rel=1e-9)
+        better += min(seen) < seen[-1]
+    assert better > 3
+
+
 def test_limit_of_time(swing_up, turning):
     solution = octo.solve(swing_up(), start=turning, time_limit=1e-9)
     assert solution.status is Status.TIME_LIMIT and solution.iterations <= 1
