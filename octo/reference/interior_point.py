@@ -95,17 +95,16 @@ class Ipopt:
         return Run("ipopt", solution, said, self.compiled, dict(self.settings))
 
     def _history(self, stats: dict[str, Any], seconds: float) -> dict[str, Array]:
-        """A row an iterate: E, ‖C‖∞ in N, and when, as the compiled watch saw them."""
+        """A row an iterate: E, ‖C‖∞ in N and when, as the compiled watch saw them; IPOPT's own figures are of scaled rows."""
         told = {name: np.asarray(values, dtype=float) for name, values in stats.get("iterations", {}).items()}
-        energies, violations = told.get("obj", np.zeros(0)), told.get("inf_pr", np.zeros(0))
-        log = self.library.log() if self.library is not None else np.zeros((0, 3))
-        times = np.linspace(0.0, seconds, len(energies))
-        if len(log):
-            times = log[:, 0] if len(log) == len(energies) else np.interp(times, np.linspace(0.0, seconds, len(log)), log[:, 0])
-        more = {"dual": told.get("inf_du"), "step": told.get("d_norm"), "ratio": told.get("alpha_pr")}
-        more["sigma"] = told.get("regularization_size")
-        kept = {name: values for name, values in more.items() if values is not None and len(values) == len(energies)}
-        return history(energies, violations * self.nlp.compiled.weight, times, **kept)
+        count = len(told.get("obj", ()))
+        if self.library is not None:
+            times, energies, violations = self.library.log().T
+        else:
+            times, energies, violations = np.linspace(0.0, seconds, count), told["obj"], told["inf_pr"]
+        names = {"dual": "inf_du", "step": "d_norm", "ratio": "alpha_pr", "sigma": "regularization_size"}
+        more = {name: told[own] for name, own in names.items() if own in told and count == len(energies)}
+        return history(energies, violations * self.nlp.compiled.weight, times, **more)
 
 
 def ipopt(problem: Problem, start: Array | None = None, **options: Any) -> Run:

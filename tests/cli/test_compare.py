@@ -16,7 +16,8 @@ from octo.solver.solution import Solution
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
 FIELDS = (
     "status", "converged", "iterations", "energy", "terms", "violation", "pointwise_residual", "goal_error", "penetration",
-    "slip", "seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass", "tolerances", "iteration_limit",
+    "slip", "seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass", "tolerances",
+    "iteration_limit",
 )  # fmt: skip
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
