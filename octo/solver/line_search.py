@@ -199,7 +199,7 @@ class LineSearch:
                 now, better = self._least_norm(one, now)
                 if not better or size(now.C)[0] <= 0.1 * start:
                     break
-            if size(now.C)[0] < 0.9 * start:
+            if size(now.C)[0] < 0.99 * start:
                 at.put(np.array([k]), now)
                 lam[k] = 0.0
                 self.filter.clear(np.array([k]))
