@@ -41,31 +41,32 @@ static int octo_row_term(int row) {
   return octo_state_row_term[row];
 }
 
-void octo_evaluate(const octo_task *t, int threads) {
-  int items = t->batch * t->chunks;
-#pragma omp parallel for num_threads(threads) schedule(dynamic) if (threads > 1)
-  for (int item = 0; item < items; ++item) {
-    int member = item / t->chunks, chunk = item % t->chunks;
-    double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], r[MROWS + 1], u[NU + 1]; long long iw[COST_IW + 1];
-    const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *p = t->p + (size_t)member * NP;
-    int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
-    octo_kin(nodes + first * NX, kin[first % 3]);
-    octo_kin(nodes + (first + 1) * NX, kin[(first + 1) % 3]);
-    for (int i = first; i < last; ++i) {
-      const double *x_prev = nodes + i * NX, *x = x_prev + NX, *x_next = x + NX;
-      const double *q = t->q + ((size_t)member * t->steps + i) * NQ;
-      double *fd = t->fd + ((size_t)member * t->steps + i) * NX, *terms = t->terms + ((size_t)member * t->steps + i) * NTERM;
-      octo_kin(x_next, kin[(i + 2) % 3]);
-      octo_step(x_next, x, x_prev, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, 0, 0, fd, 0, 0, work);
-      for (int j = 0; j < NU; ++j) u[j] = fd[octo_actuated[j]];
-      octo_residuals(x_next, x, x_prev, u, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, q, r, w, iw);
-      for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
-      for (int row = 0; row < MROWS; ++row) {
-        double c = octo_coefficient(q, row);
-        if (c != 0.0) terms[octo_row_term(row)] += c * r[row] * r[row];
-      }
+static void octo_evaluate_chunk(void *shared, int item) {
+  const octo_task *t = shared;
+  int member = item / t->chunks, chunk = item % t->chunks;
+  double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], r[MROWS + 1], u[NU + 1]; long long iw[COST_IW + 1];
+  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *p = t->p + (size_t)member * NP;
+  int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
+  octo_kin(nodes + first * NX, kin[first % 3]);
+  octo_kin(nodes + (first + 1) * NX, kin[(first + 1) % 3]);
+  for (int i = first; i < last; ++i) {
+    const double *x_prev = nodes + i * NX, *x = x_prev + NX, *x_next = x + NX;
+    const double *q = t->q + ((size_t)member * t->steps + i) * NQ;
+    double *fd = t->fd + ((size_t)member * t->steps + i) * NX, *terms = t->terms + ((size_t)member * t->steps + i) * NTERM;
+    octo_kin(x_next, kin[(i + 2) % 3]);
+    octo_step(x_next, x, x_prev, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, 0, 0, fd, 0, 0, work);
+    for (int j = 0; j < NU; ++j) u[j] = fd[octo_actuated[j]];
+    octo_residuals(x_next, x, x_prev, u, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, q, r, w, iw);
+    for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
+    for (int row = 0; row < MROWS; ++row) {
+      double c = octo_coefficient(q, row);
+      if (c != 0.0) terms[octo_row_term(row)] += c * r[row] * r[row];
     }
   }
+}
+
+void octo_evaluate(octo_task *t, int threads) {
+  octo_share(octo_evaluate_chunk, t, t->batch * t->chunks, threads);
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
 }
 
@@ -223,31 +224,37 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   octo_scatter_constraints(t, g, &s->places, i, row_scale, fd, s->jac);
 }
 
-int octo_linearize(const octo_task *t, int threads) {
-  int items = t->batch * t->chunks, failed = 0;
+typedef struct { const octo_task *task; int failed; } octo_linearization;
+
+static void octo_linearize_chunk(void *shared, int item) {
+  octo_linearization *l = shared;
+  const octo_task *t = l->task;
   int nc = t->parts * NX, ma = t->parts * MU;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc, halo_size = octo_halo_size(t);
-#pragma omp parallel for num_threads(threads) schedule(dynamic) if (threads > 1)
-  for (int item = 0; item < items; ++item) {
-    int member = item / t->chunks, chunk = item % t->chunks;
-    size_t unit0 = (size_t)member * t->units;
-    octo_scratch *s = aligned_alloc(64, (sizeof(octo_scratch) + 63) / 64 * 64);
-    if (!s) { failed = 1; continue; }
-    double *halo = t->halo + ((size_t)member * t->chunks + chunk) * halo_size;
-    octo_target g = {t->h + unit0 * hs, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
-                     halo, halo + 2 * hs, halo + 2 * hs + as, halo + 2 * hs + as + 2 * nc,
-                     t->chunk_unit[chunk], t->chunk_row[chunk], nc, ma, t->chunk_unit[chunk], t->chunk_row[chunk]};
-    int unit_last = chunk + 1 < t->chunks ? t->chunk_unit[chunk + 1] : t->units, row_last = chunk + 1 < t->chunks ? t->chunk_row[chunk + 1] : t->units;
-    memset(halo, 0, halo_size * sizeof(double));
-    int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
-    const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX;
-    octo_kin(nodes + first * NX, s->kin[first % 3]);
-    octo_kin(nodes + (first + 1) * NX, s->kin[(first + 1) % 3]);
-    for (int i = first; i < last; ++i) octo_linearize_step(t, &g, s, member, i);
-    octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
-    free(s);
-  }
-#pragma omp parallel for num_threads(threads) schedule(dynamic) if (threads > 1)
-  for (int member = 0; member < t->batch; ++member) octo_add_halo(t, member);
-  return failed;
+  int member = item / t->chunks, chunk = item % t->chunks;
+  size_t unit0 = (size_t)member * t->units;
+  octo_scratch *s = aligned_alloc(64, (sizeof(octo_scratch) + 63) / 64 * 64);
+  if (!s) { l->failed = 1; return; }
+  double *halo = t->halo + ((size_t)member * t->chunks + chunk) * halo_size;
+  octo_target g = {t->h + unit0 * hs, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
+                   halo, halo + 2 * hs, halo + 2 * hs + as, halo + 2 * hs + as + 2 * nc,
+                   t->chunk_unit[chunk], t->chunk_row[chunk], nc, ma, t->chunk_unit[chunk], t->chunk_row[chunk]};
+  int unit_last = chunk + 1 < t->chunks ? t->chunk_unit[chunk + 1] : t->units, row_last = chunk + 1 < t->chunks ? t->chunk_row[chunk + 1] : t->units;
+  memset(halo, 0, halo_size * sizeof(double));
+  int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
+  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX;
+  octo_kin(nodes + first * NX, s->kin[first % 3]);
+  octo_kin(nodes + (first + 1) * NX, s->kin[(first + 1) % 3]);
+  for (int i = first; i < last; ++i) octo_linearize_step(t, &g, s, member, i);
+  octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
+  free(s);
+}
+
+static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, member); }
+
+int octo_linearize(octo_task *t, int threads) {
+  octo_linearization l = {t, 0};
+  octo_share(octo_linearize_chunk, &l, t->batch * t->chunks, threads);
+  octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+  return l.failed;
 }

@@ -224,7 +224,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
         "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
         generator.dump(),
         _tables(functions, dynamics, made),
-        *((resources.files("octo.problem") / name).read_text() for name in ("scatter.c", "assemble.c")),
+        *((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "scatter.c", "assemble.c")),
     ]
     return "\n".join(text)
 

@@ -214,7 +214,7 @@ class CompiledProblem:
         text = self.dynamics.text()
         if not text:
             return None
-        library = native.load(text + codegen.cost_text(self.functions, self.dynamics), ("-fopenmp",))
+        library = native.load(text + codegen.cost_text(self.functions, self.dynamics))
         return library
 
     @cached_property
