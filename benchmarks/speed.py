@@ -56,8 +56,8 @@ WANTED = (
     ("iteration.nodes.400", 12.0, True),
     ("iteration.hermite.400", 12.0, True),
     ("iteration.nodes.20", 0.8, True),
-    ("iteration.nodes.largest_error_of_fit", 0.1, False),
-    ("iteration.hermite.largest_error_of_fit", 0.1, False),
+    ("iteration.nodes.largest_error_of_fit", 0.15, False),
+    ("iteration.hermite.largest_error_of_fit", 0.15, False),
     ("compile.cold", 10.0, False),
     ("compile.cached", 0.2, False),
 )
@@ -142,8 +142,8 @@ class Iteration:
         self.problem = CompiledProblem([problem] * batch, threads)
         self.at = self.problem.evaluate(self.problem.unknowns(np.stack([start(problem, k) for k in range(batch)])))
         shape = (batch, self.problem.K, self.problem.ma)
-        self.lam = 1e-3 * np.random.default_rng(0).standard_normal(shape)
-        self.sigma = np.full(shape[:2], 1e-2)
+        self.lam = 1e-5 * np.random.default_rng(0).standard_normal(shape)
+        self.sigma = np.full(shape[:2], 0.1)  # enough for the right inertia: the factorisation is a whole one
         self.clock = clock
         self.seconds: list[Array] = []
 
@@ -151,14 +151,14 @@ class Iteration:
         problem, at, marks = self.problem, self.at, [self.clock()]
         model = problem.linearize(at, self.lam)
         marks.append(self.clock())
-        factor = kkt.factorize(model.H, model.A, self.sigma, stop=False, threads=problem.threads)
+        factor = kkt.factorize(model.H, model.A, self.sigma, threads=problem.threads)
         marks.append(self.clock())
         step, lam = factor.solve(-model.b, -model.C)
         dual = np.abs(model.b + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(self.lam)).max()
         marks.append(self.clock())
         trial = problem.evaluate(at.unknowns + 1e-3 * step)
         marks.append(self.clock())
-        assert np.isfinite(dual) and trial.finite.all() and lam.shape == self.lam.shape
+        assert factor.inertia_ok.all() and np.isfinite(dual) and trial.finite.all() and lam.shape == self.lam.shape
         self.seconds.append(np.diff(marks))
 
 
