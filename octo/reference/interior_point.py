@@ -15,7 +15,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import has_neighbours, nlp, point_of, start_nodes, unknowns_of
-from octo.reference.run import OPTIONS, Run, history, one_core, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, one_core, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -54,6 +54,7 @@ class Ipopt:
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(warm) for warm in (False, True)}
         self.setup_seconds = time.perf_counter() - began
+        prepare(self.nlp.compiled)
 
     def _solver(self, warm: bool) -> ca.Function:
         """With ``warm``, IPOPT takes over the multipliers that it is given."""

@@ -49,6 +49,11 @@ def one_core() -> Any:
         yield
 
 
+def prepare(compiled: CompiledProblem) -> None:
+    """Have octo's own functions compiled, which measure every result: a missing compiler or folder is said before a solve."""
+    compiled.evaluate(np.zeros((1, compiled.K, compiled.nc)))
+
+
 def settled(energies: Array, violations: Array, options: SqpOptions) -> bool:
     """octo's rule "acceptable" at the end of a history; ``violations`` in parts of the weight."""
     window = energies[-options.plateau - 1 :]

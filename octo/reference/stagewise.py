@@ -17,7 +17,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
-from octo.reference.run import OPTIONS, Run, history, one_core, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, one_core, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -57,6 +57,7 @@ class Fatrop:
         own = {"fatrop": self.settings, "print_time": False, "calc_lam_p": False, "error_on_fail": False}
         self.solver = ca.nlpsol("reference", "fatrop", self.library.path, {**structure, **own})
         self.setup_seconds = time.perf_counter() - began
+        prepare(self.compiled)
 
     def _bounds(self) -> tuple[Array, Array]:
         """Of every stage's numbers: the first state is given, and so may be the last."""
