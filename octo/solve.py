@@ -17,7 +17,7 @@ from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError,
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
-from octo.solver import measure, sqp
+from octo.solver import kkt, measure, sqp
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
 from octo.solver.sqp import Iterate, Monitor
@@ -106,6 +106,8 @@ def _solve(
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)
     nodes = np.stack([_first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
+    compiled.prepare()
+    kkt.prepare(compiled.nc, compiled.ma, settings.linear_solver)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress() if progress else None)
     members = _passes(run, compiled, nodes, plan, monitor, numbers, start)

@@ -148,6 +148,11 @@ class CompiledProblem:
             setattr(part, name, np.ascontiguousarray(getattr(self, name)[members]))
         return part
 
+    def prepare(self) -> None:
+        """Generate and compile what is not there yet: set-up, not solving."""
+        if self._library is None:
+            self.linearize(self.evaluate(np.zeros((self.batch, self.K, self.nc))), np.zeros((self.batch, self.K, self.ma)))
+
     # -- what a solver calls --------------------------------------------------------------------------------------
 
     def unknowns(self, nodes: Array) -> Array:

@@ -51,6 +51,12 @@ class KKTFactor(Protocol):
         ...
 
 
+def prepare(nc: int, ma: int, method: Method = "auto") -> None:
+    """Compile the elimination for units of nc variables and ma rows, where it will be used and is not there yet."""
+    if method != "cyclic_reduction" and native.compiler() is not None:
+        elimination.library(nc, ma)
+
+
 def factorize(
     H: Array,
     A: Array,

@@ -18,8 +18,8 @@ def chain() -> Character:
     builder.sphere("middle_back", middle, (-half, 0.0, 0.0), RADIUS)
     for end, sign in (("front", 1.0), ("back", -1.0)):
         parent, position = middle, (sign * half, 0.0, 0.0)
-        for name, pitch, yaw in ((f"{end}_inner", 1.1 * sign, 0.0), (f"{end}_outer", -1.1 * sign, 0.6)):
-            hinges = (Hinge("pitch", "y", -1.6, 1.6, pitch, 10.0), Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0))
+        for name, pitch, yaw in ((f"{end}_inner", 1.3 * sign, 0.0), (f"{end}_outer", -1.3 * sign, 0.6)):
+            hinges = (Hinge("pitch", "y", -1.8, 1.8, pitch, 10.0), Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0))
             parent = builder.link(name, parent, position, hinges, (sign * LINK, 0.0, 0.0), RADIUS)
             position = (sign * LINK, 0.0, 0.0)
             builder.sphere(name, parent, position, RADIUS)
