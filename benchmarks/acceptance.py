@@ -71,6 +71,23 @@ class Suite:
 
 
 @dataclass(frozen=True)
+class Speed:
+    """Line 3: met when every limit of benchmarks.speed holds; what does not is listed."""
+
+    line: int = 3
+    name: str = "speed"
+
+    def run(self, out: Path) -> Row:
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "benchmarks.speed", "--json", str(out / "speed.json")]
+        done = subprocess.run(command, capture_output=True, text=True)
+        said = [line.split(";")[0] for line in done.stdout.splitlines() if "wanted <=" in line]
+        short = [" ".join(line.split()) for line in said if "NOT MET" in line]
+        found = f"{len(said) - len(short)} of {len(said)} limits met" + "".join(f"; {line}" for line in short)
+        return Row(self.line, self.name, done.returncode == 0 and bool(said), found, time.perf_counter() - began)
+
+
+@dataclass(frozen=True)
 class Row:
     line: int
     name: str
@@ -131,7 +148,7 @@ def summary(report: Report) -> str:
     )
 
 
-def cases() -> list[Case | Suite]:
+def cases() -> list[Case | Suite | Speed]:
     go2 = DATA / "go2_description/urdf/go2.urdf"
     robots = {
         "ant": GYM / "ant.xml",
@@ -143,6 +160,8 @@ def cases() -> list[Case | Suite]:
     chain = "chain --goal walk --speed 0.5 --dt 0.05"
     turn = "mammal --goal turn --speed"
     return [
+        Suite(1, "motion.html in a browser", "tests/pictures/test_motion_html.py"),
+        Speed(),
         Suite(2, "derivatives against the oracle", "tests/dynamics tests/problem tests/model"),
         Case(4, "mammal walk nodes", "mammal --goal walk --speed 0.5 --seconds 10"),
         Case(4, "mammal walk hermite", "mammal --goal walk --speed 0.5 --seconds 10 --basis hermite"),

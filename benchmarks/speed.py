@@ -210,7 +210,7 @@ def verdicts(records: Records) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="write the records here")
     parser.add_argument("--baseline", type=Path, default=BASELINE, help="records to compare with")
@@ -222,10 +222,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     measure_iterations(records)
     measure_threads(records)
     measure_compilation(records, cold=not given.quick)
-    print(f"{processor()}, one core\n{records.table()}\n\n{verdicts(records)}")
+    said = verdicts(records)
+    print(f"{processor()}, one core\n{records.table()}\n\n{said}")
     if given.json is not None:
         records.write(given.json)
+    return int(any("NOT MET" in line.split(";")[0] for line in said.splitlines()))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

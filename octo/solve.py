@@ -192,7 +192,7 @@ def _kept(converged: Solution, failed: Solution) -> Solution:
 
 def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor, iterations: int) -> sqp.Result:
     """One solve with what is left of the time."""
-    options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-3), max_iterations=iterations)
+    options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
     result = sqp.run(compiled, compiled.unknowns(nodes), lam, options, monitor)
     run.seconds += result.seconds
     return result
