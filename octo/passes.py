@@ -18,7 +18,7 @@ from octo.problem.problem import Array, Problem
 from octo.solver.solution import Solution
 
 DEPTHS = (0.020, 0.010, 0.005, 0.0025)  # m; each further pass halves the last
-RATIOS = (10.0, 20.0, 50.0, 100.0)  # s/m, w_par/w_perp; the last one stays
+RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays
 ONSETS = (0.010, 0.010, 0.005, 0.002)  # m, smoothing of the contact's onset; the last one stays
 
 

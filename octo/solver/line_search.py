@@ -23,6 +23,8 @@ Mask = NDArray[np.bool_]
 HALVINGS = 12
 CORRECTIONS = 3  # second-order corrections of the full step
 HOLDS, HELD, HELD_PART = 3, 0.4, 0.1  # a few units that would move more than HELD get weights of their own
+STRETCHES, STRETCHED, GAIN = 5, 0.1, 1.5  # doublings of a step, its largest change, how much more E must fall each time
+POLISH = 10.0  # step tolerances: where the gradient is within its own and the step near, only the constraints are left to mend
 BLAME, FORGET = 0.1, 1.0 / 3.0
 RESTORATIONS = 8  # of one member, before it counts as stalled
 RESTORATION_STEPS = 10
@@ -64,12 +66,14 @@ class LineSearch:
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
         o = self.options
         converged = (full <= o.step_tolerance) & (violation <= o.tolerance) & (dual <= o.dual_tolerance)
-        polish = (self.flat >= o.plateau) & (violation > o.tolerance) & ~converged
-        if polish.any():  # E has settled and the constraints have not: a step for them alone
+        settled = (self.flat >= o.plateau) | ((dual <= o.dual_tolerance) & (full <= POLISH * o.step_tolerance))
+        polish = settled & (violation > o.tolerance) & ~converged
+        if polish.any():  # E or its gradient has settled and the constraints have not: a step for them alone
             with self.clock("solve"):
                 still, _ = factors.solve(np.zeros_like(model.b), -model.C)
             delta = np.where(spread(polish & has), still, delta)
         accepted, length, new, correction = self._search(at, model, factors, delta, has & ~converged)
+        self._stretch(at, delta, accepted & (sigma > 0.0) & (length == 1.0) & ~polish, new, correction)
         failed = ~accepted & ~converged
         step = np.where(spread(accepted), correction, 0.0)
         after = at.take(np.arange(len(full)))
@@ -105,6 +109,21 @@ class LineSearch:
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
         raise AssertionError("unreachable")
+
+    def _stretch(self, at: Evaluation, delta: Array, growing: Mask, new: Evaluation, step: Array) -> None:
+        """Double a regularised full step while E falls faster: sigma shortens steps along directions of negative curvature."""
+        growing = growing & (step == delta).all(axis=(1, 2)) & (new.energy < at.energy)
+        for attempt in range(STRETCHES):
+            trial_step = 2.0 ** (attempt + 1) * delta
+            growing &= largest(trial_step) <= STRETCHED
+            if not growing.any():
+                return
+            trial = self._evaluate(at, np.where(spread(growing), trial_step, 0.0), growing)
+            growing &= trial.finite & (trial.energy - at.energy <= GAIN * (new.energy - at.energy))
+            growing &= size(trial.C) <= np.maximum(self.filter.small, size(at.C))
+            chosen = np.flatnonzero(growing)
+            new.put(chosen, trial.take(chosen))
+            step[chosen] = trial_step[chosen]
 
     def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
         """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
