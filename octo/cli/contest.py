@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -91,21 +90,14 @@ class Contest:
     def _entry(self, solver: str, number: int, seed: int, start: Array, before: Solution | None) -> Entry:
         if solver == "octo":
             with one_core():
-                self._prepare(number, start)
                 solution = self._octo(number, seed, start, before)
-            return Entry("octo", seed, number, replace(solution, setup_seconds=self.octo_setup[number]), solution.status.label)
+            setup = self.octo_setup.setdefault(number, solution.setup_seconds)  # of the first seed: what compiles
+            return Entry("octo", seed, number, replace(solution, setup_seconds=setup), solution.status.label)
         key = (solver, number)
         if key not in self.ready:
             self.ready[key] = OTHERS[solver](self.problems[number - 1], options=self.options)
         run = self.ready[key].solve(start, None if before is None else before.multipliers, seed)
         return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
-
-    def _prepare(self, number: int, start: Array) -> None:
-        """octo compiles when first evaluated: one iteration that is set-up and not counted as optimisation."""
-        if number not in self.octo_setup:
-            began = time.perf_counter()
-            solve(self.problems[number - 1], start=start[1:], options=replace(self.options, max_iterations=1), device=self.device)
-            self.octo_setup[number] = time.perf_counter() - began
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
         """A later pass approaches its stiffness in small factors, as octo's passes do; that is counted."""
