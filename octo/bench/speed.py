@@ -1,14 +1,11 @@
 """What one core does in one run: the dynamics a step, the symbolic form beside it, compilation, one iteration, threads.
 
-    python -m benchmarks.speed [--json FILE] [--baseline FILE] [--quick]
-
 Times are this thread's processor time, the least of interleaved runs (their median beside it); those over threads are
 the wall's. ``--quick`` leaves out the symbolic form (minutes of gcc the first time) and cold compilation.
 """
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import json
 import os
@@ -16,27 +13,25 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"  # before numpy is loaded
+import numpy as np
+from numpy.typing import NDArray
 
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-
-import octo  # noqa: E402
-from benchmarks.monolithic import Monolithic  # noqa: E402
-from benchmarks.timing import Records, Timing, interleaved, processor  # noqa: E402
-from octo.dynamics.evaluate import RobotDynamics  # noqa: E402
-from octo.problem.compiled import CompiledProblem  # noqa: E402
-from octo.problem.problem import Problem  # noqa: E402
-from octo.solve import smooth_noise  # noqa: E402
-from octo.solver import kkt  # noqa: E402
-from octo.solver.blocks import KKTBlocks  # noqa: E402
+import octo
+from octo.bench.monolithic import Monolithic
+from octo.bench.timing import Records, Timing, interleaved, processor
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import DeviceError
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Problem
+from octo.solve import smooth_noise
+from octo.solver import kkt
+from octo.solver.blas import one_thread
+from octo.solver.blocks import KKTBlocks
 
 Array = NDArray[np.float64]
-BASELINE = Path(__file__).parent / "results" / "speed.json"
 CHARACTERS = ("chain", "biped", "bird", "mammal", "spider", "humanoid")
 SYMBOLIC = ("spider", "humanoid")
 STEPS = 400
@@ -84,7 +79,7 @@ class TreeSweep:
 
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array):
         if dynamics._library is None:
-            raise SystemExit("the benchmark needs a C compiler")
+            raise DeviceError("octo bench needs a C compiler: gcc, cc, clang or the one that CC names")
         self.library, self.steps, n = dynamics._library, len(nodes) - 2, dynamics.nx
         lam = np.random.default_rng(0).standard_normal((self.steps, n))
         self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
@@ -112,7 +107,7 @@ def measure_dynamics(records: Records, name: str, symbolic: bool) -> None:
     for label, (form, fd, jac, _) in forms.items():
         error = max(np.abs(fd - tree.fd).max() / np.abs(fd).max(), np.abs(form.dense(jac) - tree.jac).max() / np.abs(jac).max())
         if not error < 1e-11:
-            raise SystemExit(f"{name}: the tree pass and the symbolic form differ by {error:.1e}")
+            raise ArithmeticError(f"{name}: the tree pass and the symbolic form differ by {error:.1e}")
         records.add(f"{name}.{label}.operations", form.operations, "")
         records.ratio(f"{name}.fd_jacobian/{label}", f"{name}.fd_jacobian", f"{name}.{label}")
 
@@ -122,7 +117,7 @@ def measure_compilation(records: Records, cold: bool) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for label in ("cold", "cached"):
             if label == "cached" or cold:
-                command = [sys.executable, "-m", "benchmarks.compile_time"]
+                command = [sys.executable, "-m", "octo.bench.compile_time"]
                 environment = {**os.environ, **({"OCTO_CACHE": folder} if cold else {})}
                 done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
                 parts = json.loads(done.stdout)
@@ -210,24 +205,17 @@ def verdicts(records: Records) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="write the records here")
-    parser.add_argument("--baseline", type=Path, default=BASELINE, help="records to compare with")
-    parser.add_argument("--quick", action="store_true", help="without the symbolic form and cold compilation")
-    given = parser.parse_args(arguments)
-    records = Records(given.baseline)
-    for name in CHARACTERS:
-        measure_dynamics(records, name, symbolic=name in SYMBOLIC and not given.quick)
-    measure_iterations(records)
-    measure_threads(records)
-    measure_compilation(records, cold=not given.quick)
+def measure(path: Path | None, baseline: Path | None, quick: bool) -> bool:
+    """Run all of it, print the table, write ``path``; whether every limit holds."""
+    records = Records(baseline)
+    with one_thread():
+        for name in CHARACTERS:
+            measure_dynamics(records, name, symbolic=name in SYMBOLIC and not quick)
+        measure_iterations(records)
+        measure_threads(records)
+        measure_compilation(records, cold=not quick)
     said = verdicts(records)
     print(f"{processor()}, one core\n{records.table()}\n\n{said}")
-    if given.json is not None:
-        records.write(given.json)
-    return int(any("NOT MET" in line.split(";")[0] for line in said.splitlines()))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    if path is not None:
+        records.write(path)
+    return not any("NOT MET" in line.split(";")[0] for line in said.splitlines())

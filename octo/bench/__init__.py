@@ -1,0 +1,1 @@
+"""What octo costs on this machine: the measurements behind ``octo bench``."""
