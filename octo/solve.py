@@ -186,7 +186,7 @@ def _kept(converged: Solution, failed: Solution) -> Solution:
     status = failed.status if failed.status is Status.INTERRUPTED else converged.status
     return replace(
         converged, status=status, passes=failed.passes, history=failed.history, stages=failed.stages, seconds=failed.seconds,
-        iterations=failed.iterations, factorizations=failed.factorizations,
+        processor_seconds=failed.processor_seconds, iterations=failed.iterations, factorizations=failed.factorizations,
     )  # fmt: skip
 
 
@@ -219,7 +219,8 @@ def _solution(
     own = {
         "multipliers": result.lam[place].copy(), "status": result.status[place], "iterations": int(result.iterations[place]),
         "factorizations": int(result.factorizations[place]), "history": history, "seconds": float(result.seconds),
-        "setup_seconds": run.setup_seconds, "seed": seed, "device": run.device, "stages": dict(result.stages),
+        "processor_seconds": float(result.processor_seconds), "setup_seconds": run.setup_seconds, "seed": seed,
+        "device": run.device, "stages": dict(result.stages),
     }  # fmt: skip
     made = Solution(**measure.measured(compiled, result.at, place), **own)
     records = (*(before.passes if before else ()), record(number, made))
@@ -229,6 +230,7 @@ def _solution(
     return replace(
         made, passes=records, stages=stages, iterations=before.iterations + made.iterations,
         factorizations=before.factorizations + made.factorizations, seconds=before.seconds + made.seconds,
+        processor_seconds=before.processor_seconds + made.processor_seconds,
     )  # fmt: skip
 
 

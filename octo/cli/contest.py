@@ -129,4 +129,5 @@ def joined(parts: Sequence[Solution]) -> Solution:
         parts[-1], history={name: np.concatenate(values) for name, values in columns.items()}, seconds=seconds,
         iterations=count, factorizations=sum(part.factorizations for part in parts), stages=stages,
         setup_seconds=sum(part.setup_seconds for part in parts),
+        processor_seconds=sum(part.processor_seconds for part in parts),
     )  # fmt: skip

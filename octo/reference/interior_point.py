@@ -74,12 +74,12 @@ class Ipopt:
             arguments["lam_g0"] = multipliers.ravel()
         solver = self.solvers[multipliers is not None]
         with one_core():
-            began = time.perf_counter()
+            began, began_processor = time.perf_counter(), time.process_time()
             if self.library is not None:
                 self.library.activate()
                 self.library.begin(o.tolerance, o.plateau_change, o.plateau)
             found = solver(**arguments)
-            seconds = time.perf_counter() - began
+            seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
         stats = solver.stats()
         said = str(stats["return_status"])
         status = WORDS.get(said, Status.STALLED)
@@ -91,7 +91,7 @@ class Ipopt:
         multipliers = np.asarray(found["lam_g"]).reshape(compiled.K, compiled.ma)
         solution = solution_of(
             compiled, unknowns_of(compiled, found["x"]), multipliers, status, iterations=int(stats["iter_count"]),
-            history=columns, seconds=seconds, setup_seconds=self.setup_seconds, seed=seed,
+            history=columns, seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,
         )  # fmt: skip
         return Run("ipopt", solution, said, self.compiled, dict(self.settings))
 

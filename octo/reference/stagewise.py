@@ -80,13 +80,13 @@ class Fatrop:
         lower, upper = self._bounds()
         rows = np.zeros(self.layout.rows)
         with one_core():
-            began = time.perf_counter()
+            began, began_processor = time.perf_counter(), time.process_time()
             self.library.activate()
             self.library.begin(o.tolerance, o.plateau_change, o.plateau)
             found = self.solver(
                 x0=np.clip(first.ravel(), lower, upper), p=parameter_vector(c), lbx=lower, ubx=upper, lbg=rows, ubg=rows
             )
-            seconds = time.perf_counter() - began
+            seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
         stats = self.solver.stats()
         iterations, log = int(stats["iter_count"]), self.library.log()
         columns = history(log[:, 1], log[:, 2] * c.weight, log[:, 0])
@@ -101,7 +101,7 @@ class Fatrop:
         at = self.layout.test_row[:, 0][:, None] + np.arange(c.m)
         solution = solution_of(
             c, unknowns, np.asarray(found["lam_g"]).ravel()[at], status, iterations=iterations, history=columns,
-            seconds=seconds, setup_seconds=self.setup_seconds, seed=seed,
+            seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,
         )  # fmt: skip
         said = f"return flag {stats['fatrop']['return_flag']}"
         return Run("fatrop", solution, said, True, dict(self.settings))

@@ -78,6 +78,7 @@ class Solution:
         contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m, m/s.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
     history: one column per name of HISTORY, one row per iteration of every pass.
+    processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an idle machine.
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
     """
 
@@ -109,6 +110,7 @@ class Solution:
     parameters: dict[str, float]  # of the dynamics, of the last pass
     seconds: float
     setup_seconds: float
+    processor_seconds: float = 0.0
     seed: int = 0
     device: str = "cpu"
     stages: dict[str, float] = field(default_factory=dict)
@@ -242,6 +244,7 @@ class Solution:
             "friction_use_95": self.friction_use_95,
             "torque_excess": self.torque_excess,
             "seconds": self.seconds,
+            "processor_seconds": self.processor_seconds,
             "setup_seconds": self.setup_seconds,
             "seconds_per_iteration": self.seconds / max(self.iterations, 1),
             "stages": dict(self.stages),

@@ -83,6 +83,7 @@ class Result:
     history: list[dict[str, Array]]
     stages: dict[str, float]
     seconds: float
+    processor_seconds: float
 
     def after(self, before: Result) -> Result:
         """This result with the iterations, time and history that led to it."""
@@ -90,6 +91,7 @@ class Result:
         return replace(
             self, iterations=before.iterations + self.iterations, factorizations=before.factorizations + self.factorizations,
             history=joined, stages={n: before.stages[n] + self.stages[n] for n in STAGES}, seconds=before.seconds + self.seconds,
+            processor_seconds=before.processor_seconds + self.processor_seconds,
         )  # fmt: skip
 
 
@@ -127,7 +129,7 @@ class _Run:
     def __init__(self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor):
         self.options, self.monitor, self.clock = options, monitor, Clock()
         self.problem = problem
-        self.began = time.perf_counter()
+        self.began, self.began_processor = time.perf_counter(), time.process_time()
         kind = TrustRegion if options.step == "trust_region" else LineSearch
         if options.step == "trust_region":
             self.problem = problem = TrustRegion.normalised(problem, unknowns)
@@ -246,4 +248,5 @@ class _Run:
             history=[self.members[k].history() for k in order],
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,
+            processor_seconds=time.process_time() - self.began_processor,
         )

@@ -16,8 +16,8 @@ from octo.solver.solution import Solution
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
 FIELDS = (
     "status", "converged", "iterations", "energy", "terms", "violation", "pointwise_residual", "goal_error", "penetration",
-    "slip", "seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass", "tolerances",
-    "iteration_limit",
+    "slip", "seconds", "processor_seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass",
+    "tolerances", "iteration_limit",
 )  # fmt: skip
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -32,7 +32,8 @@ def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     for record in records:
         assert set(FIELDS) <= set(record)
         assert record["basis"] == "nodes" and record["seed"] == 0 and record["iteration_limit"] == 1500
-        assert record["converged"] and record["seconds"] > 0.0 and record["setup_seconds"] > 0.0
+        assert record["converged"] and record["seconds"] > 0.0 and record["processor_seconds"] > 0.0
+        assert record["setup_seconds"] > 0.0
     for number in (1, 2):
         energies = [record["energy"] for record in records if record["pass"] == number]
         assert np.ptp(energies) <= 1e-6
@@ -75,4 +76,5 @@ def test_joined_solutions_add_up(tmp_path: Path) -> None:
     whole: Solution = joined(parts)
     assert whole.iterations == sum(part.iterations for part in parts)
     assert whole.seconds == pytest.approx(parts[0].seconds + parts[1].seconds)
+    assert whole.processor_seconds == pytest.approx(parts[0].processor_seconds + parts[1].processor_seconds)
     assert (np.diff(whole.history["seconds"]) > 0).all() and (np.diff(whole.history["iteration"]) == 1).all()
