@@ -17,6 +17,7 @@ _HOME = {
     "Character": "octo.model.character",
     "load": "octo.model.load",
     "describe": "octo.model.describe",
+    "export_mjcf": "octo.model.export_mjcf",
     "Plane": "octo.model.terrain",
     "Terrain": "octo.model.terrain",
     "CustomDynamics": "octo.dynamics.evaluate",
@@ -64,6 +65,7 @@ _MODULES = {
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
     "laws": "octo.dynamics.laws",
+    "plant": "octo.plant",
     "reference": "octo.reference",
 }
 
@@ -72,6 +74,7 @@ __all__ = sorted([*_HOME, *_MODULES])
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
+    from octo import plant as plant
     from octo import reference as reference
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
@@ -103,6 +106,7 @@ if TYPE_CHECKING:
     from octo.model import gallery as gallery
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
+    from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain

@@ -20,7 +20,7 @@ from octo.errors import MissingExtraError, ModelError, OutputError, ShapeError
 from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces
 from octo.model.kinematics import body_poses, center_of_mass
-from octo.solver.export import quaternions
+from octo.model.quaternions import quaternions
 from octo.solver.solution import Solution
 
 Array = NDArray[np.float64]

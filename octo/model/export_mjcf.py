@@ -1,0 +1,244 @@
+"""A character as an MJCF that MuJoCo compiles: the way back from :mod:`octo.model.mjcf`, and the plant's model."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from octo.errors import ModelError, OutputError
+from octo.model.character import Array, Body, Character, Joint
+from octo.model.kinematics import body_poses
+from octo.model.quaternions import quaternions
+from octo.model.terrain import Plane
+
+UNLIMITED = 1e6  # rad or m: the side of a range that has no limit, MJCF has no infinity
+LEAST_MASS = 1e-12  # kg, kg m²: MuJoCo refuses massless bodies that move; octo does not
+LEAST_RADIUS = 1e-5  # m: MuJoCo refuses spheres without a size
+LEAST_TORQUE = 1e-9  # N m or N: MuJoCo refuses an empty control range
+ROLLING = "0.005 0.0001"  # MuJoCo's default torsional and rolling friction, unused by its default condim 3
+
+
+def export_mjcf(
+    character: Character,
+    path: str | os.PathLike[str],
+    *,
+    terrain: Plane | None = None,
+    friction: float = 0.8,
+    timestep: float = 0.002,
+    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+) -> None:
+    """Write ``character`` as an MJCF file.
+
+    The tree, masses, inertias, joints (armature, damping, springs, limits, references) and keyframes (``default`` and the
+    character's poses) are octo's. A floating base becomes a free joint. Every actuated joint gets a torque motor, in the
+    order of u: its control is u/gear, and its range the torque limit. Contact spheres become geoms without mass that
+    collide with the ground, and with each other only where the character has a pair; contact is MuJoCo's own.
+
+    Parameters
+    ----------
+    path: the file, written beside and then renamed.
+    terrain: the ground; level by default. friction: sliding coefficient of ground and spheres.
+    timestep: s. gravity: (3,) m/s².
+
+    Raises
+    ------
+    ModelError: what MJCF cannot say: two elements of one name, unequal armature or damping of a free base, an inertia
+        that no mass distribution has. OutputError: the file cannot be written.
+    """
+    text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
+    target = Path(path)
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        beside.write_text(text, encoding="utf-8")
+        os.replace(beside, target)
+    except OSError as error:
+        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def mjcf_text(
+    character: Character,
+    *,
+    terrain: Plane | None = None,
+    friction: float = 0.8,
+    timestep: float = 0.002,
+    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    bumps: Iterable[tuple[Array, Array]] = (),
+) -> str:
+    """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes (3,) m of boxes on it."""
+    for kind, names in (
+        ("bodies", [body.name for body in character.bodies]),
+        ("joints", [joint.name for joint in character.joints]),
+        ("contacts", [contact.name for contact in character.contacts]),
+    ):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ModelError(f"character {character.name!r}: two {kind} are named {twice[0]!r}, names must differ in an MJCF")
+    top = Element("mujoco", model=character.name)
+    SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
+    SubElement(top, "option", timestep=_text(timestep), gravity=_text(gravity))
+    world = SubElement(top, "worldbody")
+    _add_ground(world, terrain or Plane(), f"{friction:.10g} {ROLLING}", bumps)
+    elements: list[Element] = []
+    for b, body in enumerate(character.bodies):
+        parent = elements[body.parent] if body.parent >= 0 else world
+        elements.append(_add_body(parent, character, b))
+    for contact in character.contacts:
+        SubElement(
+            elements[contact.body], "geom", name=contact.name, type="sphere", size=_text(max(contact.radius, LEAST_RADIUS)),
+            pos=_text(contact.position), mass="0", contype="0", conaffinity=str(int(contact.touches_terrain)),
+            friction=f"{friction:.10g} {ROLLING}",
+        )  # fmt: skip
+    _add_pairs(top, character, friction)
+    motors = SubElement(top, "actuator")
+    for j in character.actuated:
+        _add_motor(motors, character.joints[j])
+    _add_keys(top, character)
+    ElementTree.indent(top)
+    return ElementTree.tostring(top, encoding="unicode") + "\n"
+
+
+def plane_rotation(terrain: Plane) -> Array:
+    """(3, 3): the plane's axes in the world; its z axis is the normal, its x axis lies over the world's x axis."""
+    p = terrain.parameters
+    normal = np.array([p["normal_x"], p["normal_y"], p["normal_z"]])
+    along = np.array([1.0, 0.0, -normal[0] / normal[2]])
+    along /= np.linalg.norm(along)
+    return np.stack([along, np.cross(normal, along), normal], axis=1)
+
+
+def free_base(character: Character) -> bool:
+    """Whether the character has the six leading joints that a free joint stands for."""
+    return character.base == "floating"
+
+
+def _add_ground(world: Element, terrain: Plane, friction: str, bumps: Iterable[tuple[Array, Array]]) -> None:
+    rotation, origin = plane_rotation(terrain), np.array([0.0, 0.0, terrain.height])
+    turn, place = _text(quaternions(rotation[None])[0]), _text(origin)
+    common = {"contype": "1", "conaffinity": "0", "friction": friction}
+    SubElement(
+        world, "geom", {"name": "ground", "type": "plane", "pos": place, "quat": turn, "size": "0 0 0.1", **common}
+    )
+    for center, half in bumps:
+        place = _text(origin + rotation @ center)
+        SubElement(world, "geom", {"type": "box", "pos": place, "quat": turn, "size": _text(half), **common})
+
+
+def _add_body(parent: Element, character: Character, b: int) -> Element:
+    body = character.bodies[b]
+    floats = free_base(character) and b == character.base_body
+    position, rotation, joints = body.position, body.rotation, body.joints
+    if floats:
+        pose = character.default_pose if character.default_pose is not None else np.zeros(character.nx)
+        rotations, origins = body_poses(character, pose)
+        position, rotation = origins[b], rotations[b]
+    name = body.name if body.name != "world" else "_world"  # MuJoCo's own name of what does not move
+    element = SubElement(parent, "body", name=name, pos=_text(position), quat=_text(quaternions(np.asarray(rotation)[None])[0]))
+    if floats:
+        _add_free_joint(element, body)
+        joints = joints[6:]
+    for joint in joints:
+        _add_joint(element, joint)
+    _add_inertial(element, body)
+    return element
+
+
+def _add_free_joint(element: Element, body: Body) -> None:
+    six = body.joints[:6]
+    values = {}
+    for name in ("armature", "damping"):
+        found = {float(getattr(joint, name)) for joint in six}
+        if len(found) > 1:
+            raise ModelError(f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has one number for all")
+        values[name] = _text(found.pop())
+    SubElement(element, "joint", {"name": f"{body.name}_free", "type": "free", **values})
+
+
+def _add_joint(element: Element, joint: Joint) -> None:
+    values = {
+        "name": joint.name, "type": joint.kind, "axis": _text(joint.axis), "pos": _text(joint.anchor),
+        "ref": _text(joint.reference), "armature": _text(joint.armature), "damping": _text(joint.damping),
+        "stiffness": _text(joint.stiffness), "springref": _text(joint.rest),
+    }  # fmt: skip
+    if joint.limited:
+        values["range"] = _text([max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)])
+    SubElement(element, "joint", values)
+
+
+def _add_inertial(element: Element, body: Body) -> None:
+    mass, inertia = body.mass, np.asarray(body.inertia)
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -LEAST_MASS or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS:
+        raise ModelError(
+            f"body {body.name!r}: principal moments {_text(moments)} kg m² are of no mass distribution (the largest must be at "
+            f"most the sum of the others): MuJoCo does not compile it"
+        )
+    lift = max(0.0, LEAST_MASS - float(moments[0]))
+    lift += 0.5 * max(0.0, float(moments[2] - moments[1] - moments[0]) - lift)  # rounding of a thin rod, within 1e-6
+    full = (inertia + lift * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    SubElement(element, "inertial", pos=_text(body.com), mass=_text(max(mass, LEAST_MASS)), fullinertia=_text(full))
+
+
+def _add_pairs(top: Element, character: Character, friction: float) -> None:
+    if not character.pairs:
+        return
+    contact = SubElement(top, "contact")
+    for first, second in character.pairs:
+        names = {"geom1": character.contacts[first].name, "geom2": character.contacts[second].name}
+        SubElement(contact, "pair", {**names, "condim": "3", "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001"})
+
+
+def _add_motor(motors: Element, joint: Joint) -> None:
+    gear = joint.gear or 1.0
+    values = {"name": joint.name, "joint": joint.name, "gear": _text(gear)}
+    if np.isfinite(joint.torque_limit):
+        most = max(joint.torque_limit, LEAST_TORQUE) / abs(gear)
+        values["ctrlrange"] = _text([-most, most])
+    SubElement(motors, "motor", values)
+
+
+def _add_keys(top: Element, character: Character) -> None:
+    poses = {"default": character.default_pose, **character.poses}
+    found = {name: pose for name, pose in poses.items() if pose is not None}
+    if not found:
+        return
+    keys = SubElement(top, "keyframe")
+    order = depth_first(character)
+    for name, pose in found.items():
+        SubElement(keys, "key", name=name, qpos=_text(_qpos(character, np.asarray(pose, dtype=float), order)))
+
+
+def depth_first(character: Character) -> list[int]:
+    """Indices of the bodies in the order in which MuJoCo numbers them."""
+    children: dict[int, list[int]] = {b: [] for b in range(-1, len(character.bodies))}
+    for b, body in enumerate(character.bodies):
+        children[body.parent].append(b)
+    order, left = [], children[-1][::-1]
+    while left:
+        b = left.pop()
+        order.append(b)
+        left += children[b][::-1]
+    return order
+
+
+def _qpos(character: Character, x: Array, order: list[int]) -> Array:
+    """MuJoCo's configuration (nq,) of x (nx,) in the exported file."""
+    values: list[float] = []
+    for b in order:
+        first, count = int(character.first_joint[b]), len(character.bodies[b].joints)
+        if free_base(character) and b == character.base_body:
+            rotation, origin = (value[b] for value in body_poses(character, x))
+            values += [*origin, *quaternions(rotation[None])[0]]
+            first, count = first + 6, count - 6
+        values += [*x[first : first + count]]
+    return np.array(values)
+
+
+def _text(values: object) -> str:
+    return " ".join(f"{v:.12g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))

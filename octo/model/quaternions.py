@@ -1,0 +1,35 @@
+"""Rotation matrices as quaternions, and the turn from each to the next as a rotation vector."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from octo.model.character import Array
+
+
+def quaternions(rotation: Array) -> Array:
+    """(k, 4), real part first, of rotations (k, 3, 3); neighbours have the same sign."""
+    diagonal = rotation[:, [0, 1, 2], [0, 1, 2]]
+    squares = np.empty((len(rotation), 4))  # 4 w², 4 x², 4 y², 4 z²
+    squares[:, 0] = 1.0 + diagonal.sum(axis=1)
+    squares[:, 1:] = 1.0 - diagonal.sum(axis=1, keepdims=True) + 2.0 * diagonal
+    R, S = rotation, rotation + rotation.transpose(0, 2, 1)
+    wx, wy, wz = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
+    table = np.stack(  # 4·(product of the row's and the column's entry)
+        [squares[:, 0], wx, wy, wz, wx, squares[:, 1], S[:, 0, 1], S[:, 0, 2], wy, S[:, 0, 1], squares[:, 2], S[:, 1, 2],
+         wz, S[:, 0, 2], S[:, 1, 2], squares[:, 3]], axis=1,
+    ).reshape(-1, 4, 4)  # fmt: skip
+    out = table[np.arange(len(table)), np.argmax(squares, axis=1)]
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    sign = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))
+    out[1:] *= sign[:, None]
+    return np.asarray(out if out[0, 0] >= 0.0 else -out)
+
+
+def turning(rotation: Array) -> Array:
+    """(k-1, 3) rotation vectors, body axes, from each of rotations (k, 3, 3) to the next."""
+    relative = quaternions(np.matmul(rotation[:-1].transpose(0, 2, 1), rotation[1:]))
+    relative *= np.where(relative[:, :1] < 0.0, -1.0, 1.0)
+    sine = np.linalg.norm(relative[:, 1:], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, relative[:, :1])
+    return np.asarray(relative[:, 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0))

@@ -1,0 +1,6 @@
+"""Machines that octo did not write the physics of: where a plan or a controller has to prove itself."""
+
+from octo.plant.convention import from_chart, to_chart
+from octo.plant.mujoco_plant import MujocoPlant
+
+__all__ = ["MujocoPlant", "from_chart", "to_chart"]
