@@ -83,7 +83,7 @@ class TreeSweep:
         self.library, self.steps, n = dynamics._library, len(nodes) - 2, dynamics.nx
         lam = np.random.default_rng(0).standard_normal((self.steps, n))
         self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
-        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, 3 * n, 3 * n)))
+        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, dynamics.curvature_blocks, n, n)))
         self.pointers = [ctypes.c_void_p(array.ctypes.data) for array in self.held]
 
     def run(self, order: int) -> Callable[[], None]:

@@ -7,7 +7,7 @@
 typedef struct {
   int steps, order;
   const double *nodes, *p, *lam; /* (batch, steps+2, NX) (batch, NP) (batch, steps, NX) */
-  double *fd, *jac, *hess;       /* (batch, steps, NX) (…, NX, 3NX) (…, 3NX, 3NX) */
+  double *fd, *jac, *hess;       /* (batch, steps, NX) (…, NX, 3NX) (…, CURVATURE, NX, NX) */
   long first, last;              /* of all batch·steps */
   int failed;
 } octo_run_of_steps;
@@ -25,7 +25,7 @@ static void *octo_run_steps(void *argument) {
     if (item == run->first || step == 0) { octo_kin(x_prev, kin[0]); octo_kin(x, kin[1]); }
     octo_kin(x_next, kin[2]);
     octo_step(x_next, x, x_prev, kin[2], kin[1], kin[0], run->p + member * NP, run->order < 2 ? 0 : run->lam + item * NX, run->order,
-              run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * 9 * NX * NX, work);
+              run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * CURVATURE * NX * NX, work);
   }
   free(memory);
   return 0;

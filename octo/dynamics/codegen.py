@@ -1,7 +1,8 @@
 """The C text of the dynamics: stage functions and the character's tables, then the tree pass of phases.c.
 
 The text defines NX, NB (bodies), NC (terrain contacts), NP, KIN and WORK (doubles of a node's kinematics and of a
-step's work area), ``octo_kin`` and ``octo_step``. It compiles as C and, unchanged, under NVRTC.
+step's work area), CURVATURE (blocks of the curvature, see HESS in phases.c), ``octo_kin`` and ``octo_step``. It compiles
+as C and, unchanged, under NVRTC.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
             stages.joint(order, layout),
         ]
     sizes, tables = _tables(character)
-    sizes["NP"] = layout.size
+    sizes |= {"NP": layout.size, "CURVATURE": 5}
     return "\n".join([HEAD, _generated(functions), _macros(sizes), *tables, _source("phases.c"), _source("pairs.c")])
 
 
@@ -57,11 +58,14 @@ def function_text(fd: ca.Function) -> str:
     inputs = [*(ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")), p, lam]
     jac = ca.jacobian(value, z)
     hess = ca.triu2symm(ca.triu(ca.jacobian(ca.mtimes(jac.T, lam), z)))
-    outputs = [value, ca.vec(ca.densify(jac.T)), ca.vec(ca.densify(hess))]
+    blocks = [hess[a * n : (a + 1) * n, b * n : (b + 1) * n] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))]
+    outputs = [value, ca.vec(ca.densify(jac.T)), ca.veccat(*(ca.densify(block.T) for block in blocks))]
     outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
     options = {"cse": True}
     functions = [ca.Function(f"octo_fd{order}", inputs, outputs[: order + 1], options) for order in (0, 1, 2)]
-    sizes = {"NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0, "WORK": max(f.sz_w() for f in functions)}
+    sizes = {
+        "NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0, "WORK": max(f.sz_w() for f in functions), "CURVATURE": len(blocks),
+    }  # fmt: skip
     return "\n".join([HEAD, _generated(functions), _macros(sizes), _source("custom.c")])
 
 

@@ -1,5 +1,5 @@
 /* User-written dynamics: the interface of phases.c over CasADi's functions octo_fd0 (FD), octo_fd1 (and its Jacobian) and
- * octo_fd2 (and the curvature of lamᵀFD). There are no bodies: a node's kinematics is empty. */
+ * octo_fd2 (and the curvature of lamᵀFD: H00, H01, H02, H11, H22, H12). There are no bodies: a node's kinematics is empty. */
 
 void octo_kin(const double *x, double *kin) {}
 

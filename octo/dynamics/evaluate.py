@@ -33,6 +33,8 @@ class Dynamics:
     layout: names and defaults of p (NP,).
     """
 
+    curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+
     def __init__(self, symbolic: ca.Function, actuated: Sequence[int] | NDArray[np.intp], layout: Layout):
         self.symbolic = symbolic
         self.nx = int(symbolic.size1_in(0))
@@ -45,7 +47,7 @@ class Dynamics:
         return len(self.actuated)
 
     def text(self) -> str:
-        """The C text: macros NX, NB, NC, NP, KIN, WORK and the functions octo_kin and octo_step."""
+        """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and octo_step."""
         return self._text
 
     @cached_property
@@ -99,12 +101,13 @@ class Dynamics:
                 raise ShapeError("lam", lam.shape, (batch, steps, n))
         fd = np.empty((batch, steps, n))
         jac = np.empty((batch, steps, n, 3 * n)) if order >= 1 else None
-        hess = np.empty((batch, steps, 3 * n, 3 * n)) if order == 2 else None
         if self._library is None:
+            hess = np.empty((batch, steps, 3 * n, 3 * n)) if order == 2 else None
             self._interpret(nodes, p, lam, fd, jac, hess)
-        else:
-            self._run(self._library, nodes, p, lam, (fd, jac, hess), order, threads)
-        return fd, jac, hess
+            return fd, jac, hess
+        blocks = np.empty((batch, steps, self.curvature_blocks, n, n)) if order == 2 else None
+        self._run(self._library, nodes, p, lam, (fd, jac, blocks), order, threads)
+        return fd, jac, None if blocks is None else unfold(blocks)
 
     @staticmethod
     def _run(
@@ -130,8 +133,20 @@ class Dynamics:
                 hess[k] = np.asarray(curvature.map(steps)(z, at, lam[k].T)).T.reshape(steps, 3 * n, 3 * n)
 
 
+def unfold(blocks: Array) -> Array:
+    """The curvature (…, 3n, 3n) of blocks (…, 5 or 6, n, n): H00, H01, H02, H11, H22 and, in user-written dynamics, H12."""
+    n = blocks.shape[-1]
+    hess = np.zeros((*blocks.shape[:-3], 3, n, 3, n))
+    for k, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))[: blocks.shape[-3]]):
+        hess[..., b, :, a, :] = blocks[..., k, :, :].swapaxes(-1, -2)
+        hess[..., a, :, b, :] = blocks[..., k, :, :]
+    return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
+
+
 class RobotDynamics(Dynamics):
     """The dynamics of §4 of a character, with a contact law and a terrain."""
+
+    curvature_blocks = 5
 
     def __init__(self, character: Character, law: ContactLaw | None = None, terrain: Plane | Terrain | None = None):
         self.character = character

@@ -100,8 +100,8 @@ static void octo_loop_write(const octo_input *in, const octo_work *s, int k, oct
     }
     double mixed = s->loop_bend[a] * s->loop_slope[b] + s->loop_slope[a] * s->loop_bend[b];
     double curvature = phi[2] * slope * g + phi[1] * (mixed + slope * h) + phi[0] * change;
-    HESS(0, i, 0, j) += curvature;
-    if (a != b) HESS(0, j, 0, i) += curvature;
+    HESS(0, i, j) += curvature;
+    if (a != b) HESS(0, j, i) += curvature;
   }
 }
 

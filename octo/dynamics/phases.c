@@ -290,8 +290,10 @@ static void octo_products(int order, octo_work *s) {
   }
 }
 
+/* jac is (NX, 3 NX). hess, ∇²(lamᵀFD), is (CURVATURE, NX, NX): its blocks H00, H01, H02, H11, H22 of (next, now, previous),
+ * H00, H11 and H22 whole; the others follow by symmetry, H10 = H01ᵀ, H20 = H02ᵀ, and H12 is zero (custom.c has it as a sixth). */
 #define JAC(i, node, j) jac[(i) * 3 * NX + (node) * NX + (j)]
-#define HESS(a, i, b, j) hess[((a) * NX + (i)) * 3 * NX + (b) * NX + (j)]
+#define HESS(block, i, j) hess[((block) * NX + (i)) * NX + (j)]
 
 /* Entries of related degrees of freedom, i ⪯ j; all others are zero but for pairs. */
 static void octo_write(int order, const octo_work *s, double *jac, double *hess) {
@@ -303,15 +305,12 @@ static void octo_write(int order, const octo_work *s, double *jac, double *hess)
     if (order < 2) continue;
     for (int node = 0; node < 3; ++node) {
       octo_wide value = octo_along(s->xi[0], i, s->bend[node], j) + octo_along(s->eta, i, s->down[node], j);
-      octo_put(value, count, &HESS(0, i, node, j), 1);
-      octo_put(value, count, &HESS(node, j, 0, i), 3 * NX);
+      octo_put(value, count, &HESS(node, i, j), 1);
+      octo_put(node == 0 ? value : octo_along(s->xi[node], i, s->lift[node], j), count, &HESS(node, j, i), NX);
       if (node == 0) continue;
-      value = octo_along(s->xi[node], i, s->lift[node], j);
-      octo_put(value, count, &HESS(node, i, 0, j), 1);
-      octo_put(value, count, &HESS(0, j, node, i), 3 * NX);
       value = octo_along(s->xi[node], i, s->own[node], j);
-      octo_put(value, count, &HESS(node, i, node, j), 1);
-      octo_put(value, count, &HESS(node, j, node, i), 3 * NX);
+      octo_put(value, count, &HESS(2 + node, i, j), 1);
+      octo_put(value, count, &HESS(2 + node, j, i), NX);
     }
   }
 }
@@ -324,7 +323,7 @@ static void octo_write_joints(const octo_input *in, const octo_work *s, double *
     fd[j] = sum;
     if (in->order >= 1)
       for (int node = 0; node < 3; ++node) JAC(j, node, j) += k[1 + node];
-    if (in->order == 2) HESS(0, j, 0, j) += in->lam[j] * k[4];
+    if (in->order == 2) HESS(0, j, j) += in->lam[j] * k[4];
   }
 }
 
@@ -334,7 +333,7 @@ void octo_step(const double *x_next, const double *x, const double *x_prev, cons
   octo_work *s = (octo_work *)(((size_t)work + 63) & ~(size_t)63);
   octo_load(&in, s);
   if (order >= 1) EACH(e, 3 * NX * NX) jac[e] = 0.0;
-  if (order == 2) EACH(e, 9 * NX * NX) hess[e] = 0.0;
+  if (order == 2) EACH(e, CURVATURE * NX * NX) hess[e] = 0.0;
   BARRIER;
   octo_bodies(&in, s);
   octo_contacts(&in, s);

@@ -14,7 +14,7 @@ static __device__ __forceinline__ void octo_step_of_block(int steps, const doubl
   size_t step = blockIdx.x, member = blockIdx.y, item = member * steps + step, node = member * (steps + 2) + step;
   const double *x = nodes + node * NX, *k = kin + node * KIN;
   octo_step(x + 2 * NX, x + NX, x, k + 2 * KIN, k + KIN, k, p + member * NP, order < 2 ? 0 : lam + item * NX, order, fd + item * NX,
-            order < 1 ? 0 : jac + item * 3 * NX * NX, order < 2 ? 0 : hess + item * 9 * NX * NX, octo_shared);
+            order < 1 ? 0 : jac + item * 3 * NX * NX, order < 2 ? 0 : hess + item * CURVATURE * NX * NX, octo_shared);
 }
 
 extern "C" __global__ void octo_value(int steps, const double *nodes, const double *kin, const double *p, double *fd) {

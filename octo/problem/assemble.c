@@ -141,18 +141,32 @@ static void octo_build_rows(const octo_cost_values *v, const double *jac, const 
 #endif
 }
 
-/* Rows from … to of hess = curvature (W3, W3, or 0) + rowsᵀ rows from column 8·first on, two at a time: with ``first`` a
- * constant the sums stay in registers. One row more than asked for may be written. */
-static inline __attribute__((always_inline)) void octo_square(const octo_rows *rows, const double *curvature, int from, int to,
-                                                              const int first, double *hess) {
-  for (int i = from; i < to; i += 2) {
+/* Columns 8j … 8j+7 of row r of a node's row of blocks of the curvature (HESS in phases.c), from its diagonal block on. */
+static inline __attribute__((always_inline)) v8 octo_curved(const double *curvature, const int node, int r, int j) {
+  v8 line = {0};
+  for (int other = node; other < 3; ++other) {
+    int block = node == 0 ? other : node == other ? 2 + node : 5, column = 8 * j - other * NX;
+    if (block >= CURVATURE || column <= -8 || column >= NX) continue;
+    v8_integers at = column + (v8_integers){0, 1, 2, 3, 4, 5, 6, 7};
+    v8 part = *(const v8_anywhere *)(curvature + (block * NX + r) * NX + column);
+    line = (v8)((v8_integers)line | ((v8_integers)part & (at >= 0) & (at < NX)));
+  }
+  return line;
+}
+
+/* A node's rows of hess = curvature (or 0) + rowsᵀ rows, from its diagonal block on and two at a time; what stands left of
+ * that block is written with other numbers, and so may be one row more. */
+static inline __attribute__((always_inline)) void octo_square(const octo_rows *rows, const double *curvature, const int node, double *hess) {
+  const int first = node * NX / 8; /* a constant: the sums stay in registers */
+  for (int r = 0; r < NX; r += 2) {
+    int i = node * NX + r;
     v8 one[LD / 8], two[LD / 8];
     for (int j = first; j < LD / 8; ++j) {
-      one[j] = curvature ? (v8)((const v8_anywhere *)(curvature + i * W3))[j] : (v8){0};
-      two[j] = curvature ? (v8)((const v8_anywhere *)(curvature + (i + 1) * W3))[j] : (v8){0};
+      one[j] = curvature ? octo_curved(curvature, node, r, j) : (v8){0};
+      two[j] = curvature ? octo_curved(curvature, node, r + 1, j) : (v8){0};
     }
-    for (int r = 0; r < rows->count; ++r) {
-      const double *row = rows->row[r], f = row[i], g = row[i + 1];
+    for (int k = 0; k < rows->count; ++k) {
+      const double *row = rows->row[k], f = row[i], g = row[i + 1];
       if (!((f != 0.0) | (g != 0.0))) continue;
       for (int j = first; j < LD / 8; ++j) {
         v8 line = *(const v8 *)(row + 8 * j);
@@ -167,22 +181,25 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values; with ``half`` what stands left of the nodes' diagonal blocks is not written. */
+/* hess (W3, LD) and gradient (LD) = rowsᵀ values; with ``half`` nothing of use stands left of the nodes' diagonal blocks. */
 static void octo_gauss_newton(const octo_rows *rows, const double *curvature, int half, double *hess, double *gradient) {
   v8 sum[LD / 8];
   for (int j = 0; j < LD / 8; ++j) sum[j] = (v8){0};
   for (int r = 0; r < rows->count; ++r)
     for (int j = 0; j < LD / 8; ++j) sum[j] += rows->value[r] * *(const v8 *)(rows->row[r] + 8 * j);
   for (int j = 0; j < LD / 8; ++j) ((v8 *)gradient)[j] = sum[j];
-  octo_square(rows, curvature, 0, half ? NX : W3, 0, hess);
-  if (!half) return;
-  octo_square(rows, curvature, NX, 2 * NX, NX / 8, hess);
-  octo_square(rows, curvature, 2 * NX, W3, 2 * NX / 8, hess);
+  octo_square(rows, curvature, 0, hess);
+  octo_square(rows, curvature, 1, hess);
+  octo_square(rows, curvature, 2, hess);
+  if (half) return;
+  for (int node = 1; node < 3; ++node)
+    for (int i = 0; i < node * NX; ++i)
+      for (int j = node * NX; j < (node + 1) * NX; ++j) hess[j * LD + i] = hess[i * LD + j];
 }
 
 typedef struct {
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
-  double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], u[NU + 1], lam[NX], fd[NX], jac[NX * W3], curvature[W3 * W3 + LD];
+  double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], u[NU + 1], lam[NX], fd[NX], jac[NX * W3], curvature[(CURVATURE * NX + 1) * NX + 8];
   long long iw[COST_IW + 1];
   octo_cost_values values;
   octo_rows rows;

@@ -11,6 +11,7 @@
 #define W3 (3 * NX)
 #define LD (((W3 + 7) / 8) * 8)
 typedef double v8 __attribute__((vector_size(64)));
+typedef long long v8_integers __attribute__((vector_size(64)));
 typedef double v8_anywhere __attribute__((vector_size(64), aligned(8), may_alias));
 
 typedef struct {

@@ -24,7 +24,7 @@ typedef struct {
 static octo_nlp_tables T;
 
 typedef struct {
-  double z[3][NX], kin[3][KIN + 1], w[NW + 1], lam[NX], e_w[NW + 1], jac[NX * W3], gradient[W3], hess[W3 * W3];
+  double z[3][NX], kin[3][KIN + 1], w[NW + 1], lam[NX], e_w[NW + 1], jac[NX * W3], gradient[W3], hess[W3 * W3], curvature[CURVATURE * NX * NX];
   double chain[NW + 1][W3], second[NZ + 1], q[NQ], work[WORK + 1], memory[EXACT_W + 1], half[3 * NX * NX];
   long long integers[EXACT_IW + 1];
   int known[3];
@@ -305,6 +305,18 @@ static void octo_add_rows(int i, const double *fd, const double *scale, double *
 #endif
 }
 
+/* hess = the whole of the curvature that octo_step writes by blocks (HESS in phases.c). */
+static void octo_unfold(const double *curvature, double *hess) {
+  static const int row[] = {0, 0, 0, 1, 2, 1}, column[] = {0, 1, 2, 1, 2, 2};
+  memset(hess, 0, W3 * W3 * sizeof(double));
+  for (int k = 0; k < CURVATURE; ++k)
+    for (int i = 0; i < NX; ++i)
+      for (int j = 0; j < NX; ++j) {
+        int a = row[k] * NX + i, b = column[k] * NX + j;
+        hess[a * W3 + b] = hess[b * W3 + a] = curvature[(k * NX + i) * NX + j];
+      }
+}
+
 /* Multipliers of the step's FD: those of its rows, and ∂E/∂u of its torques. */
 static void octo_pull(int i, octo_nlp_scratch *s, const double *scale, const double *lam) {
   for (int j = 0; j < NX; ++j) s->lam[j] = 0.0;
@@ -338,7 +350,8 @@ static void octo_derive_step(int i, int order, octo_nlp_scratch *s, const double
     return;
   }
   octo_pull(i, s, scale, lam);
-  octo_step(s->z[0], s->z[1], s->z[2], s->kin[0], s->kin[1], s->kin[2], dynamics, s->lam, 2, fd, s->jac, s->hess, s->work);
+  octo_step(s->z[0], s->z[1], s->z[2], s->kin[0], s->kin[1], s->kin[2], dynamics, s->lam, 2, fd, s->jac, s->curvature, s->work);
+  octo_unfold(s->curvature, s->hess);
   octo_nlp_chain(s, dynamics, 2);
   for (int r = 0; r < MU; ++r) { /* the gradient of the Lagrangian, beside its curvature */
     double value = s->lam[octo_ref_unactuated[r]];
