@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from octo import native
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import DeviceError
 
 Array = NDArray[np.float64]
 
@@ -98,8 +97,7 @@ def _without_cse() -> Iterator[None]:
 def _compiled(text: str) -> Path:
     """The library at -O1, in octo's cache: a humanoid takes minutes."""
     words = native.compiler()
-    if words is None:
-        raise DeviceError("octo bench needs a C compiler: gcc, cc, clang or the one that CC names")
+    assert words is not None
     folder = native.cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
     stem = folder / ("monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24])

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+import octo
+from octo.errors import UsageError
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -51,13 +54,30 @@ class Record:
     baseline_ratio: float | None = None
 
 
-class Records:
-    """The numbers of one run, in order, beside those of a baseline file."""
+Say = Callable[[str], None]  # what is being measured now, for the progress line
 
-    def __init__(self, baseline: Path | None):
+
+def read(path: Path) -> dict[str, float]:
+    """The values of a file that :meth:`Records.write` wrote, by name.
+
+    Raises
+    ------
+    UsageError: the file is missing or holds something else.
+    """
+    try:
+        return {str(record["name"]): float(record["value"]) for record in json.loads(path.read_text())["records"]}
+    except FileNotFoundError:
+        raise UsageError(f"baseline is {str(path)!r}, which does not exist") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"baseline is {str(path)!r}, which octo bench did not write: {type(error).__name__}: {error}") from error
+
+
+class Records:
+    """The numbers of one run, in order, beside those of a baseline."""
+
+    def __init__(self, baseline: Mapping[str, float] | None = None):
         self.made: list[Record] = []
-        known = json.loads(baseline.read_text())["records"] if baseline is not None and baseline.exists() else []
-        self.before = {record["name"]: record["value"] for record in known}
+        self.before = dict(baseline or {})
 
     def add(self, name: str, value: float, unit: str) -> None:
         before = self.before.get(name)
@@ -92,9 +112,9 @@ class Records:
         return "\n".join(lines)
 
     def write(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        content = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "records": [asdict(r) for r in self.made]}
-        path.write_text(json.dumps(content, indent=1) + "\n")
+        where = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "octo": octo.__version__}
+        content = {**where, "records": [asdict(record) for record in self.made]}
+        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def processor() -> str:

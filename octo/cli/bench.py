@@ -3,24 +3,69 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
-from octo.cli.output import OutputFolder
+import octo
+from octo.bench import plan
+from octo.bench.timing import Records, processor, read
+from octo.cli.output import OutputFolder, Writer
+from octo.errors import UnknownNameError
+
+COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.json"  # of a clone; a wheel has none
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", metavar="FILE", help="write the records here")
-    parser.add_argument("--baseline", metavar="FILE", help="records of another run to compare with")
-    parser.add_argument("--quick", action="store_true", help="without the symbolic form and cold compilation")
+    parser.add_argument("--json", metavar="FILE", help="write the records; a figure is written beside them")
+    parser.add_argument("--baseline", metavar="FILE", help="records of another run to compare with (default: the clone's own)")
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and repetitions, in less than a minute")
+    parser.add_argument("--only", nargs="+", metavar="GROUP", help=f"some of {', '.join(plan.GROUPS)} (default: all)")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 where every limit holds, else 1."""
+    """Everything that can be refused is refused before anything is compiled."""
+    chosen = plan.QUICK if arguments.quick else plan.FULL
+    groups = groups_of(arguments.only)
     path = None if arguments.json is None else Path(arguments.json)
     if path is not None:
-        OutputFolder(path.parent).check((path.name,))
-    from octo.bench.speed import measure  # after the checks: it takes longer to import than they take
+        OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
+    known = COMMITTED if arguments.baseline is None else Path(arguments.baseline)
+    baseline = read(known) if known != COMMITTED or known.exists() else {}
+    from octo.bench import run as bench  # after the checks: it takes longer to import than they take
 
-    baseline = None if arguments.baseline is None else Path(arguments.baseline)
-    return 0 if measure(path, baseline, arguments.quick) else 1
+    records = bench.run(chosen, groups, baseline)
+    print(f"{processor()}\n{records.table()}")
+    if path is not None:
+        write(path, records, chosen)
+    return 0
+
+
+def groups_of(words: list[str] | None) -> tuple[str, ...]:
+    """The groups of ``--only``, each once, in the order of a whole run.
+
+    Raises
+    ------
+    UnknownNameError: no such group.
+    """
+    if words is None:
+        return plan.GROUPS
+    names = [name for word in words for name in word.split(",") if name]
+    for name in names:
+        if name not in plan.GROUPS:
+            raise UnknownNameError("group", name, plan.GROUPS)
+    return tuple(name for name in plan.GROUPS if name in names)
+
+
+def write(path: Path, records: Records, chosen: plan.Plan) -> None:
+    """The records, and the figure where matplotlib is."""
+    from octo.bench.figure import draw
+
+    writers: dict[str, Writer] = {
+        path.name: records.write,
+        f"{path.stem}.png": lambda scratch: draw(records, chosen, f"octo bench on {processor()}", scratch),
+    }
+    missing, reason = OutputFolder(path.parent).write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    print(f"written to {path}")

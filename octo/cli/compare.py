@@ -10,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from octo.cli.arguments import steps_of
 from octo.cli.output import OutputFolder, Writer
 from octo.cli.solve import add_goal_arguments, described, finite, report
@@ -50,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = load(arguments.robot, arguments.base)
     goal.check(robot)
-    from octo.cli.contest import Contest, Entry  # after the checks: it takes longer to import than they take
+    from octo.bench.contest import Contest, Entry  # after the checks: it takes longer to import than they take
     from octo.reference.run import OPTIONS
     from octo.solve import resolve_device
 
@@ -113,6 +111,8 @@ def row(entry: Any) -> str:
 
 def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[str]:
     """How many starts each solver converged on, and octo's medians over another's where both converged."""
+    from octo.bench.contest import ratios
+
     lines = []
     for number in range(1, passes + 1):
         found = {(e.solver, e.seed): e.solution for e in entries if e.number == number}
@@ -125,26 +125,10 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
         for name in others:
             both = [k for k in seeds if (name, k) in found and found[name, k].converged and found["octo", k].converged]
             if both:
-                lines.append(
-                    f"  octo/{name}, medians over {len(both)}: {ratios([(found['octo', k], found[name, k]) for k in both])}"
-                )
+                compared = ratios([(found["octo", k], found[name, k]) for k in both])
+                words = ", ".join(f"{what} {value:.3g}" for what, value in compared.items())
+                lines.append(f"  octo/{name}, medians over {len(both)}: {words}")
     return lines
-
-
-def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> str:
-    """The medians of octo over those of another solver; times are processor time, which a busy machine hardly changes."""
-
-    def ratio(value: Any) -> float:
-        own, other = (float(np.median([value(pair[k]) for pair in pairs])) for k in (0, 1))
-        return own / other if other else float("nan")
-
-    values = {
-        "iterations": ratio(lambda s: s.iterations),
-        "E": ratio(lambda s: s.energy),
-        "time an iteration": ratio(lambda s: s.processor_seconds / max(s.iterations, 1)),
-        "time": ratio(lambda s: s.processor_seconds),
-    }
-    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
 
 
 def record(entry: Any, goal: Goal, options: SqpOptions) -> dict[str, Any]:

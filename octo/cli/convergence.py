@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from octo.cli.contest import Entry
+from octo.bench.contest import Entry
 from octo.errors import MissingExtraError
 
 COLORS = {"octo": "#2f6db2", "ipopt": "#d0703c", "fatrop": "#4f9a57"}

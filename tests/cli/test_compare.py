@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from octo import native
-from octo.cli.contest import joined
+from octo.bench.contest import joined
 from octo.cli.main import main
 from octo.solver.solution import Solution
 

@@ -1,27 +1,60 @@
-"""A snake of five links: 14 degrees of freedom, standing like a low bridge."""
+"""A snake of equal links, five unless told otherwise: 14 degrees of freedom, standing like a low bridge."""
 
 from __future__ import annotations
 
+from octo.checks import whole
+from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.gallery.parts import Builder, Hinge
 
 LINK = 0.4  # m
 RADIUS = 0.06  # m
+FEWEST = 3
+DOWN, ASIDE = 1.3, 0.6  # rad, of the default pose
 
 
-def chain() -> Character:
-    """Five equal capsules, the middle one is the base; each of the four joints pitches, then yaws. 5 kg, 2 m."""
-    builder = Builder("chain")
+def chain(links: int = 5) -> Character:
+    """Equal capsules of 1 kg and 0.4 m, the middle one is the base; each joint pitches, then yaws: 4 + 2 ``links`` coordinates.
+
+    Raises
+    ------
+    ValueRangeError: fewer than three links.
+    """
+    whole("links", links)
+    if links < FEWEST:
+        raise ValueRangeError(f"links is {links}, must be at least {FEWEST}")
+    builder = Builder("chain" if links == 5 else f"chain{links}")
     half = LINK / 2
     middle = builder.base("middle", (-half, 0.0, 0.0), (half, 0.0, 0.0), RADIUS)
     builder.sphere("middle_front", middle, (half, 0.0, 0.0), RADIUS)
     builder.sphere("middle_back", middle, (-half, 0.0, 0.0), RADIUS)
-    for end, sign in (("front", 1.0), ("back", -1.0)):
+    feet: list[str] = []
+    tips: list[str] = []
+    for end, sign, count in (("front", 1.0, links // 2), ("back", -1.0, (links - 1) // 2)):
         parent, position = middle, (sign * half, 0.0, 0.0)
-        for name, pitch, yaw in ((f"{end}_inner", 1.3 * sign, 0.0), (f"{end}_outer", -1.3 * sign, 0.6)):
-            hinges = (Hinge("pitch", "y", -1.8, 1.8, pitch, 10.0), Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0))
+        names = _names(end, count)
+        for k, name in enumerate(names):
+            pitch, yaw = _bend(k, links)
+            hinges = (Hinge("pitch", "y", -1.8, 1.8, sign * pitch, 10.0), Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0))
             parent = builder.link(name, parent, position, hinges, (sign * LINK, 0.0, 0.0), RADIUS)
             position = (sign * LINK, 0.0, 0.0)
             builder.sphere(name, parent, position, RADIUS)
-    builder.pairs += [("front_outer", "back_outer"), ("front_outer", "middle_back"), ("back_outer", "middle_front")]
-    return builder.finish(mass=5.0, feet=("front_outer", "front_inner", "back_outer", "back_inner"))
+        feet += reversed(names)
+        tips.append(names[-1])
+    builder.pairs += [(tips[0], tips[1]), (tips[0], "middle_back"), (tips[1], "middle_front")]
+    return builder.finish(mass=float(links), feet=feet)
+
+
+def _names(end: str, count: int) -> list[str]:
+    """From the base outward."""
+    return [f"{end}_{'inner' if k == 0 else 'outer' if k == count - 1 else k + 1}" for k in range(count)]
+
+
+def _bend(k: int, links: int) -> tuple[float, float]:
+    """Pitch (of the front) and yaw of a side's joint ``k``: the first link of a side leads down, the rest lie in a zigzag.
+
+    Fewer than five lie flat: on two knees and one tip they would fall over.
+    """
+    if links < 5:
+        return 0.0, ASIDE * (-1.0) ** k
+    return (DOWN, -DOWN, 0.0)[min(k, 2)], 0.0 if k == 0 else ASIDE * (-1.0) ** (k + 1)

@@ -116,6 +116,21 @@ class Contest:
         return joined(way)
 
 
+def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> dict[str, float]:
+    """The medians of one solver over those of another, by what is compared; times are processor time."""
+
+    def ratio(value: Callable[[Solution], float]) -> float:
+        own, other = (float(np.median([value(pair[k]) for pair in pairs])) for k in (0, 1))
+        return own / other if other else float("nan")
+
+    return {
+        "iterations": ratio(lambda s: s.iterations),
+        "E": ratio(lambda s: s.energy),
+        "time an iteration": ratio(lambda s: s.processor_seconds / max(s.iterations, 1)),
+        "time": ratio(lambda s: s.processor_seconds),
+    }
+
+
 def joined(parts: Sequence[Solution]) -> Solution:
     """The last of several solves in a row, with the iterations, times and histories of all of them."""
     columns: dict[str, list[Array]] = {name: [] for name in parts[-1].history}

@@ -1,0 +1,79 @@
+"""FD, its Jacobian and its curvature, a step; and the same as CasADi's whole expression."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+import octo
+from octo.bench.iteration import MICRO, start, walk
+from octo.bench.monolithic import Monolithic
+from octo.bench.plan import Plan
+from octo.bench.timing import Records, Say, interleaved
+from octo.dynamics.evaluate import RobotDynamics
+
+Array = NDArray[np.float64]
+AGREE = 1e-11  # of the largest entry
+ORDERS = ("fd", "fd_jacobian", "curvature")  # the last one: all three
+
+
+class TreeSweep:
+    """octo's own dynamics of all steps, written into memory that is in use."""
+
+    def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array):
+        assert dynamics._library is not None
+        self.library, self.steps, n = dynamics._library, len(nodes) - 2, dynamics.nx
+        lam = np.random.default_rng(0).standard_normal((self.steps, n))
+        self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
+        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, dynamics.curvature_blocks, n, n)))
+        self.pointers = [ctypes.c_void_p(array.ctypes.data) for array in self.held]
+
+    def run(self, order: int) -> Callable[[], None]:
+        return lambda: self.library.octo_batch(1, self.steps, order, 1, *self.pointers)
+
+
+def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Array]:
+    problem = walk(octo.gallery.CHARACTERS[name](), steps)
+    dynamics, nodes, p = problem.dynamics, start(problem), np.ascontiguousarray(problem.p)
+    assert isinstance(dynamics, RobotDynamics)
+    return TreeSweep(dynamics, nodes, p), dynamics, nodes, p
+
+
+def measure(records: Records, plan: Plan, say: Say) -> None:
+    """us a step of the gallery's characters."""
+    runs, degrees = {}, {}
+    for name in plan.robots:
+        say(name)
+        tree, dynamics, _, _ = _sweep(name, plan.steps)
+        runs.update({f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)})
+        degrees[name] = dynamics.nx
+    say("all of them, interleaved")
+    for label, timing in interleaved(runs, 3 * plan.rounds).items():
+        records.add_timing(label, timing.per(plan.steps), MICRO, "us/step")
+    for name, n in degrees.items():
+        records.add(f"dynamics.{name}.dof", n, "")
+        records.ratio(f"dynamics.{name}.curvature/fd_jacobian", f"dynamics.{name}.curvature", f"dynamics.{name}.fd_jacobian")
+
+
+def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
+    """The tree pass over CasADi's expression: with its common subexpressions found, and the plain way."""
+    for name in plan.symbolic:
+        tree, dynamics, nodes, p = _sweep(name, plan.steps)
+        runs, forms = {"octo": tree.run(1)}, {}
+        for label, plain in (("expression", False), ("plain", True)):
+            say(f"{name}, {label}: minutes of gcc the first time")
+            form = Monolithic(dynamics, plain)
+            fd, jac, runs[label] = form.sweep(nodes, p)
+            forms[label] = (form, fd, jac)
+        best = interleaved(runs, plan.rounds)
+        for label, (form, fd, jac) in forms.items():
+            pairs = ((fd, tree.fd), (form.dense(jac), tree.jac))
+            error = max(np.abs(one - other).max() / np.abs(one).max() for one, other in pairs)
+            if not error < AGREE:
+                raise ArithmeticError(f"{name}: the tree pass and the symbolic form differ by {error:.1e}")
+            records.add_timing(f"symbolic.{name}.{label}", best[label].per(plan.steps), MICRO, "us/step")
+            records.add(f"symbolic.{name}.{label}.operations", form.operations, "")
+            records.add(f"symbolic.{name}.octo/{label}", best["octo"].least / best[label].least, "")

@@ -1,0 +1,54 @@
+"""How much one run of ``octo bench`` measures."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+GROUPS = ("machine", "dynamics", "iteration", "degrees", "threads", "solvers", "compile", "symbolic")
+
+
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes and repetitions.
+
+    Attributes
+    ----------
+    rounds: of interleaved measurements, each of ``burst`` runs in a row of one candidate after one that warms the caches.
+    steps: N of everything that is not measured against N.
+    robots: whose dynamics are measured; staged: those whose iteration is, too (14, 18 and 35 degrees of freedom).
+    nodes, hermite: the N of the cost against N. links: of the chains of the cost against degrees of freedom.
+    symbolic: robots whose FD and Jacobian are compared with CasADi's whole expression (minutes of gcc the first time).
+    motion_steps, seeds: of the problem that IPOPT and fatrop solve too, and its starts.
+    cold: measure compilation with an empty cache.
+    """
+
+    rounds: int = 12
+    burst: int = 3
+    steps: int = 400
+    robots: tuple[str, ...] = ("chain", "biped", "bird", "mammal", "spider", "humanoid")
+    staged: tuple[str, ...] = ("chain", "mammal", "humanoid")
+    nodes: tuple[int, ...] = (20, 50, 100, 200, 400, 800)
+    hermite: tuple[int, ...] = (100, 200, 400, 800)
+    links: tuple[int, ...] = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12)
+    symbolic: tuple[str, ...] = ("spider", "humanoid")
+    motion_steps: int = 80
+    seeds: int = 5
+    cold: bool = True
+
+    @property
+    def threads(self) -> tuple[int, ...]:
+        """Counts beside one thread: 2, 4, … up to the cores."""
+        return tuple(2**k for k in range(1, 6) if 2**k <= cores())
+
+
+FULL = Plan()
+QUICK = Plan(
+    rounds=4, robots=("chain", "mammal", "humanoid"), nodes=(20, 100, 400), hermite=(200, 400), links=(3, 5, 8), symbolic=(),
+    motion_steps=40, seeds=1, cold=False,
+)  # fmt: skip
