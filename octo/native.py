@@ -49,7 +49,7 @@ def compiler() -> tuple[str, ...] | None:
 
 
 @functools.cache
-def _machine() -> str:
+def machine() -> str:
     """What ``-march=native`` and the compiler depend on."""
     words = compiler() or ()
     version = subprocess.run([*words, "--version"], capture_output=True, text=True, check=False).stdout if words else ""
@@ -87,7 +87,7 @@ def build(text: str, flags: tuple[str, ...] = ()) -> Path | None:
     if words is None:
         return None
     options = (*FLAGS, *flags)
-    key = hashlib.sha256("\0".join((text, *options, _machine())).encode()).hexdigest()[:24]
+    key = hashlib.sha256("\0".join((text, *options, machine())).encode()).hexdigest()[:24]
     library = cache_folder() / f"{key}.so"
     if library.exists():
         return library

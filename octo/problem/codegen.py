@@ -212,8 +212,14 @@ def _perturbed(pose: symbolic.Pose, twist: ca.SX) -> symbolic.Pose:
 
 
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
-    """C text of the costs: generated functions, tables, then assemble.c."""
-    generator = ca.CodeGenerator("octo_costs.c", {"with_header": False, "casadi_int": "int"})
+    """C text of the costs, then assemble.c."""
+    parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "scatter.c", "assemble.c"))
+    return "\n".join([residual_text(functions, dynamics), *parts])
+
+
+def residual_text(functions: CostFunctions, dynamics: Dynamics) -> str:
+    """The generated functions of the costs and their tables, in C that is CUDA too; stands after the text of the dynamics."""
+    generator = ca.CodeGenerator("octo_costs.c", {"with_header": False, "include_math": False, "casadi_int": "int"})
     made = [functions.state, functions.state_jac]
     if functions.contact is not None:
         made += [functions.contact, functions.contact_jac]
@@ -224,7 +230,6 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
         "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
         generator.dump(),
         _tables(functions, dynamics, made),
-        *((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "scatter.c", "assemble.c")),
     ]
     return "\n".join(text)
 

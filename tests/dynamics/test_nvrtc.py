@@ -15,7 +15,7 @@ from octo.model.gallery import CHARACTERS
 
 # Bytes a thread: the curvature of one contact keeps 90 doubles alive (measured with NVRTC 13.0: 128).
 ALLOWED_SPILL = {"octo_curvature": 192}
-KERNELS = {"octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature"}
+KERNELS = {"octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -27,7 +27,7 @@ def compiler():
 
 
 def kernels():
-    return (resources.files("octo.gpu") / "dynamics.cu").read_text()
+    return "".join((resources.files("octo.gpu") / name).read_text() for name in ("common.cuh", "dynamics.cu"))
 
 
 def check(text, architecture):

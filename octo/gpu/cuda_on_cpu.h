@@ -1,0 +1,113 @@
+/* CUDA's words for a C++ compiler: a kernel of octo is executed on the CPU from the very text that NVRTC compiles.
+ *
+ * The threads of a block are POSIX threads and __syncthreads is a pthread_barrier_t, so that ThreadSanitizer sees what
+ * CUDA would race on. Several blocks run at the same time, each with threads, a barrier and shared memory of its own
+ * (exactly as many bytes as the launch asks for, so that AddressSanitizer sees an overrun; filled with NaN before every
+ * block, for CUDA does not clear it either). Blocks beyond those take their turns. Nothing here is fast. */
+
+#pragma once
+#include <math.h>
+#include <pthread.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#define __CUDACC_RTC__ 1
+#define OCTO_ON_CPU 1
+#define __global__
+#define __device__
+#define __forceinline__ inline
+#define __launch_bounds__(...)
+#define __restrict__
+
+struct cuda_on_cpu_index { unsigned x, y, z; };
+struct cuda_on_cpu_crew { pthread_barrier_t barrier; int threads; char *shared; };
+
+static thread_local cuda_on_cpu_index threadIdx, blockIdx;
+static thread_local cuda_on_cpu_crew *cuda_on_cpu_here;
+static cuda_on_cpu_index blockDim, gridDim;
+
+static inline void __syncthreads() {
+  if (cuda_on_cpu_here->threads > 1) pthread_barrier_wait(&cuda_on_cpu_here->barrier);
+}
+
+/* What a launch is told: grid and block (3 each), bytes of shared memory, blocks at the same time. */
+struct cuda_on_cpu_launch { unsigned grid[3], threads; unsigned long shared; unsigned crews; };
+
+template <typename Call>
+struct cuda_on_cpu_worker { const cuda_on_cpu_launch *launch; const Call *call; cuda_on_cpu_crew *crew; unsigned crew_number, lane; };
+
+template <typename Call>
+static void *cuda_on_cpu_work(void *argument) {
+  const auto *me = (const cuda_on_cpu_worker<Call> *)argument;
+  const cuda_on_cpu_launch *l = me->launch;
+  unsigned long blocks = (unsigned long)l->grid[0] * l->grid[1] * l->grid[2];
+  cuda_on_cpu_here = me->crew;
+  threadIdx = {me->lane, 0, 0};
+  for (unsigned long b = me->crew_number; b < blocks; b += l->crews) {
+    blockIdx = {(unsigned)(b % l->grid[0]), (unsigned)(b / l->grid[0] % l->grid[1]), (unsigned)(b / l->grid[0] / l->grid[1])};
+    if (me->lane == 0 && l->shared) memset(me->crew->shared, 0xff, l->shared);
+    __syncthreads();
+    (*me->call)();
+    __syncthreads();
+  }
+  return 0;
+}
+
+template <typename Call>
+static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
+  blockDim = {l->threads, 1, 1};
+  gridDim = {l->grid[0], l->grid[1], l->grid[2]};
+  std::vector<cuda_on_cpu_crew> crews(l->crews);
+  std::vector<cuda_on_cpu_worker<Call>> workers;
+  int failed = 0;
+  for (auto &crew : crews) {
+    crew.threads = (int)l->threads;
+    crew.shared = (char *)malloc(l->shared + !l->shared);
+    pthread_barrier_init(&crew.barrier, 0, l->threads);
+  }
+  for (unsigned c = 0; c < l->crews; ++c)
+    for (unsigned lane = 0; lane < l->threads; ++lane) workers.push_back({l, &call, &crews[c], c, lane});
+  if (workers.size() == 1) {
+    cuda_on_cpu_work<Call>(&workers[0]);
+  } else {
+    std::vector<pthread_t> handles(workers.size());
+    for (size_t k = 0; k < workers.size(); ++k) failed |= pthread_create(&handles[k], 0, cuda_on_cpu_work<Call>, &workers[k]);
+    if (failed) abort(); /* the others wait at a barrier for ever */
+    for (auto &handle : handles) pthread_join(handle, 0);
+  }
+  for (auto &crew : crews) { pthread_barrier_destroy(&crew.barrier); free(crew.shared); }
+  return failed;
+}
+
+/* One letter an argument: d i l for double, int, long long, u for size_t; capitals for pointers to them. */
+template <typename T> static char cuda_on_cpu_letter() {
+  using V = std::remove_cv_t<std::remove_pointer_t<T>>;
+  char letter = std::is_same_v<V, double> ? 'd' : std::is_same_v<V, int> ? 'i' : std::is_same_v<V, long long> ? 'l' : '?';
+  return std::is_pointer_v<T> && letter != '?' ? (char)(letter - 32) : letter;
+}
+
+template <typename... T> static const char *cuda_on_cpu_signature(void (*)(T...)) {
+  static const std::string letters = {cuda_on_cpu_letter<T>()...};
+  return letters.c_str();
+}
+
+template <typename... T, size_t... k>
+static int cuda_on_cpu_call(void (*kernel)(T...), const cuda_on_cpu_launch *l, void **arguments, std::index_sequence<k...>) {
+  return cuda_on_cpu_run(l, [=]() { kernel(*(T *)arguments[k]...); });
+}
+
+template <typename... T>
+static int cuda_on_cpu_start(void (*kernel)(T...), const cuda_on_cpu_launch *l, void **arguments) {
+  return cuda_on_cpu_call(kernel, l, arguments, std::index_sequence_for<T...>());
+}
+
+#define CUDA_ON_CPU_ENTRY(kernel) \
+  extern "C" const char *signature_of_##kernel() { return cuda_on_cpu_signature(kernel); } \
+  extern "C" int launch_of_##kernel(const cuda_on_cpu_launch *l, void **arguments) { return cuda_on_cpu_start(kernel, l, arguments); }

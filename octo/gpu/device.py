@@ -1,0 +1,60 @@
+"""What octo's device code is written against: arrays, modules of kernels, launches. CUDA is one, the CPU stands in for it.
+
+A kernel's arguments are device arrays, None (a null pointer), Python ints (int) and floats (double).
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = Any  # an array of the device
+
+
+class Kernel(Protocol):
+    """One ``__global__`` function."""
+
+    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
+        """Launch ``grid`` blocks (up to three numbers) of ``threads`` threads with ``shared`` bytes of shared memory."""
+        ...
+
+
+class Module(Protocol):
+    """A compiled text."""
+
+    def kernel(self, name: str) -> Kernel: ...
+
+
+class Device(Protocol):
+    """Where arrays live and kernels run."""
+
+    xp: Any  # the array module: numpy's functions
+    shared_limit: int  # bytes of shared memory a block may have
+
+    def module(self, text: str) -> Module:
+        """Compile CUDA text, or take it from the cache."""
+        ...
+
+    def threads(self, wanted: int) -> int:
+        """Threads of a block: what the caller wishes, or what this device has."""
+        ...
+
+    def array(self, values: Any, dtype: Any = np.float64) -> Array:
+        """A contiguous copy on the device."""
+        ...
+
+    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Array:
+        """Uninitialised memory."""
+        ...
+
+    def host(self, array: Array) -> NDArray[Any]:
+        """A copy on the host: waits for the device."""
+        ...
+
+
+def source(name: str) -> str:
+    """The text of one of octo's .cu or .cuh files."""
+    return (resources.files("octo.gpu") / name).read_text()

@@ -1,0 +1,160 @@
+"""octo's CUDA kernels executed on the CPU, from the text that NVRTC compiles: POSIX threads for CUDA threads.
+
+For tests, and to find mistakes without a GPU: it is strict where CUDA is silent. Types, shapes and contiguity of the
+arguments are checked, shared and fresh global memory is NaN until it is written.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.errors import DeviceError
+from octo.gpu.device import source
+
+FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
+KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
+LETTERS = {"d": np.dtype(np.float64), "i": np.dtype(np.int32), "l": np.dtype(np.int64)}
+SHARED_LIMIT = 227 * 1024  # bytes, of compute capability 9.0
+
+
+@functools.cache
+def compiler() -> str | None:
+    """Path of a C++ compiler, None when there is none."""
+    return next((path for name in ("g++", "c++", "clang++") if (path := shutil.which(name))), None)
+
+
+def program(text: str) -> str:
+    """The C++ text of a module: CUDA's words, the module, one entry for each kernel."""
+    entries = [f"CUDA_ON_CPU_ENTRY({name})" for name in KERNEL.findall(text)]
+    return "\n".join([source("cuda_on_cpu.h"), text, *entries, ""])
+
+
+def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
+    """The path of what C++ ``text`` becomes, from the cache where it is there."""
+    words = compiler()
+    if words is None:
+        raise DeviceError("no C++ compiler (g++, c++ or clang++): octo's kernels cannot be run on the CPU")
+    key = hashlib.sha256("\0".join((text, *flags, words, native.machine())).encode()).hexdigest()[:24]
+    made = native.cache_folder() / f"{key}{suffix}"
+    if made.exists():
+        return made
+    made.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=made.parent) as scratch:
+        written, compiled = Path(scratch) / "octo.cpp", Path(scratch) / "made"
+        written.write_text(text)
+        done = subprocess.run([words, *flags, "-o", str(compiled), str(written)], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise DeviceError(f"{words} could not compile octo's CUDA text: {done.stderr.strip()[:2000]}")
+        os.replace(compiled, made)
+    return made
+
+
+class Launch(ctypes.Structure):
+    """cuda_on_cpu_launch."""
+
+    _fields_ = [("grid", ctypes.c_uint * 3), ("threads", ctypes.c_uint), ("shared", ctypes.c_ulong), ("crews", ctypes.c_uint)]
+
+
+class EmulatedKernel:
+    """A kernel that the CPU executes."""
+
+    def __init__(self, device: EmulatedDevice, library: ctypes.CDLL, text: str, name: str):
+        self.device, self.text, self.name = device, text, name
+        self._launch = getattr(library, f"launch_of_{name}")
+        describe = getattr(library, f"signature_of_{name}")
+        describe.restype = ctypes.c_char_p
+        self.signature: str = describe().decode()
+
+    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
+        if len(arguments) != len(self.signature):
+            raise TypeError(f"{self.name} has {len(self.signature)} arguments, got {len(arguments)}")
+        if shared > self.device.shared_limit:
+            raise ValueError(f"{self.name}: {shared} bytes of shared memory, a block has {self.device.shared_limit}")
+        if not 0 < threads <= 1024 or min(grid) < 1 or max(grid[1:], default=1) > 65535:
+            raise ValueError(f"{self.name}: grid {grid} of {threads} threads is not legal")
+        values = [self._value(k, argument) for k, argument in enumerate(arguments)]
+        pointers = (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values))
+        sizes = (*grid, 1, 1)[:3]
+        launch = Launch((ctypes.c_uint * 3)(*sizes), threads, shared, self.device.crews)
+        if self.device.recorder is not None:
+            arrays = [None if a is None else self.device.plain(a) if not np.isscalar(a) else a for a in arguments]
+            self.device.recorder(self, launch, arrays)
+        self._launch(ctypes.byref(launch), pointers)
+        self.device.launches += 1
+
+    def _value(self, place: int, argument: Any) -> Any:
+        letter, where = self.signature[place], f"argument {place} of {self.name}"
+        if letter.islower():
+            if letter == "d":
+                return ctypes.c_double(float(argument))
+            if isinstance(argument, float):
+                raise TypeError(f"{where} is {argument}, must be whole")
+            return (ctypes.c_int if letter == "i" else ctypes.c_longlong)(int(argument))
+        if argument is None:
+            return ctypes.c_void_p(None)
+        array = self.device.plain(argument)
+        if array.dtype != LETTERS[letter.lower()]:
+            raise TypeError(f"{where} has type {array.dtype}, must be {LETTERS[letter.lower()]}")
+        if not array.flags.c_contiguous:
+            raise TypeError(f"{where} is not contiguous")
+        return ctypes.c_void_p(array.ctypes.data)
+
+
+class EmulatedModule:
+    """A text compiled for the CPU."""
+
+    def __init__(self, device: EmulatedDevice, text: str):
+        self._device, self._text = device, text
+        self._library = ctypes.CDLL(str(compile_program(program(text), (*FLAGS, "-shared"), ".so")))
+        self.kernel = functools.cache(self._kernel)
+
+    def _kernel(self, name: str) -> EmulatedKernel:
+        return EmulatedKernel(self._device, self._library, self._text, name)
+
+
+class EmulatedDevice:
+    """The CPU in the place of a GPU.
+
+    Parameters
+    ----------
+    threads: of every block, whatever the caller wishes. crews: blocks at the same time.
+    xp: the array module; NumPy, or one that is stricter.
+    recorder: called with (kernel, launch, arguments) before every launch.
+    """
+
+    def __init__(self, threads: int = 1, crews: int = 1, xp: Any = np, recorder: Any = None):
+        self._threads, self.crews, self.xp, self.recorder = threads, crews, xp, recorder
+        self.shared_limit = SHARED_LIMIT
+        self.launches = 0
+        self.module = functools.cache(functools.partial(EmulatedModule, self))
+
+    def threads(self, wanted: int) -> int:
+        return self._threads
+
+    def array(self, values: Any, dtype: Any = np.float64) -> Any:
+        return self.xp.array(np.array(values, dtype=dtype, order="C"))
+
+    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+        fill: Any = np.nan if np.dtype(dtype).kind == "f" else -(2**31) + 7
+        return self.xp.full(shape, fill, dtype=dtype)
+
+    def host(self, array: Any) -> NDArray[Any]:
+        return np.array(self.plain(array))
+
+    @staticmethod
+    def plain(array: Any) -> NDArray[Any]:
+        """The NumPy array behind a device array."""
+        return array if isinstance(array, np.ndarray) else array.get_view()

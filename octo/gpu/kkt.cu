@@ -1,0 +1,195 @@
+/* The KKT matrix of a batch as a symmetric block-tridiagonal matrix of paired units; products; after linear.cu.
+ *
+ * H (units, 3, NCV, NCV), A (units, 3, MAV, NCV): block o of unit k couples it with unit k - o. */
+
+/* Entry of the matrix of Eq. 12: row r of unit k, column c of unit l, k >= l; units beyond the last are the identity. */
+static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, int c, const double *h, const double *a, const double *sigma) {
+  if (k - l > 2) return 0.0;
+  if (k >= units) return k == l && r == c ? 1.0 : 0.0;
+  int lag = k - l;
+  if (r < NCV && c < NCV) return h[(((size_t)k * 3 + lag) * NCV + r) * NCV + c] + (lag == 0 && r == c && sigma ? sigma[k] : 0.0);
+  if (r >= NCV && c < NCV) return a[(((size_t)k * 3 + lag) * MAV + r - NCV) * NCV + c];
+  if (r < NCV && lag == 0) return a[((size_t)k * 3 * MAV + c - NCV) * NCV + r];
+  return 0.0;
+}
+
+/* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. Shared: PARTS doubles. */
+extern "C" __global__ void octo_kkt_blocks(int units, const double *h, const double *a, const double *sigma, double *diagonal, double *lower,
+                                           int *finite) {
+  SHARED(part);
+  int d = blockIdx.x, D = gridDim.x;
+  size_t member = blockIdx.y, size = (size_t)KKT * KKT;
+  h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
+  if (sigma) sigma += member * units;
+  double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
+  EACH(p, PARTS) {
+    double worst = 0.0;
+    for (int e = p; e < KKT * KKT; e += PARTS) {
+      int i = e / KKT, j = e % KKT, k = 2 * d + i / UNIT, l = 2 * d + j / UNIT, r = i % UNIT, c = j % UNIT;
+      double value = k >= l ? octo_kkt_entry(units, k, r, l, c, h, a, sigma) : octo_kkt_entry(units, l, c, k, r, h, a, sigma);
+      own[e] = value;
+      worst = octo_larger(value - value, worst);
+      if (d == D - 1) continue;
+      value = octo_kkt_entry(units, 2 * d + 2 + i / UNIT, r, l, c, h, a, sigma);
+      below[e] = value;
+      worst = octo_larger(value - value, worst);
+    }
+    part[p] = worst;
+  }
+  double worst = octo_block_max(part);
+  if (LANE == 0) finite[member * D + d] = worst == 0.0;
+}
+
+/* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1; grid (D, batch). */
+extern "C" __global__ void octo_kkt_equilibrate(const double *diagonal, const double *lower, const double *old, double *scale) {
+  int d = blockIdx.x, D = gridDim.x;
+  size_t member = blockIdx.y, size = (size_t)KKT * KKT;
+  const double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size, *s = old + (member * D + d) * KKT;
+  EACH(i, KKT) {
+    double top = 0.0;
+    for (int j = 0; j < KKT; ++j) {
+      top = fmax(top, fabs(own[i * KKT + j]) * s[j]);
+      if (d > 0) top = fmax(top, fabs((below - size)[i * KKT + j]) * (s - KKT)[j]);
+      if (d < D - 1) top = fmax(top, fabs(below[j * KKT + i]) * (s + KKT)[j]);
+    }
+    top *= s[i];
+    scale[(member * D + d) * KKT + i] = s[i] / sqrt(top > 0.0 ? top : 1.0);
+  }
+}
+
+/* diag(s) M diag(s) in place; members that are not finite become the identity. Grid (D, batch). */
+extern "C" __global__ void octo_kkt_scale(const int *finite, const double *scale, double *diagonal, double *lower) {
+  int d = blockIdx.x, D = gridDim.x;
+  size_t member = blockIdx.y, size = (size_t)KKT * KKT;
+  double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
+  const double *s = scale + (member * D + d) * KKT;
+  int good = finite[member];
+  EACH(e, KKT * KKT) {
+    int i = e / KKT, j = e % KKT;
+    own[e] = good ? own[e] * s[i] * s[j] : i == j ? 1.0 : 0.0;
+    if (d < D - 1) below[e] = good ? below[e] * (s + KKT)[i] * s[j] : 0.0;
+  }
+}
+
+/* r (D, KKT, columns) = s (v, lam) of paired units; grid (D, batch). */
+extern "C" __global__ void octo_kkt_join(int units, int columns, const int *finite, const double *scale, const double *v, const double *lam,
+                                         double *r) {
+  size_t member = blockIdx.y, d = blockIdx.x, D = gridDim.x;
+  double *out = r + (member * D + d) * KKT * columns;
+  const double *s = scale + (member * D + d) * KKT;
+  EACH(e, KKT * columns) {
+    int i = e / columns, c = e % columns, k = 2 * (int)d + i / UNIT, u = i % UNIT;
+    double value = 0.0;
+    if (k < units && u < NCV) value = v[((member * units + k) * NCV + u) * columns + c];
+    else if (k < units && lam) value = lam[((member * units + k) * MAV + u - NCV) * columns + c];
+    out[e] = finite[member] ? s[i] * value : 0.0;
+  }
+}
+
+/* (v, lam) = s x, added to what is there with ``more``; NaN for members that are not finite; grid (D, batch). */
+extern "C" __global__ void octo_kkt_part(int units, int columns, int more, const int *finite, const double *scale, const double *x, double *v,
+                                         double *lam) {
+  size_t member = blockIdx.y, d = blockIdx.x, D = gridDim.x;
+  const double *own = x + (member * D + d) * KKT * columns, *s = scale + (member * D + d) * KKT;
+  EACH(e, KKT * columns) {
+    int i = e / columns, c = e % columns, k = 2 * (int)d + i / UNIT, u = i % UNIT;
+    if (k >= units) continue;
+    double *out = u < NCV ? v + ((member * units + k) * NCV + u) * columns + c : lam + ((member * units + k) * MAV + u - NCV) * columns + c;
+    double value = finite[member] ? s[i] * own[e] : NAN;
+    *out = more ? *out + value : value;
+  }
+}
+
+/* ---- products with H, A and Aᵀ; v is (units, NCV, columns), lam (units, MAV, columns); grid (units, batch) ---- */
+
+static __device__ inline double octo_hessian_row(int units, int k, int i, int c, int columns, const double *h, const double *v) {
+  double sum = 0.0;
+  for (int o = 0; o <= 2 && o <= k; ++o) {
+    const double *row = h + (((size_t)k * 3 + o) * NCV + i) * NCV, *x = v + (size_t)(k - o) * NCV * columns + c;
+    for (int j = 0; j < NCV; ++j) sum += row[j] * x[j * columns];
+  }
+  for (int o = 1; o <= 2 && k + o < units; ++o) {
+    const double *column = h + ((size_t)(k + o) * 3 + o) * NCV * NCV + i, *x = v + (size_t)(k + o) * NCV * columns + c;
+    for (int j = 0; j < NCV; ++j) sum += column[j * NCV] * x[j * columns];
+  }
+  return sum;
+}
+
+static __device__ inline double octo_row_times(int k, int i, int c, int columns, const double *a, const double *v) {
+  double sum = 0.0;
+  for (int o = 0; o <= 2 && o <= k; ++o) {
+    const double *row = a + (((size_t)k * 3 + o) * MAV + i) * NCV, *x = v + (size_t)(k - o) * NCV * columns + c;
+    for (int j = 0; j < NCV; ++j) sum += row[j] * x[j * columns];
+  }
+  return sum;
+}
+
+static __device__ inline double octo_column_times(int units, int k, int i, int c, int columns, const double *a, const double *lam) {
+  double sum = 0.0;
+  for (int o = 0; o <= 2 && k + o < units; ++o) {
+    const double *column = a + ((size_t)(k + o) * 3 + o) * MAV * NCV + i, *x = lam + (size_t)(k + o) * MAV * columns + c;
+    for (int j = 0; j < MAV; ++j) sum += column[j * NCV] * x[j * columns];
+  }
+  return sum;
+}
+
+#define AT_UNIT \
+  int k = blockIdx.x, units = gridDim.x; \
+  size_t member = blockIdx.y; \
+  const size_t v_at = member * units * NCV * columns, c_at = member * units * MAV * columns, own_v = v_at + (size_t)k * NCV * columns, \
+               own_c = c_at + (size_t)k * MAV * columns; \
+  (void)v_at; (void)c_at; (void)own_v; (void)own_c
+
+/* H v. */
+extern "C" __global__ void octo_hessian_times(int columns, const double *h, const double *v, double *out) {
+  AT_UNIT;
+  EACH(e, NCV * columns)
+    out[own_v + e] = octo_hessian_row(units, k, e / columns, e % columns, columns, h + member * units * 3 * NCV * NCV, v + v_at);
+}
+
+/* base + factor A v (base may be none). */
+extern "C" __global__ void octo_rows_times(int columns, double factor, const double *a, const double *base, const double *v, double *out) {
+  AT_UNIT;
+  EACH(e, MAV * columns)
+    out[own_c + e] = (base ? base[own_c + e] : 0.0) +
+                     factor * octo_row_times(k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, v + v_at);
+}
+
+/* base + factor Aᵀ lam. */
+extern "C" __global__ void octo_rows_transposed_times(int columns, double factor, const double *a, const double *base, const double *lam,
+                                                      double *out) {
+  AT_UNIT;
+  EACH(e, NCV * columns)
+    out[own_v + e] = (base ? base[own_v + e] : 0.0) +
+                     factor * octo_column_times(units, k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, lam + c_at);
+}
+
+/* (left_v, left_c) = (rhs_v, rhs_c) - KKT (v, lam); rhs_c may be none: zero. */
+extern "C" __global__ void octo_kkt_residual(int columns, const double *h, const double *a, const double *sigma, const double *rhs_v,
+                                             const double *rhs_c, const double *v, const double *lam, double *left_v, double *left_c) {
+  AT_UNIT;
+  h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
+  double weight = sigma ? sigma[member * units + k] : 0.0;
+  EACH(e, NCV * columns) {
+    int i = e / columns, c = e % columns;
+    left_v[own_v + e] = rhs_v[own_v + e] - octo_hessian_row(units, k, i, c, columns, h, v + v_at) - weight * v[own_v + e]
+                      - octo_column_times(units, k, i, c, columns, a, lam + c_at);
+  }
+  EACH(e, MAV * columns)
+    left_c[own_c + e] = (rhs_c ? rhs_c[own_c + e] : 0.0) - octo_row_times(k, e / columns, e % columns, columns, a, v + v_at);
+}
+
+/* Largest |entry| of each column of (v, lam); grid (columns, batch); shared: PARTS doubles. */
+extern "C" __global__ void octo_largest(int units, const double *v, const double *lam, double *top) {
+  SHARED(part);
+  int c = blockIdx.x, columns = gridDim.x;
+  size_t member = blockIdx.y;
+  EACH(p, PARTS) {
+    double most = 0.0;
+    for (int e = p; e < units * NCV; e += PARTS) most = octo_larger(fabs(v[(member * units * NCV + e) * columns + c]), most);
+    for (int e = p; lam && e < units * MAV; e += PARTS) most = octo_larger(fabs(lam[(member * units * MAV + e) * columns + c]), most);
+    part[p] = most;
+  }
+  double most = octo_block_max(part);
+  if (LANE == 0) top[member * columns + c] = most;
+}

@@ -1,0 +1,207 @@
+"""A batch of problems on a device: the ``evaluate`` and ``linearize`` of CompiledProblem, by kernels."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from octo.errors import DeviceError
+from octo.gpu.device import Array, Device, Kernel, source
+from octo.gpu.tables import Gather, Tables
+from octo.problem import codegen
+from octo.problem.compiled import CompiledProblem, Evaluation, Model
+
+SMALL = 64  # threads of a block for a step's residuals and derivatives
+WIDE = 256  # for sums over blocks
+PARTS = 128  # of common.cuh
+BATCHED = ("p", "q", "row_scale", "constant")
+
+
+class Program:
+    """The compiled text of one model and one list of terms, and the sizes that launches need."""
+
+    def __init__(self, problem: CompiledProblem, device: Device):
+        dynamics, functions = problem.dynamics, problem.functions
+        text = dynamics.text()
+        if not text:
+            raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
+        parts = [text, codegen.residual_text(functions, dynamics), *map(source, ("common.cuh", "dynamics.cu", "model.cu"))]
+        self.text = "\n".join(parts)
+        self.module = device.module(self.text)
+        size = device.empty((2,), np.int32)
+        self.kernel("octo_work_size")((1,), 1, size)
+        self.work, self.kin = (int(value) for value in device.host(size))  # doubles
+        self.rows = functions.rows
+        self.entries = functions.state_sparsity.nnz()
+        self.touch = len(functions.contact_spheres) * len(functions.contact_terms) * 18
+        self.terms = len(functions.references.terms)
+        self.curvature = dynamics.curvature_blocks
+        room = 8 * self.rows * (3 * dynamics.nx + 2)  # bytes of a step's rows
+        self.spills = room > device.shared_limit
+        self.room = 16 * self.rows if self.spills else room
+        if 8 * self.work > device.shared_limit:
+            raise DeviceError(
+                f"a step needs {8 * self.work} bytes of shared memory, this device has {device.shared_limit}: "
+                "the robot is too large for it; try device 'cpu'"
+            )
+
+    def kernel(self, name: str) -> Kernel:
+        return self.module.kernel(name)
+
+
+class DeviceProblem:
+    """``problem`` with its numbers and its iterates on ``device``; what is described stays on the host.
+
+    Raises
+    ------
+    DeviceError: the problem has something that only the CPU can do.
+    """
+
+    def __init__(self, problem: CompiledProblem, device: Device, like: DeviceProblem | None = None):
+        if problem.neighbours is not None:
+            raise DeviceError("terms over neighbouring Hermite controls run on the CPU only")
+        self.host, self.device, self.xp = problem, device, device.xp
+        self.program: Program = Program(problem, device) if like is None else like.program
+        self.p, self.q, self.row_scale, self.constant = (device.array(getattr(problem, name)) for name in BATCHED)
+        self._tables: dict[str, Array] = like._tables if like is not None and like._fits(problem) else self._upload()
+        self._share()
+
+    def _share(self) -> None:
+        host = self.host
+        self.problems, self.functions, self.dynamics = host.problems, host.functions, host.dynamics
+        self.batch, self.steps, self.n, self.K = len(self.p), host.steps, host.n, host.K
+        self.nc, self.ma, self.m, self.weight, self.threads = host.nc, host.ma, host.m, host.weight, host.threads
+
+    def _fits(self, problem: CompiledProblem) -> bool:
+        same = problem.basis == self.host.basis and problem.steps == self.host.steps
+        return same and np.array_equal(problem.fixed, self.host.fixed)
+
+    def _upload(self) -> dict[str, Array]:
+        """The stencil and its gather tables on the device."""
+        stencil, device = self.host.stencil, self.device
+        tables = Tables.of(stencil, self.host.steps)
+        dummy = np.zeros(stencil.units, dtype=np.int32)
+        dummy[self.host.fixed] = 1
+        tests = np.where(stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1)
+        whole = {"slot_unit": stencil.unit, "slot_part": stencil.part, "test_row": tests, "dummy": dummy}
+        arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
+        arrays["slot_value"] = device.array(stencil.coefficient)
+        arrays["test_value"] = device.array(stencil.test_coefficient)
+        for name in ("hessian", "gradient", "jacobian", "tests"):
+            gather: Gather = getattr(tables, name)
+            for part in ("first", "step", "node"):
+                arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)
+            arrays[f"{name}_value"] = device.array(gather.value)
+        return arrays
+
+    def take(self, members: Any) -> DeviceProblem:
+        """A batch of some members, by index (host or device); everything else is shared."""
+        part: DeviceProblem = object.__new__(DeviceProblem)
+        part.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_scratch"})
+        chosen = self.xp.asarray(members)
+        for name in BATCHED:
+            setattr(part, name, self.xp.ascontiguousarray(getattr(self, name)[chosen]))
+        part.batch = len(part.p)
+        return part
+
+    def unknowns(self, nodes: Any) -> Array:
+        """(batch, K, nc) unknowns, on the device, of a trajectory (batch, N+2, n) on the host."""
+        return self.device.array(self.host.unknowns(np.asarray(nodes)))
+
+    # -- what a solver calls --------------------------------------------------------------------------------------
+
+    def evaluate(self, unknowns: Array) -> Evaluation:
+        """E and C at ``unknowns`` (batch, K, nc)."""
+        device, program, tables = self.device, self.program, self._tables
+        steps, batch, n = self.steps, self.batch, self.n
+        nodes = device.empty((batch, steps + 2, n))
+        fd, terms = device.empty((batch, steps, n)), device.empty((batch, steps, program.terms))
+        energy, C = device.empty((batch,)), device.empty((batch, self.K, self.ma))
+        sizes = (steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
+        slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
+        self._flat("octo_nodes", nodes.size, *sizes, *slots, self.constant, unknowns, nodes)
+        kin = self._kin(nodes)
+        self._each_step("octo_value", SMALL, 8 * program.work, nodes, kin, self.p, fd)
+        self._each_step("octo_terms", SMALL, 8 * (program.rows + self.dynamics.nu), nodes, kin, self.p, self.q, fd, terms)
+        program.kernel("octo_energy")((batch,), device.threads(PARTS), steps, terms, energy, shared=8 * PARTS)
+        self._reduce(fd, C)
+        return Evaluation(unknowns, nodes, fd, terms, energy, C)
+
+    def linearize(self, at: Evaluation, lam: Array | None) -> Model:
+        """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
+        program, tables, scratch = self.program, self._tables, self._scratch
+        kin = self._kin(at.nodes)
+        self._each_step(
+            "octo_cost_derivatives", SMALL, 8 * self.dynamics.nu, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
+            tables["test_row"], tables["test_value"], at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam,
+            scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"],
+        )  # fmt: skip
+        dynamics = (at.nodes, kin, self.p)
+        if lam is None:
+            self._each_step("octo_jacobian", SMALL, 8 * program.work, *dynamics, scratch["fd"], scratch["jac"])
+        else:
+            out = (scratch["lam"], scratch["fd"], scratch["jac"], scratch["curvature"])
+            self._each_step("octo_curvature", SMALL, 8 * program.work, *dynamics, *out)
+        self._each_step(
+            "octo_step_model", WIDE, program.room, *dynamics, self.q, scratch["r"], scratch["cost_jac"], scratch["touch"],
+            scratch["jac"], None if lam is None else scratch["curvature"], scratch["rows"] if program.spills else None,
+            scratch["hess"], scratch["gradient"],
+        )  # fmt: skip
+        return self._gather(at)
+
+    def term_values(self, at: Evaluation) -> Array:
+        """(batch, terms) the parts of E."""
+        return at.terms.sum(axis=1)
+
+    # -- launches -------------------------------------------------------------------------------------------------
+
+    def _gather(self, at: Evaluation) -> Model:
+        device, tables, scratch = self.device, self._tables, self._scratch
+        shape, parts, wide = (self.batch, self.K), self.host.stencil.parts, device.threads(WIDE)
+        H, A = device.empty((*shape, 3, self.nc, self.nc)), device.empty((*shape, 3, self.ma, self.nc))
+        b = device.empty((*shape, self.nc))
+        columns = ("first", "step", "node", "value")
+        hessian, gradient, jacobian = ([tables[f"{n}_{part}"] for part in columns] for n in ("hessian", "gradient", "jacobian"))
+        grid = (self.K, 3, self.batch)
+        own = (tables["dummy"], scratch["hess"], scratch["gradient"], H, b)
+        self.program.kernel("octo_gather_hessian")(grid, wide, self.steps, parts, *hessian, *gradient, *own)
+        if self.ma:
+            rows = (self.row_scale, scratch["jac"], A)
+            self.program.kernel("octo_gather_constraints")(grid, wide, self.steps, parts, *jacobian, *rows)
+        return Model(H, A, b, at.C)
+
+    def _kin(self, nodes: Array) -> Array:
+        kin = self.device.empty((*nodes.shape[:2], max(self.program.kin, 1)))
+        self._flat("octo_kin_of_nodes", nodes.shape[0] * nodes.shape[1], nodes, kin, threads=32)
+        return kin
+
+    def _reduce(self, fd: Array, C: Array) -> None:
+        if not self.ma:
+            return
+        tables = [self._tables[f"tests_{part}"] for part in ("first", "step", "value")]
+        self._flat("octo_constraints", C.size, self.steps, self.K * self.host.stencil.parts, *tables, self.row_scale, fd, C)
+
+    def _flat(self, name: str, count: int, *arguments: Any, threads: int = WIDE) -> None:
+        """A kernel over ``count`` things, one a thread."""
+        threads = self.device.threads(threads)
+        self.program.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
+
+    def _each_step(self, name: str, threads: int, shared: int, *arguments: Any) -> None:
+        """A kernel with a block for each step of each problem."""
+        grid = (self.steps, self.batch)
+        self.program.kernel(name)(grid, self.device.threads(threads), self.steps, *arguments, shared=shared)
+
+    @cached_property
+    def _scratch(self) -> dict[str, Array]:
+        """What linearize writes on its way to H and A."""
+        program, n = self.program, self.n
+        sizes: dict[str, tuple[int, ...]] = {
+            "r": (program.rows,), "cost_jac": (program.entries,), "touch": (program.touch,), "lam": (n,), "fd": (n,),
+            "jac": (n, 3 * n), "curvature": (program.curvature, n, n), "hess": (6, n, n), "gradient": (3 * n,),
+        }  # fmt: skip
+        if program.spills:
+            sizes["rows"] = (program.rows, 3 * n)
+        items = (self.batch, self.steps)
+        return {name: self.device.empty((*items, *(max(s, 1) for s in shape))) for name, shape in sizes.items()}

@@ -1,0 +1,29 @@
+/* The kernels of linear.cu for one kind of matrix: NAME and NAME_BLOCK, the size of its blocks, are replaced (linear.py). */
+
+extern "C" __global__ void octo_NAME_pivots(int D, int first, double rounding, double shift, int places, int place, int spill,
+                                                double *diagonal, double *half, double *sign, int *counts) {
+  octo_pivots_of<NAME_BLOCK>(D, first, rounding, shift, places, place, spill, diagonal, half, sign, counts);
+}
+
+extern "C" __global__ void octo_NAME_couple(int D, int first, const double *lower, const double *half, double *left, double *right) {
+  octo_couple_of<NAME_BLOCK>(D, first, lower, half, left, right);
+}
+
+extern "C" __global__ void octo_NAME_complement(int D, int first, const double *diagonal, const double *sign, const double *left,
+                                                    const double *right, double *new_diagonal, double *new_lower) {
+  octo_complement_of<NAME_BLOCK>(D, first, diagonal, sign, left, right, new_diagonal, new_lower);
+}
+
+extern "C" __global__ void octo_NAME_fold(int D, int first, int columns, const double *half, const double *sign, const double *left,
+                                              const double *right, const double *r, double *held, double *folded) {
+  octo_fold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, r, held, folded);
+}
+
+extern "C" __global__ void octo_NAME_unfold(int D, int first, int columns, const double *half, const double *sign, const double *left,
+                                                const double *right, const double *held, const double *x, double *unfolded) {
+  octo_unfold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, held, x, unfolded);
+}
+
+extern "C" __global__ void octo_NAME_last(int columns, const double *half, const double *sign, const double *r, double *x) {
+  octo_last_of<NAME_BLOCK>(columns, half, sign, r, x);
+}

@@ -1,0 +1,130 @@
+"""Small problems with everything in them, and the CPU in the place of a GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import octo
+from octo.gpu import emulator
+from octo.gpu.emulator import EmulatedDevice
+from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
+from octo.problem.basis import Hermite
+from octo.problem.compiled import CompiledProblem
+from octo.solver.blocks import KKTBlocks
+
+STEPS, DT = 12, 0.05
+START = np.array([0.02, -0.01, 0.44, 0.1, 0.05, -0.04, 0.3, -0.4, 0.01])  # front and foot in the ground, back above
+BASES = {"nodes": "nodes", "hermite": Hermite(3)}
+
+
+@pytest.fixture(autouse=True)
+def needs_compiler():
+    if emulator.compiler() is None:
+        pytest.skip("no C++ compiler")
+
+
+@lru_cache
+def _device(threads: int = 1, crews: int = 1) -> EmulatedDevice:
+    return EmulatedDevice(threads, crews)
+
+
+@pytest.fixture
+def device() -> Callable[..., EmulatedDevice]:
+    return _device
+
+
+@lru_cache
+def _robot() -> Character:
+    """A base with a leg of two links and a slide on top; its first sphere does not touch the terrain, but the foot."""
+    inertia = np.diag([0.02, 0.03, 0.025])
+    y, z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    hip = Joint("hip", "hinge", y, lower=-1.0, upper=1.0, torque_limit=8.0)
+    knee = Joint("knee", "hinge", y, lower=-1.5, upper=0.2, torque_limit=6.0, armature=0.01)
+    mast = Joint("mast", "slide", z, lower=-0.1, upper=0.1, damping=0.5)
+    bodies = (
+        Body("base", -1, floating_base(), mass=2.0, inertia=inertia, com=np.array([0.02, 0.0, 0.01])),
+        Body("thigh", 0, (hip,), np.array([0.0, 0.1, -0.05]), mass=0.5, inertia=0.2 * inertia, com=np.array([0, 0, -0.1])),
+        Body("shank", 1, (knee,), np.array([0.0, 0.0, -0.2]), mass=0.3, inertia=0.1 * inertia, com=np.array([0, 0, -0.1])),
+        Body("mast", 0, (mast,), np.array([0.0, 0.0, 0.1]), mass=0.2, inertia=0.1 * inertia),
+    )
+    places = (
+        ("top", 3, (0.0, 0.0, 0.1)), ("foot", 2, (0.0, 0.0, -0.2)), ("front", 0, (0.2, 0.0, -0.42)),
+        ("back", 0, (-0.2, 0.1, -0.39)),
+    )  # fmt: skip
+    spheres = tuple(ContactSphere(n, b, np.array(at), 0.03, touches_terrain=n != "top") for n, b, at in places)
+    return Character("walker", bodies, spheres, pairs=((0, 1),))
+
+
+def _costs(steps: int) -> list[octo.costs.Cost]:
+    """Terms of every kind: over the state, the torques, contacts; references that change from step to step."""
+    rows = np.random.default_rng(3).uniform(-0.4, 0.4, (steps, 12))
+    c = octo.costs
+
+    def residual(step, p):
+        return step.x_next[4] * step.x[6] - p["gain"] * step.x_prev[7] ** 2 + 0.1 * step.u[0]
+
+    return [
+        c.CenterOfMassVelocity(velocity=rows[:, :3], weight=np.linspace(0.5, 1.5, steps)),
+        c.BaseOrientation(roll_pitch_yaw=rows[:, 3:6], axes=(1.0, 0.5, 2.0)),
+        c.Posture(reference=rows[:, :9], joints=(1.0, 0.5, 2.0)),
+        c.JointAcceleration(weight=1e-3),
+        c.Effort(),
+        c.CustomCost(residual, {"gain": 0.7}, steps="last"),
+        c.Slip(length=0.03),
+        c.FootLift(height=0.01, contacts=("foot", "front")),
+        c.FrictionCone(mu=0.1, contacts=("foot",)),
+        c.ForceRate(),
+    ]
+
+
+@lru_cache
+def _compiled(basis: str, end: bool = False) -> CompiledProblem:
+    problem = octo.Problem(
+        _robot(), steps=STEPS, dt=DT, costs=_costs(STEPS), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
+        parameters={"contact.onset": 0.004}, x_end=START + 0.01 if end else None,
+    )  # fmt: skip
+    return CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)])
+
+
+@pytest.fixture
+def compiled() -> Callable[..., CompiledProblem]:
+    """Two problems with terms of every kind."""
+    return _compiled
+
+
+def _wiggle(problem: CompiledProblem, seed: int = 0) -> np.ndarray:
+    """(batch, K, nc) unknowns of a motion close to the ground that starts at the start."""
+    random = np.random.default_rng(seed)
+    times = np.linspace(0.0, 1.0, problem.steps + 2)[:, None]
+    waves = sum(np.sin((k + 1) * times) * random.uniform(-0.06, 0.06, (problem.batch, 1, problem.n)) for k in range(4))
+    return problem.unknowns(problem.start[:, None] + waves)
+
+
+@pytest.fixture
+def wiggle() -> Callable[..., np.ndarray]:
+    return _wiggle
+
+
+def _random_system(seed: int, batch: int, K: int, nc: int, ma: int, *, lowered: float = 0.0) -> KKTBlocks:
+    """H a sum of squares over three neighbouring units plus I, minus a random diagonal in [0, lowered)."""
+    random = np.random.default_rng(seed)
+    H, A = np.zeros((batch, K, 3, nc, nc)), np.zeros((batch, K, 3, ma, nc))
+    diagonal = np.arange(nc)
+    for k in range(K):
+        reach = min(k, 2) + 1
+        jacobian = [random.standard_normal((batch, nc, nc)) / np.sqrt(nc) for _ in range(reach)]
+        for o in range(reach):
+            A[:, k, o] = random.standard_normal((batch, ma, nc))
+            for p in range(o, reach):
+                H[:, k - o, p - o] += np.swapaxes(jacobian[o], -1, -2) @ jacobian[p]
+    H[:, :, 0, diagonal, diagonal] += 1.0 - lowered * random.random((batch, K, nc))
+    return KKTBlocks(H, A, random.standard_normal((batch, K, nc)), random.standard_normal((batch, K, ma)))
+
+
+@pytest.fixture
+def random_system() -> Callable[..., KKTBlocks]:
+    return _random_system

@@ -1,0 +1,109 @@
+"""E, C, H, A and b by the kernels, executed on the CPU, against the native code and against CasADi's virtual machine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import octo
+from octo.errors import DeviceError
+from octo.gpu.problem import DeviceProblem
+from octo.problem.compiled import CompiledProblem
+from octo.problem.interpreted import Interpreted
+
+THREADS = (1, 5, 32, 96)
+
+
+def close(found, expected, scale=None):
+    largest = np.abs(expected if scale is None else scale).max()
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * max(1e-300, largest))
+
+
+@pytest.mark.parametrize("threads", THREADS)
+@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+def test_values(compiled, wiggle, device, basis, threads):
+    problem = compiled(basis)
+    unknowns, gpu = wiggle(problem), device(threads)
+    expected = problem.evaluate(unknowns)
+    found = DeviceProblem(problem, gpu).evaluate(gpu.array(unknowns))
+    for name in ("nodes", "fd", "terms", "energy", "C"):
+        close(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("threads", THREADS)
+@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+@pytest.mark.parametrize("end", [False, True])
+def test_the_model_against_casadi(compiled, wiggle, device, basis, threads, end):
+    problem, gpu = compiled(basis, end), device(threads)
+    unknowns = wiggle(problem)
+    lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
+    at, other = problem.evaluate(unknowns), DeviceProblem(problem, gpu)
+    own = other.evaluate(gpu.array(unknowns))
+    oracle, models = Interpreted(problem), []
+    for multipliers in (None, lam):
+        nc, ma = problem.nc, problem.ma
+        out = tuple(np.empty((2, problem.K, *shape)) for shape in ((3, nc, nc), (3, ma, nc), (nc,), (ma,)))
+        oracle.linearize(at, multipliers, out)
+        out[0][:, problem.fixed, 0] = np.eye(nc)
+        found = other.linearize(own, multipliers)
+        for name, expected in zip("HAbC", out, strict=True):
+            close(getattr(found, name), expected)
+        models.append((out[0], found.H))
+    curvature = models[1][0] - models[0][0]
+    assert np.abs(curvature).max() > 0.0
+    close(models[1][1] - models[0][1], curvature, models[1][0])
+
+
+def test_a_nan_member_leaves_the_other_bit_identical(compiled, wiggle, device):
+    problem, gpu = compiled("nodes"), device(5)
+    other, unknowns = DeviceProblem(problem, gpu), wiggle(problem)
+    expected = other.evaluate(gpu.array(unknowns))
+    model = other.linearize(expected, None)
+    unknowns[1, 4, 2] = np.nan
+    found = other.evaluate(gpu.array(unknowns))
+    broken = other.linearize(found, None)
+    np.testing.assert_array_equal(found.finite, [True, False])
+    for name in ("fd", "terms", "energy", "C"):
+        np.testing.assert_array_equal(getattr(found, name)[0], getattr(expected, name)[0])
+    for name in "HAb":
+        np.testing.assert_array_equal(getattr(broken, name)[0], getattr(model, name)[0])
+
+
+def test_members_taken_out_of_a_batch(compiled, wiggle, device):
+    problem, gpu = compiled("hermite"), device(1)
+    other, unknowns = DeviceProblem(problem, gpu), wiggle(problem)
+    expected = other.evaluate(gpu.array(unknowns))
+    found = other.take(np.array([1])).evaluate(gpu.array(unknowns[1:]))
+    np.testing.assert_array_equal(found.energy, expected.energy[1:])
+    np.testing.assert_array_equal(found.C, expected.C[1:])
+
+
+def test_user_written_dynamics(device):
+    """A pendulum on a cart, written by the user: its curvature has the block of x and x_prev."""
+    import casadi as ca
+
+    def pendulum(x_next, x, x_prev, p):
+        acceleration = (x_next - 2.0 * x + x_prev) / p["dt"] ** 2
+        return acceleration + ca.vertcat(ca.sin(x_next[1]) * x_prev[0] * x[1], 9.81 * ca.sin(x_next[1]) + x[0] * x_prev[1])
+
+    dynamics = octo.CustomDynamics(pendulum, nx=2, actuated=[0], parameters={})
+    near = octo.costs.CustomCost(lambda step, p: step.x_next, name="near")
+    costs = [near, octo.costs.Effort(weight=1e-2)]
+    problem = CompiledProblem([octo.Problem(dynamics, steps=9, dt=0.05, x0=np.array([0.1, 0.3]), costs=costs)])
+    unknowns = 0.1 * np.random.default_rng(1).standard_normal((1, problem.K, problem.nc))
+    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
+    expected = problem.linearize(problem.evaluate(unknowns), lam)
+    for threads in (1, 5):
+        gpu = device(threads)
+        other = DeviceProblem(problem, gpu)
+        found = other.linearize(other.evaluate(gpu.array(unknowns)), gpu.array(lam))
+        for name in "HAbC":
+            close(getattr(found, name), getattr(expected, name))
+
+
+def test_what_only_the_cpu_can_do_is_refused(device):
+    robot = octo.gallery.chain()
+    between = octo.costs.NeighbourCost(lambda control, following, p: following - control)
+    problem = octo.Problem(robot, steps=20, dt=0.05, basis="hermite", costs=[between, octo.costs.Effort()])
+    with pytest.raises(DeviceError, match="neighbouring Hermite controls"):
+        DeviceProblem(CompiledProblem([problem]), device(1))
