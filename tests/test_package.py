@@ -61,7 +61,7 @@ def data_files(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in found}
 
 
-def test_a_wheel_installed_elsewhere_solves(tmp_path: Path) -> None:
+def test_a_wheel_installed_elsewhere_solves_and_measures(tmp_path: Path) -> None:
     """The C and CUDA texts and py.typed come along."""
     source, target = tmp_path / "source", tmp_path / "target"
     shutil.copytree(ROOT / "octo", source / "octo", ignore=shutil.ignore_patterns("__pycache__"))
@@ -77,6 +77,9 @@ def test_a_wheel_installed_elsewhere_solves(tmp_path: Path) -> None:
     assert installed == written and "octo/py.typed" in installed
     printed = run(f"import os; os.chdir({str(tmp_path)!r}){TINY}", PYTHONPATH=str(target), OCTO_CACHE=str(tmp_path / "cache"))
     assert str(target) in printed and "(5, 14)" in printed
+    bench = "from octo.cli.main import main; assert main(['bench', '--quick', '--only', 'dynamics']) == 0"
+    printed = run(f"import os; os.chdir({str(tmp_path)!r})\n{bench}", PYTHONPATH=str(target), OCTO_CACHE=str(tmp_path / "cache"))
+    assert "dynamics.mammal.fd_jacobian" in printed and "baseline" not in printed  # the committed one is a clone's
 
 
 @pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")], key=str), ids=lambda page: page.name)

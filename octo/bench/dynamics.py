@@ -29,6 +29,7 @@ class TreeSweep:
         lam = np.random.default_rng(0).standard_normal((self.steps, n))
         self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
         self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, dynamics.curvature_blocks, n, n)))
+        self.written = sum(array.nbytes for array in self.held[3:])
         self.pointers = [ctypes.c_void_p(array.ctypes.data) for array in self.held]
 
     def run(self, order: int) -> Callable[[], None]:
@@ -44,17 +45,19 @@ def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Arra
 
 def measure(records: Records, plan: Plan, say: Say) -> None:
     """us a step of the gallery's characters."""
-    runs, degrees = {}, {}
+    runs, degrees, written = {}, {}, {}
     for name in plan.robots:
         say(name)
         tree, dynamics, _, _ = _sweep(name, plan.steps)
         runs.update({f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)})
-        degrees[name] = dynamics.nx
+        degrees[name], written[name] = dynamics.nx, tree.written
     say("all of them, interleaved")
     for label, timing in interleaved(runs, 3 * plan.rounds).items():
         records.add_timing(label, timing.per(plan.steps), MICRO, "us/step")
     for name, n in degrees.items():
         records.add(f"dynamics.{name}.dof", n, "")
+        took = records[f"dynamics.{name}.curvature"] / MICRO  # s a step
+        records.add(f"dynamics.{name}.curvature.written", written[name] / plan.steps / took / 1e9, "GB/s")
         records.ratio(f"dynamics.{name}.curvature/fd_jacobian", f"dynamics.{name}.curvature", f"dynamics.{name}.fd_jacobian")
 
 

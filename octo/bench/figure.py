@@ -70,6 +70,7 @@ def _against_degrees(axes: Any, records: Records, plan: Plan) -> None:
             axes.plot(records[f"degrees.{name}.dof"], records[f"degrees.{name}"], "kD", ms=4)
             axes.annotate(name, (records[f"degrees.{name}.dof"], records[f"degrees.{name}"]), (-6, 5),
                           textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+    axes.margins(y=0.12)
     ends = f"{plan.links[0]} to {plan.links[-1]} links"
     axes.set(title=f"one iteration, chains of {ends}, N = {plan.steps}", xlabel="degrees of freedom", ylabel="µs a step")
 
