@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.arrays import array_module, host, like
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
@@ -42,16 +43,32 @@ class Evaluation:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        return np.isfinite(self.energy) & np.isfinite(self.C).all(axis=(1, 2))
+        xp = array_module(self.C)
+        return host(xp.isfinite(self.energy) & xp.isfinite(self.C).all(axis=(1, 2)))
 
     def take(self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]) -> Evaluation:
         """Some members, by index or by a mask."""
-        return Evaluation(**{name: value[members] for name, value in self.__dict__.items()})
+        chosen = like(np.asarray(members), self.C)
+        return Evaluation(**{name: value[chosen] for name, value in self.__dict__.items()})
 
     def put(self, members: NDArray, other: Evaluation) -> None:
         """Overwrite some members with those of ``other``."""
+        chosen = like(np.asarray(members), self.C)
         for name, value in self.__dict__.items():
-            value[members] = getattr(other, name)
+            value[chosen] = getattr(other, name)
+
+    def replaced(self, members: NDArray[np.bool_], other: Evaluation) -> Evaluation:
+        """Members of ``other`` where the mask is set, of this one elsewhere; neither is changed."""
+        if members.all():
+            return other
+        made, chosen = self.take(np.arange(len(members))), np.flatnonzero(members)
+        if len(chosen):
+            made.put(chosen, other.take(chosen))
+        return made
+
+    def on_host(self) -> Evaluation:
+        """The same in NumPy arrays."""
+        return Evaluation(**{name: host(value) for name, value in self.__dict__.items()})
 
 
 @dataclass(eq=False)

@@ -6,16 +6,12 @@ Hessian and of the constraint Jacobian touches the variables k, k-1 and k-2 only
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Any
 
+from octo.arrays import array_module
+
 Array = Any  # numpy.ndarray or cupy.ndarray
-
-
-def array_module(array: Array) -> Any:
-    """numpy, or cupy for a device array (cupy is not imported here: an array of it exists)."""
-    return sys.modules["cupy" if type(array).__module__.startswith("cupy") else "numpy"]
 
 
 @dataclass(frozen=True)

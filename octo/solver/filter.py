@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from octo.solver.blocks import array_module
+from octo.arrays import array_module
 
 Array = Any
 GAMMA_C, GAMMA_E = 1e-5, 1e-8  # by how much a step must beat an entry

@@ -9,16 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like, scaled, size
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.solver.backend import CPU, Backend
 from octo.solver.blocks import KKTBlocks
 from octo.solver.filter import ARMIJO, Filter
-from octo.solver.normal import NormalFactor
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Factors, Regularisation
 from octo.solver.rule import Clock, Move
-from octo.solver.subproblem import inner, spread
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 HALVINGS = 12
 CORRECTIONS = 3  # second-order corrections of the full step
@@ -30,23 +29,13 @@ RESTORATIONS = 8  # of one member, before it counts as stalled
 RESTORATION_STEPS = 10
 
 
-def size(C: Array) -> Array:
-    """(batch,) ‖C‖₁."""
-    return np.abs(C).reshape(len(C), -1).sum(axis=1)
-
-
-def largest(step: Array) -> Array:
-    """(batch,) ‖·‖∞."""
-    return np.abs(step).reshape(len(step), -1).max(axis=1)
-
-
 class LineSearch:
     """The rule of SqpOptions(step="line_search")."""
 
-    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock):
-        self.problem, self.options, self.clock = problem, options, clock
+    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
+        self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
         self.filter = Filter(size(at.C))
-        self.regularisation = Regularisation(problem.batch, options, np)
+        self.regularisation = Regularisation(problem.batch, options, backend)
         self.restorations = np.zeros(problem.batch, dtype=int)
         self.flat = np.zeros(problem.batch, dtype=int)  # iterations in a row without a change of E
 
@@ -59,10 +48,10 @@ class LineSearch:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
-        factors, sigma, has, delta, multipliers = self._step(blocks)
-        full = np.where(has, largest(np.where(spread(has), delta, 0.0)), np.inf)
-        violation = np.abs(model.C).max(axis=(1, 2)) if model.C.size else np.zeros(len(full))
+        blocks = self.backend.blocks(model)
+        factors, sigma, has, delta, multipliers, units = self._step(blocks)
+        full = np.where(has, units.max(axis=1), np.inf)
+        violation = largest(model.C)
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
         o = self.options
         converged = (full <= o.step_tolerance) & (violation <= o.tolerance) & (dual <= o.dual_tolerance)
@@ -70,28 +59,31 @@ class LineSearch:
         polish = settled & (violation > o.tolerance) & ~converged
         if polish.any():  # E or its gradient has settled and the constraints have not: a step for them alone
             with self.clock("solve"):
-                still, _ = factors.solve(np.zeros_like(model.b), -model.C)
-            delta = np.where(spread(polish & has), still, delta)
+                still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
+            delta = choose(polish & has, still, delta)
         accepted, length, new, correction = self._search(at, model, factors, delta, has & ~converged)
-        self._stretch(at, delta, accepted & (sigma > 0.0) & (length == 1.0) & ~polish, new, correction)
+        new, correction = self._stretch(at, delta, accepted & (sigma > 0.0) & (length == 1.0) & ~polish, new, correction)
         failed = ~accepted & ~converged
-        step = np.where(spread(accepted), correction, 0.0)
-        after = at.take(np.arange(len(full)))
-        taken = np.flatnonzero(accepted)
-        after.put(taken, new.take(taken))
-        lam = np.where(spread(accepted & ~polish), lam + spread(length) * (multipliers - lam), lam)
+        step = np.where(accepted, largest(correction), 0.0)
+        after = at.replaced(accepted, new)
+        lam = choose(accepted & ~polish, lam + scaled(length, multipliers - lam), lam)
         if failed.any():
+            lam = lam.copy()
             failed = self._restore(after, lam, failed)
-        change = np.abs(after.energy - at.energy) <= o.plateau_change / o.plateau * np.abs(at.energy)
+        before, energy = host(at.energy), host(after.energy)
+        change = np.abs(energy - before) <= o.plateau_change / o.plateau * np.abs(before)
         self.flat = np.where(change, self.flat + 1, 0)
         return Move(
-            at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=largest(step), ratio=length,
+            at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=step, ratio=length,
             radius=np.full(len(full), o.cap), sigma=sigma, factorizations=self.regularisation.factorizations.copy(),
             converged=converged,
         )  # fmt: skip
 
-    def _step(self, blocks: KKTBlocks) -> tuple[Factors, Array, Mask, Array, Array]:
-        """The KKT step; where single units would move beyond the cap, their own weights are raised first."""
+    def _step(self, blocks: KKTBlocks) -> tuple[Factors, Numbers, Mask, Array, Array, Numbers]:
+        """The KKT step, and ‖·‖∞ of each unit of it (batch, K).
+
+        Where single units would move beyond the cap, their own weights are raised first.
+        """
         local = self.regularisation.local
         if local.shape[1] == 1:
             local = self.regularisation.local = np.zeros((blocks.batch, blocks.units))
@@ -100,35 +92,38 @@ class LineSearch:
                 factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
             with self.clock("solve"):
                 delta, multipliers = factors.solve(-blocks.b, -blocks.C)
-            has &= np.isfinite(delta).all(axis=(1, 2))
-            units = np.abs(np.where(spread(has), delta, 0.0)).max(axis=2)
+            units = host(abs(delta).max(axis=2))
+            has &= np.isfinite(units).all(axis=1)
+            units = np.where(has[:, None], units, 0.0)
             beyond = units > HELD
             few = (beyond.sum(axis=1) <= max(1, HELD_PART * blocks.units)) & beyond.any(axis=1)
             if attempt == HOLDS or not few.any():
-                return factors, sigma, has, delta, multipliers
+                return factors, sigma, has, delta, multipliers, units
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
         raise AssertionError("unreachable")
 
-    def _stretch(self, at: Evaluation, delta: Array, growing: Mask, new: Evaluation, step: Array) -> None:
+    def _stretch(self, at: Evaluation, delta: Array, growing: Mask, new: Evaluation, step: Array) -> tuple[Evaluation, Array]:
         """Double a regularised full step while E falls faster: sigma shortens steps along directions of negative curvature."""
-        growing = growing & (step == delta).all(axis=(1, 2)) & (new.energy < at.energy)
+        if not growing.any():
+            return new, step
+        before = host(at.energy)
+        growing = growing & host((step == delta).all(axis=(1, 2))) & (host(new.energy) < before)
         for attempt in range(STRETCHES):
             trial_step = 2.0 ** (attempt + 1) * delta
             growing &= largest(trial_step) <= STRETCHED
             if not growing.any():
-                return
-            trial = self._evaluate(at, np.where(spread(growing), trial_step, 0.0), growing)
-            growing &= trial.finite & (trial.energy - at.energy <= GAIN * (new.energy - at.energy))
+                break
+            trial = self._evaluate(at, choose(growing, trial_step, 0.0), growing)
+            growing &= trial.finite & (host(trial.energy) - before <= GAIN * (host(new.energy) - before))
             growing &= size(trial.C) <= np.maximum(self.filter.small, size(at.C))
-            chosen = np.flatnonzero(growing)
-            new.put(chosen, trial.take(chosen))
-            step[chosen] = trial_step[chosen]
+            new, step = new.replaced(growing, trial), choose(growing, trial_step, step)
+        return new, step
 
     def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
         """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
         local = self.regularisation.local
-        worse = np.abs(trial.C).sum(axis=2) - np.abs(at.C).sum(axis=2)
+        worse = host(abs(trial.C).sum(axis=2)) - host(abs(at.C).sum(axis=2))
         worse = np.where(np.isfinite(worse), worse, 1e9)
         for lag in (1, 2):
             worse[:, :-lag] = np.maximum(worse[:, :-lag], worse[:, lag:])
@@ -138,34 +133,35 @@ class LineSearch:
 
     def _search(
         self, at: Evaluation, model: Model, factors: Factors, delta: Array, pending: Mask
-    ) -> tuple[Mask, Array, Evaluation, Array]:
+    ) -> tuple[Mask, Numbers, Evaluation, Array]:
         """Halve the length until the filter accepts: accepted (batch,), lengths, the new evaluation, the steps taken."""
-        here = (size(at.C), at.energy)
-        slope = np.where(pending, inner(model.b, np.where(spread(pending), delta, 0.0)), 0.0)
-        length = np.minimum(1.0, self.options.cap / np.maximum(largest(np.where(spread(pending), delta, 0.0)), 1e-300))
+        here = (size(at.C), host(at.energy))
+        wanted = choose(pending, delta, 0.0)
+        slope = np.where(pending, inner(model.b, wanted), 0.0)
+        length = np.minimum(1.0, self.options.cap / np.maximum(largest(wanted), 1e-300))
         accepted, pending = np.zeros(len(slope), dtype=bool), pending.copy()
-        taken, result = np.zeros_like(delta), at.take(np.arange(len(slope)))
+        taken, result = wanted, at
         for attempt in range(HALVINGS):
             if not pending.any():
                 break
-            step = np.where(spread(pending), spread(length) * delta, 0.0)
+            step = choose(pending, scaled(length, wanted), 0.0)
             trial = self._evaluate(at, step, pending)
-            there = (size(trial.C), trial.energy)
-            good = pending & trial.finite & self.filter.accepts(here, there, slope, length)
+            there = (size(trial.C), host(trial.energy))
+            finite = trial.finite
+            good = pending & finite & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
                 self._blame(at, trial, pending & ~good)
-                worse = pending & ~good & trial.finite & (there[0] >= here[0])
+                worse = pending & ~good & finite & (there[0] >= here[0])
                 if worse.any():
-                    good |= self._correct(at, model, factors, step, trial, (here, slope, length), worse)
+                    found, step, trial = self._correct(at, model, factors, step, trial, (here, slope, length), worse)
+                    good |= found
             if good.any():
-                chosen = np.flatnonzero(good)
-                result.put(chosen, trial.take(chosen))
-                taken[chosen] = step[chosen]
+                result, taken = result.replaced(good, trial), choose(good, step, taken)
                 accepted |= good
                 pending &= ~good
             length = np.where(pending, 0.5 * length, length)
-        descends = self.filter.descends(slope, length, here[0]) & (result.energy <= at.energy + ARMIJO * length * slope)
-        self.filter.add(here[0], at.energy, accepted & ~descends)
+        descends = self.filter.descends(slope, length, here[0]) & (host(result.energy) <= here[1] + ARMIJO * length * slope)
+        self.filter.add(here[0], here[1], accepted & ~descends)
         return accepted, length, result, taken
 
     def _evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
@@ -174,36 +170,36 @@ class LineSearch:
             if members.all():
                 return self.problem.evaluate(at.unknowns + step)
             chosen = np.flatnonzero(members)
+            own = like(chosen, step)
             whole = at.take(np.arange(len(members)))
-            whole.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[chosen] + step[chosen]))
+            whole.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[own] + step[own]))
             return whole
 
     def _correct(
         self, at: Evaluation, model: Model, factors: Factors, step: Array, trial: Evaluation,
-        search: tuple[tuple[Array, Array], Array, Array], pending: Mask,
-    ) -> Mask:  # fmt: skip
-        """Second-order corrections of a refused full step: ``step`` and ``trial`` are replaced where one is accepted."""
+        search: tuple[tuple[Numbers, Numbers], Numbers, Numbers], pending: Mask,
+    ) -> tuple[Mask, Array, Evaluation]:  # fmt: skip
+        """Second-order corrections of a refused full step: where one is accepted, and ``step`` and ``trial`` with those."""
         here, slope, length = search
         found, pending = np.zeros(len(slope), dtype=bool), pending.copy()
-        residual = spread(length) * model.C + trial.C
+        residual = scaled(length, model.C) + trial.C
         before = size(trial.C)
         for _ in range(CORRECTIONS):
             with self.clock("solve"):
-                delta, _ = factors.solve(-model.b, np.where(spread(pending), -residual, 0.0))
-            delta = np.where(spread(pending), spread(length) * delta, 0.0)
+                delta, _ = factors.solve(-model.b, choose(pending, -residual, 0.0))
+            delta = choose(pending, scaled(length, delta), 0.0)
             corrected = self._evaluate(at, delta, pending)
-            after = size(corrected.C)
-            good = pending & corrected.finite & self.filter.accepts(here, (after, corrected.energy), slope, length)
-            chosen = np.flatnonzero(good)
-            trial.put(chosen, corrected.take(chosen))
-            step[chosen] = delta[chosen]
-            found |= good
-            pending &= ~good & corrected.finite & (after <= 0.99 * before)
+            after, finite = size(corrected.C), corrected.finite
+            good = pending & finite & self.filter.accepts(here, (after, host(corrected.energy)), slope, length)
+            if good.any():
+                trial, step = trial.replaced(good, corrected), choose(good, delta, step)
+                found |= good
+            pending &= ~good & finite & (after <= 0.99 * before)
             if not pending.any():
                 break
-            residual = spread(length) * residual + corrected.C
+            residual = scaled(length, residual) + corrected.C
             before = after
-        return found
+        return found, step, trial
 
     def _restore(self, at: Evaluation, lam: Array, failed: Mask) -> Mask:
         """Restore the constraints of ``failed`` members in place; the members that cannot be."""
@@ -231,7 +227,7 @@ class LineSearch:
         with self.clock("linearize"):
             model = one.linearize(now, None)
         with self.clock("solve"):
-            step = NormalFactor(model.A).least_norm(-model.C)
+            step = self.backend.normal(model.A).least_norm(-model.C)
         length = min(1.0, 0.5 * self.options.cap / max(float(largest(step)[0]), 1e-300))
         while length > 1e-4:
             with self.clock("evaluate"):

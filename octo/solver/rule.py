@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.arrays import Array, Numbers
 from octo.problem.compiled import Evaluation, Model
 
-Array = NDArray[np.float64]
 STAGES = ("linearize", "factor", "solve", "evaluate")
 
 
@@ -34,18 +34,18 @@ class Clock:
 
 @dataclass(eq=False)
 class Move:
-    """What a rule did in one iteration; arrays over the batch."""
+    """What a rule did in one iteration; NumPy arrays over the batch, but for the iterate itself."""
 
     at: Evaluation  # where the members are now
     lam: Array
     accepted: NDArray[np.bool_]
     failed: NDArray[np.bool_]  # no step can be found from here
-    dual: Array  # ‖∇E + Aᵀlam‖∞ at the iterate before
-    step: Array  # ‖Δ‖∞ of the full KKT step from the iterate before
-    taken: Array  # ‖Δ‖∞ of what was taken
-    ratio: Array  # actual over predicted reduction, or the line search's length
-    radius: Array
-    sigma: Array
+    dual: Numbers  # ‖∇E + Aᵀlam‖∞ at the iterate before
+    step: Numbers  # ‖Δ‖∞ of the full KKT step from the iterate before
+    taken: Numbers  # ‖Δ‖∞ of what was taken
+    ratio: Numbers  # actual over predicted reduction, or the line search's length
+    radius: Numbers
+    sigma: Numbers
     factorizations: NDArray[np.intp]
     converged: NDArray[np.bool_]  # the tests of the rule held before the step: it was not taken
 

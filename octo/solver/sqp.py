@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.arrays import Array, array_module, choose, host, largest, like
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.solver.backend import CPU, Backend
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
 from octo.solver.solution import HISTORY, Status
 from octo.solver.trust_region import TrustRegion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(eq=False)
@@ -60,7 +60,7 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, at.nodes)
+        self.last = Iterate(self.number, self.passes, iteration, host(at.energy), violation, host(at.nodes))
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
@@ -96,12 +96,11 @@ class Result:
 
 
 class _Member:
-    """History and best iterate of one start."""
+    """History of one start."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, ...]] = []
         self.energies: list[float] = []
-        self.best: tuple[float, Evaluation, Array] | None = None
         self.factorizations = 0
 
     def plateau(self, options: SqpOptions) -> bool:
@@ -109,37 +108,46 @@ class _Member:
         window = self.energies[-options.plateau - 1 :]
         return len(window) > options.plateau and max(window) - min(window) <= options.plateau_change * abs(window[-1])
 
-    def remember(self, score: float, at: Evaluation, lam: Array) -> None:
-        if self.best is None or score <= self.best[0]:
-            self.best = (score, at, lam)
-
     def history(self) -> dict[str, Array]:
         columns = np.array(self.rows, dtype=float).reshape(-1, len(HISTORY))
         return {name: columns[:, k].copy() for k, name in enumerate(HISTORY)}
 
 
 def run(
-    problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor | None = None
+    problem: CompiledProblem,
+    unknowns: Array,
+    lam: Array | None,
+    options: SqpOptions,
+    monitor: Monitor | None = None,
+    backend: Backend = CPU,
 ) -> Result:
-    """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by default."""
-    return _Run(problem, unknowns, lam, options, monitor or Monitor()).run()
+    """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by default.
+
+    ``problem``, ``unknowns`` and ``lam`` are where ``backend`` keeps its arrays; the result is NumPy's.
+    """
+    return _Run(problem, unknowns, lam, options, monitor or Monitor(), backend).run()
 
 
 class _Run:
-    def __init__(self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor):
+    def __init__(
+        self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor,
+        backend: Backend,
+    ):  # fmt: skip
         self.options, self.monitor, self.clock = options, monitor, Clock()
         self.problem = problem
         self.began, self.began_processor = time.perf_counter(), time.process_time()
         kind = TrustRegion if options.step == "trust_region" else LineSearch
         if options.step == "trust_region":
             self.problem = problem = TrustRegion.normalised(problem, unknowns)
-        self.at = problem.evaluate(np.ascontiguousarray(unknowns))
+        xp = array_module(unknowns)
+        self.at = problem.evaluate(xp.ascontiguousarray(unknowns))
         shape = (problem.batch, problem.K, problem.ma)
-        self.lam = np.zeros(shape) if lam is None else np.ascontiguousarray(lam, dtype=float)
-        self.rule: Rule = kind(problem, self.at, options, self.clock)
+        self.lam = xp.zeros(shape) if lam is None else xp.ascontiguousarray(lam, dtype=float)
+        self.rule: Rule = kind(problem, self.at, options, self.clock, backend)
         self.active = np.arange(problem.batch)
         self.members = [_Member() for _ in self.active]
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
+        self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
         self.whole = problem
         self.moved = np.ones(problem.batch, dtype=bool)
         self.model: Model | None = None
@@ -186,8 +194,7 @@ class _Run:
     @property
     def violation(self) -> Array:
         """(batch,) N."""
-        C = self.at.C
-        return np.abs(C).max(axis=(1, 2)) * self.problem.weight if C.size else np.zeros(len(C))
+        return largest(self.at.C) * self.problem.weight
 
     @property
     def tolerance(self) -> float:
@@ -196,17 +203,23 @@ class _Run:
 
     def _record(self, iteration: int, before: Evaluation, violation: Array, move: Move) -> None:
         seconds = time.perf_counter() - self.began
+        energies = host(before.energy)
+        self._remember(before, energies + 100.0 * violation / self.problem.weight)
         for place, k in enumerate(self.active):
             member = self.members[k]
             member.factorizations = int(move.factorizations[place])
-            energy = float(before.energy[place])
+            energy = float(energies[place])
             member.energies.append(energy)
             values = (0.0, iteration, energy, violation[place], move.dual[place], move.step[place], move.taken[place])
             more = (move.ratio[place], move.radius[place], move.sigma[place], move.factorizations[place], seconds)
             member.rows.append((*(float(v) for v in values), *(float(v) for v in more)))
-            score = energy + 100.0 * float(violation[place]) / self.problem.weight
-            if member.best is None or score <= member.best[0]:
-                member.remember(score, before.take([place]), self.lam[[place]])
+
+    def _remember(self, at: Evaluation, score: NDArray[np.float64]) -> None:
+        """Keep the iterates that are better than the best so far."""
+        better = score <= self.best_score
+        if better.any():
+            self.best, self.best_lam = self.best.replaced(better, at), choose(better, self.lam, self.best_lam)
+            self.best_score = np.where(better, score, self.best_score)
 
     def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
         self._leave_all([(mask, status)])
@@ -215,23 +228,24 @@ class _Run:
         """Members that are done go out of the batch; those that did not converge keep their best iterate."""
         gone = np.zeros(len(self.active), dtype=bool)
         for mask, status in groups:
+            if not mask.any():
+                continue
             gone |= mask
+            score = host(self.at.energy) + 100.0 * self.violation / self.problem.weight
             for place in np.flatnonzero(mask):
-                k = int(self.active[place])
-                at, lam = self.at.take([place]), self.lam[[place]]
-                best = self.members[k].best
-                if not status.converged and best is not None:
-                    energy = float(at.energy[0]) + 100.0 * float(self.violation[place]) / self.problem.weight
-                    if not energy <= best[0]:
-                        _, at, lam = best
-                self.done[k] = (status, at, lam)
+                better = status.converged or score[place] <= self.best_score[place] or not np.isfinite(self.best_score[place])
+                at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
+                k = int(place)
+                self.done[int(self.active[k])] = (status, at.take([k]).on_host(), host(lam[k : k + 1]))
         if not gone.any():
             return
         keep = np.flatnonzero(~gone)
         self.active = self.active[keep]
         if len(keep):
+            own = like(keep, self.lam)
             self.problem = self.problem.take(keep)
-            self.at, self.lam, self.moved = self.at.take(keep), self.lam[keep], self.moved[keep]
+            self.at, self.lam, self.moved = self.at.take(keep), self.lam[own], self.moved[keep]
+            self.best, self.best_lam, self.best_score = self.best.take(keep), self.best_lam[own], self.best_score[keep]
             self.model = None
             self.rule.take(keep)
 

@@ -5,20 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from octo.solver.blocks import KKTBlocks, array_module
+import numpy as np
 
-Array = Any  # numpy.ndarray or cupy.ndarray
+from octo.arrays import Array, Numbers, inner, scaled
+from octo.solver.blocks import KKTBlocks
+
 RELAXATION = 0.8  # of the radius: how much of it the normal step may use (Nocedal and Wright, §18.5)
-
-
-def inner(a: Array, b: Array) -> Array:
-    """(batch,) inner products of two arrays (batch, …)."""
-    return (a * b).reshape(len(a), -1).sum(axis=1)
-
-
-def spread(scalar: Array) -> Array:
-    """(batch,) as (batch, 1, 1)."""
-    return scalar[:, None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,57 +28,56 @@ class Step:
     """A step and what the model says of it."""
 
     delta: Array  # (batch, K, nc)
-    energy: Array  # (batch,) ½ΔᵀHΔ + bᵀΔ
-    residual: Array  # (batch,) ‖A Δ + C_0‖₂
+    energy: Numbers  # (batch,) ½ΔᵀHΔ + bᵀΔ
+    residual: Numbers  # (batch,) ‖A Δ + C_0‖₂
 
 
-def minimize(blocks: KKTBlocks, at: Directions, project: Any, radius: Array) -> Step:
+def minimize(blocks: KKTBlocks, at: Directions, project: Any, radius: Numbers) -> Step:
     """Minimise the model over v + span{p(θ) − v, −P(b + Hv)} in the ball of ``radius`` (batch,).
 
     ``project(w)`` is P w, the projection onto the null space of A. The normal part v is θ v_N with
     θ = min(1, 0.8 radius/‖v_N‖): this is the adjustment of C_0 of Algorithm 1.
     """
-    xp = array_module(blocks.H)
-    length = xp.sqrt(inner(at.normal, at.normal))
-    theta = RELAXATION * radius / xp.maximum(xp.maximum(length, RELAXATION * radius), 1e-300)
-    v = spread(theta) * at.normal
-    target = spread(theta) * at.full + spread(1.0 - theta) * at.tangential
+    length = np.sqrt(inner(at.normal, at.normal))
+    theta = RELAXATION * radius / np.maximum(np.maximum(length, RELAXATION * radius), 1e-300)
+    v = scaled(theta, at.normal)
+    target = scaled(theta, at.full) + scaled(1.0 - theta, at.tangential)
     gradient = blocks.b + blocks.hessian_times(v)
-    first = _unit(project(target - v), xp)
+    first = _unit(project(target - v))
     steepest = project(gradient)
-    second = _unit(steepest - spread(inner(first, steepest)) * first, xp)
-    second = _unit(second - spread(inner(first, second)) * first, xp)  # twice is enough (Kahan)
-    room = xp.sqrt(xp.maximum(radius**2 - inner(v, v), 0.0))  # v is orthogonal to the null space
+    second = _unit(steepest - scaled(inner(first, steepest), first))
+    second = _unit(second - scaled(inner(first, second), first))  # twice is enough (Kahan)
+    room = np.sqrt(np.maximum(radius**2 - inner(v, v), 0.0))  # v is orthogonal to the null space
     h1, h2 = blocks.hessian_times(first), blocks.hessian_times(second)
     z1, z2 = _two_by_two(
-        (inner(first, h1), inner(first, h2), inner(second, h2)), (inner(first, gradient), inner(second, gradient)), room, xp
+        (inner(first, h1), inner(first, h2), inner(second, h2)), (inner(first, gradient), inner(second, gradient)), room
     )
-    delta = v + spread(z1) * first + spread(z2) * second
+    delta = v + scaled(z1, first) + scaled(z2, second)
     energy = 0.5 * inner(delta, blocks.hessian_times(delta)) + inner(blocks.b, delta)
     left = blocks.constraints_times(delta) + blocks.C
-    return Step(delta, energy, xp.sqrt(inner(left, left)))
+    return Step(delta, energy, np.sqrt(inner(left, left)))
 
 
-def _unit(w: Array, xp: Any) -> Array:
-    length = xp.sqrt(inner(w, w))
-    return w * spread(xp.where(length > 1e-300, 1.0 / xp.maximum(length, 1e-300), 0.0))
+def _unit(w: Array) -> Array:
+    length = np.sqrt(inner(w, w))
+    return scaled(np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0), w)
 
 
 def _two_by_two(
-    hessian: tuple[Array, Array, Array], gradient: tuple[Array, Array], radius: Array, xp: Any
-) -> tuple[Array, Array]:
+    hessian: tuple[Numbers, Numbers, Numbers], gradient: tuple[Numbers, Numbers], radius: Numbers
+) -> tuple[Numbers, Numbers]:
     """Minimise gᵀz + ½zᵀBz over ‖z‖ ≤ radius (batch,), B = [[a, b], [b, c]]: bisection on the multiplier of the ball."""
     (a, b, c), (g1, g2) = hessian, gradient
-    mean, half = 0.5 * (a + c), xp.sqrt((0.5 * (a - c)) ** 2 + b**2)
+    mean, half = 0.5 * (a + c), np.sqrt((0.5 * (a - c)) ** 2 + b**2)
     lowest = mean - half
 
-    def at(shift: Array) -> tuple[Array, Array]:
-        d = xp.maximum((a + shift) * (c + shift) - b * b, 1e-300)
+    def at(shift: Numbers) -> tuple[Numbers, Numbers]:
+        d = np.maximum((a + shift) * (c + shift) - b * b, 1e-300)
         return -((c + shift) * g1 - b * g2) / d, -((a + shift) * g2 - b * g1) / d
 
-    size = xp.sqrt(g1**2 + g2**2)
-    least = size / xp.maximum(radius, 1e-300)  # the multiplier where the Hessian is zero
-    low = xp.maximum(0.0, -lowest) + 1e-14 * xp.maximum(xp.abs(mean) + half, xp.maximum(least, 1e-300))
+    size = np.sqrt(g1**2 + g2**2)
+    least = size / np.maximum(radius, 1e-300)  # the multiplier where the Hessian is zero
+    low = np.maximum(0.0, -lowest) + 1e-14 * np.maximum(np.abs(mean) + half, np.maximum(least, 1e-300))
     high = low + least + 1e-300
     z1, z2 = at(low)
     inside = z1**2 + z2**2 <= radius**2
@@ -94,6 +85,6 @@ def _two_by_two(
         middle = 0.5 * (low + high)
         y1, y2 = at(middle)
         outside = y1**2 + y2**2 > radius**2
-        low, high = xp.where(outside, middle, low), xp.where(outside, high, middle)
+        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
     y1, y2 = at(high)
-    return xp.where(inside, z1, y1), xp.where(inside, z2, y2)
+    return np.where(inside, z1, y1), np.where(inside, z2, y2)

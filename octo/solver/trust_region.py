@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.costs import Effort
-from octo.solver.blocks import KKTBlocks
-from octo.solver.line_search import largest
-from octo.solver.normal import NormalFactor
+from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock, Move
-from octo.solver.subproblem import Directions, inner, minimize
+from octo.solver.subproblem import Directions, minimize
 
-Array = NDArray[np.float64]
 RHO = 0.3  # of Eq. 11, as in Nocedal and Wright (18.36)
 UNBOUNDED = 1e150  # its square is still a number
 EFFORT = 1e-4  # of ‖u‖², §8
@@ -24,9 +22,9 @@ EFFORT = 1e-4  # of ‖u‖², §8
 class TrustRegion:
     """The rule of SqpOptions.paper()."""
 
-    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock):
-        self.problem, self.options, self.clock = problem, options, clock
-        self.regularisation = Regularisation(problem.batch, options, np)
+    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
+        self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
+        self.regularisation = Regularisation(problem.batch, options, backend)
         self.radius = np.full(problem.batch, np.inf)
         self.mu = np.zeros(problem.batch)
         self.refused = np.zeros(problem.batch, dtype=int)
@@ -35,8 +33,7 @@ class TrustRegion:
     def normalised(problem: CompiledProblem, unknowns: Array) -> CompiledProblem:
         """E as §8 scales it: the objective is 1 at the start, effort is 1e-4‖u‖² summed over the steps."""
         scaled = problem.take(np.arange(problem.batch))
-        at = problem.evaluate(np.ascontiguousarray(unknowns))
-        values = problem.term_values(at)
+        values = host(problem.term_values(problem.evaluate(unknowns)))
         terms = problem.problems[0].costs
         effort = np.array([isinstance(term, Effort) for term in terms])
         start = values[:, ~effort].sum(axis=1)
@@ -45,7 +42,7 @@ class TrustRegion:
                 place = problem.functions.references.places[k]["inverse_reference"]
                 scaled.q[:, :, k] = EFFORT / scaled.q[:, :, place][..., 0] ** 2
             else:
-                scaled.q[:, :, k] /= np.where(start > 0.0, start, 1.0)[:, None]
+                scaled.q[:, :, k] /= like(np.where(start > 0.0, start, 1.0)[:, None], scaled.q)
         return scaled
 
     def take(self, members: NDArray[np.intp]) -> None:
@@ -56,14 +53,14 @@ class TrustRegion:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration of Algorithm 1, lines 3 to 20."""
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
+        blocks = self.backend.blocks(model)
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
         with self.clock("factor"):
             factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
-            normal = NormalFactor(model.A, threads=self.problem.threads)
+            normal = self.backend.normal(model.A, self.problem.threads)
         with self.clock("solve"):
             full, multipliers = factors.solve(-model.b, -model.C)
-            tangential, _ = factors.solve(-model.b, np.zeros_like(model.C))
+            tangential, _ = factors.solve(-model.b, array_module(model.C).zeros_like(model.C))
             directions = Directions(full, tangential, normal.least_norm(-model.C), multipliers)
             step = minimize(blocks, directions, normal.project, np.where(np.isfinite(self.radius), self.radius, UNBOUNDED))
         self._raise_penalty(model.C, step.energy, step.residual)
@@ -72,18 +69,16 @@ class TrustRegion:
         with self.clock("evaluate"):
             trial = self.problem.evaluate(at.unknowns + step.delta)
         weight = self.problem.weight
-        violation = largest(trial.C) * weight if trial.C.size else np.zeros(len(length))
+        violation = largest(trial.C) * weight
         ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))  # length 0: nothing is left to do
-        ok &= (violation < self.options.c_max) | (violation < (largest(at.C) * weight if at.C.size else 0.0))
+        ok &= (violation < self.options.c_max) | (violation < largest(at.C) * weight)
         reduction = self._merit(at) - self._merit(trial)
         self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
-        after = at.take(np.arange(len(length)))
-        chosen = np.flatnonzero(ok)
-        after.put(chosen, trial.take(chosen))
-        lam = np.where(ok[:, None, None], multipliers, lam)
+        after = at.replaced(ok, trial)
+        lam = choose(ok, multipliers, lam)
         moved = largest(step.delta)
         self.refused = np.where(ok, 0, self.refused + 1)
-        left = largest(after.C) * weight if after.C.size else np.zeros(len(length))
+        left = largest(after.C) * weight
         return Move(
             at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
             dual=dual, step=largest(full), taken=np.where(ok, moved, 0.0),
@@ -92,10 +87,10 @@ class TrustRegion:
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
         )  # fmt: skip
 
-    def _merit(self, at: Evaluation) -> Array:
-        return at.energy + 0.5 * self.mu * inner(at.C, at.C)
+    def _merit(self, at: Evaluation) -> Numbers:
+        return host(at.energy) + 0.5 * self.mu * inner(at.C, at.C)
 
-    def _raise_penalty(self, C: Array, energy: Array, residual: Array) -> None:
+    def _raise_penalty(self, C: Array, energy: Numbers, residual: Numbers) -> None:
         """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0: monotone."""
         gain = 0.5 * (inner(C, C) - residual**2)
         needed = np.where(gain > 1e-30, energy / ((1.0 - RHO) * np.maximum(gain, 1e-30)), 0.0)

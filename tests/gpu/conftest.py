@@ -128,3 +128,33 @@ def _random_system(seed: int, batch: int, K: int, nc: int, ma: int, *, lowered: 
 @pytest.fixture
 def random_system() -> Callable[..., KKTBlocks]:
     return _random_system
+
+
+@lru_cache
+def _swing_up() -> tuple[CompiledProblem, np.ndarray]:
+    import casadi as ca
+
+    def dynamics(x_next, x, x_prev, p):
+        def places(q):
+            return ca.vertcat(q[0], 0.0, q[0] + p["length"] * ca.sin(q[1]), p["length"] * ca.cos(q[1]))
+
+        mass = ca.vertcat(p["cart"], p["cart"], p["pole"], p["pole"])
+        acceleration = (places(x_next) - 2.0 * places(x) + places(x_prev)) / p["dt"] ** 2
+        return ca.jtimes(places(x_next), x_next, mass * (acceleration + ca.vertcat(0.0, 9.81, 0.0, 9.81)), True)
+
+    parameters = {"cart": 1.0, "pole": 0.2, "length": 0.5}
+    cart_pole = octo.CustomDynamics(dynamics, nx=2, actuated=[0], parameters=parameters)
+    place = octo.costs.CustomCost(lambda step, p: step.x_next[0], name="place")
+    problem = octo.Problem(
+        cart_pole, steps=40, dt=0.05, x0=np.array([0.0, np.pi]), x_end=np.zeros(2), v_end=np.zeros(2),
+        costs=[octo.costs.Effort(weight=1e-2), place],
+    )  # fmt: skip
+    turning = np.linspace([0.0, np.pi], [0.0, 0.0], 41)
+    paths = [turning * (1.0 + 0.1 * k * np.sin(np.linspace(0.0, np.pi, 41)))[:, None] for k in range(3)]
+    return CompiledProblem([problem] * 3), np.stack([np.concatenate([path[:1], path]) for path in paths])
+
+
+@pytest.fixture
+def swing_up_batch() -> tuple[CompiledProblem, np.ndarray]:
+    """A cart-pole that swings up between two fixed states, from three starts (batch, N+2, n)."""
+    return _swing_up()

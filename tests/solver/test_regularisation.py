@@ -18,7 +18,7 @@ def negatives(system, sigma: np.ndarray) -> np.ndarray:
 
 
 def made(batch: int, method: str) -> Regularisation:
-    return Regularisation(batch, SqpOptions(linear_solver=method, first_sigma=1e-3), np)
+    return Regularisation(batch, SqpOptions(linear_solver=method, first_sigma=1e-3))
 
 
 @pytest.mark.parametrize("method", METHODS)

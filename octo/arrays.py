@@ -1,0 +1,60 @@
+"""Arrays of NumPy or of a device, under one set of words.
+
+What is large (batch, K, …) stays where the kernels run; the scalars of the algorithm, (batch,) or (batch, K), are NumPy
+arrays: a decision costs one small copy, and then no launch.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = Any  # numpy.ndarray, or a device's
+Numbers = NDArray[Any]
+
+
+def array_module(array: Array) -> Any:
+    """The module whose functions take ``array``: numpy, or cupy for a device array (it is not imported here)."""
+    return sys.modules[type(array).__module__.partition(".")[0]]
+
+
+def host(array: Array) -> Numbers:
+    """``array`` as a NumPy array: itself, or a copy from the device, which this waits for."""
+    return array if isinstance(array, np.ndarray) else np.asarray(array.get())
+
+
+def like(values: Numbers, array: Array) -> Array:
+    """NumPy ``values`` where ``array`` is."""
+    return values if isinstance(array, np.ndarray) else array_module(array).asarray(values)
+
+
+def inner(a: Array, b: Array) -> Numbers:
+    """(batch,) inner products of two arrays (batch, …)."""
+    return host((a * b).reshape(len(a), -1).sum(axis=1))
+
+
+def largest(v: Array) -> Numbers:
+    """(batch,) ‖·‖∞ of v (batch, …), 0 where it has no entries."""
+    return host(abs(v).reshape(len(v), -1).max(axis=1)) if v.size else np.zeros(len(v))
+
+
+def size(v: Array) -> Numbers:
+    """(batch,) ‖·‖₁ of v (batch, …)."""
+    return host(abs(v).reshape(len(v), -1).sum(axis=1))
+
+
+def scaled(factor: Numbers, v: Array) -> Array:
+    """factor (batch,) times v (batch, K, …), a new array."""
+    if len(factor) and (factor == factor[0]).all():
+        return float(factor[0]) * v
+    return like(factor.reshape(-1, *(1,) * (v.ndim - 1)), v) * v
+
+
+def choose(mask: NDArray[np.bool_], one: Array, other: Array | float) -> Array:
+    """``one`` (batch, …) where mask (batch,), ``other`` elsewhere."""
+    if mask.all():
+        return one
+    return array_module(one).where(like(mask.reshape(-1, *(1,) * (one.ndim - 1)), one), one, other)

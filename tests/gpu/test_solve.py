@@ -1,0 +1,100 @@
+"""The whole solve on a device, the CPU in its place and arrays as strict as CuPy's: the same path as on the CPU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import strict
+
+import octo
+from octo.gpu.backend import DeviceBackend
+from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.problem import DeviceProblem
+from octo.problem.compiled import CompiledProblem
+from octo.solve import _first_nodes
+from octo.solver import sqp
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Status
+
+SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)}
+
+
+def batch_of(robot: str, basis: str, steps: int = 40, seeds: tuple[int, ...] = (0, 1)):
+    problem = octo.Problem(octo.gallery.CHARACTERS[robot](), steps=steps, dt=0.025, costs=octo.costs.paper(), basis=basis)
+    return CompiledProblem([problem] * len(seeds)), np.stack([_first_nodes(problem, seed, None) for seed in seeds])
+
+
+def both(problem, nodes, options, device=None):
+    """The CPU's result with cyclic reduction, and the device's."""
+    device = device or EmulatedDevice(xp=strict)
+    other, backend = DeviceProblem(problem, device), DeviceBackend(device)
+    expected = sqp.run(problem, problem.unknowns(nodes), None, replace(options, linear_solver="cyclic_reduction"))
+    return expected, sqp.run(other, other.unknowns(nodes), None, options, None, backend)
+
+
+def same_path(expected, found, tolerance):
+    for one, other in zip(expected.history, found.history, strict=True):
+        assert len(one["energy"]) == len(other["energy"])
+        np.testing.assert_array_equal(one["taken"] > 0.0, other["taken"] > 0.0)
+        np.testing.assert_array_equal(one["factorizations"], other["factorizations"])
+        np.testing.assert_allclose(other["energy"], one["energy"], rtol=tolerance)
+
+
+@pytest.mark.parametrize(("robot", "basis"), [("mammal", "nodes"), ("chain", "nodes")])
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_twenty_iterations_on_the_same_path(robot, basis, setting):
+    options, tolerance = SETTINGS[setting]
+    expected, found = both(*batch_of(robot, basis), replace(options, max_iterations=20))
+    same_path(expected, found, tolerance)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_twenty_iterations_in_the_hermite_basis(setting):
+    """From one start: the other comes to where a decision hangs on the last digits."""
+    options, tolerance = SETTINGS[setting]
+    expected, found = both(*batch_of("mammal", "hermite", seeds=(1,)), replace(options, max_iterations=20))
+    same_path(expected, found, tolerance)
+
+
+def test_to_convergence(swing_up_batch):
+    expected, found = both(*swing_up_batch, SqpOptions(max_iterations=300))
+    assert found.status == expected.status and all(status.converged for status in found.status)
+    for one, other in zip(expected.history, found.history, strict=True):
+        assert abs(len(one["energy"]) - len(other["energy"])) <= 0.15 * len(one["energy"])
+        assert other["energy"][-1] == pytest.approx(one["energy"][-1], rel=0.01)
+
+
+def test_the_result_is_numpy(swing_up_batch):
+    _, found = both(*swing_up_batch, SqpOptions(max_iterations=3))
+    assert all(type(value) is np.ndarray for value in (*vars(found.at).values(), found.lam))
+
+
+def test_a_nan_member_leaves_the_others_bit_identical(swing_up_batch):
+    problem, nodes = swing_up_batch
+    device = EmulatedDevice(xp=strict)
+    other, backend = DeviceProblem(problem, device), DeviceBackend(device)
+    options = SqpOptions(max_iterations=12)
+    whole = sqp.run(other, other.unknowns(nodes), None, options, None, backend)
+    nodes = nodes.copy()
+    nodes[1, 7] = np.nan
+    broken = sqp.run(other, other.unknowns(nodes), None, options, None, backend)
+    assert broken.status[1] is Status.NOT_FINITE
+    for k in (0, 2):
+        assert broken.status[k] is whole.status[k]
+        np.testing.assert_array_equal(broken.history[k]["energy"], whole.history[k]["energy"])
+        np.testing.assert_array_equal(broken.at.unknowns[k], whole.at.unknowns[k])
+
+
+def test_how_often_the_host_waits():
+    """Per iteration of one problem that goes straight on: the inertia, the solution, the trial, the record."""
+    problem, nodes = batch_of("chain", "nodes", seeds=(0,))
+    device = EmulatedDevice(xp=strict)
+    other, backend = DeviceProblem(problem, device), DeviceBackend(device)
+    counted = []
+    for iterations in (20, 30):
+        strict.copies = 0
+        found = sqp.run(other, other.unknowns(nodes), None, SqpOptions(max_iterations=iterations), None, backend)
+        counted.append((strict.copies, found.factorizations[0]))
+    print(counted, device.launches)
