@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import octo
+from octo import native
 from octo.bench.iteration import MICRO, start, walk
 from octo.bench.monolithic import Monolithic
 from octo.bench.plan import Plan
 from octo.bench.timing import Records, Say, interleaved
+from octo.dynamics import codegen
 from octo.dynamics.evaluate import RobotDynamics
 
 Array = NDArray[np.float64]
@@ -21,11 +23,12 @@ ORDERS = ("fd", "fd_jacobian", "curvature")  # the last one: all three
 
 
 class TreeSweep:
-    """octo's own dynamics of all steps, written into memory that is in use."""
+    """octo's own dynamics of all steps, written into memory that is in use; ``single``: by the text for one step."""
 
-    def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array):
-        assert dynamics._library is not None
-        self.library, self.steps, n = dynamics._library, len(nodes) - 2, dynamics.nx
+    def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
+        library = native.load(dynamics.text() + codegen.source("batch.c")) if single else dynamics._library
+        assert library is not None
+        self.library, self.steps, n = library, len(nodes) - 2, dynamics.nx
         lam = np.random.default_rng(0).standard_normal((self.steps, n))
         self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
         self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, dynamics.curvature_blocks, n, n)))
@@ -44,12 +47,17 @@ def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Arra
 
 
 def measure(records: Records, plan: Plan, say: Say) -> None:
-    """us a step of the gallery's characters."""
+    """us a step of the gallery's characters.
+
+    ``one_step`` is FD and its Jacobian without lanes, as on the machine of the first measurements (spider 6 us, humanoid 16): the
+    limits of an iteration hold in proportion to it, so that a faster kernel does not make them stricter.
+    """
     runs, degrees, written = {}, {}, {}
     for name in plan.robots:
         say(name)
-        tree, dynamics, _, _ = _sweep(name, plan.steps)
+        tree, dynamics, nodes, p = _sweep(name, plan.steps)
         runs.update({f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)})
+        runs[f"dynamics.{name}.one_step.fd_jacobian"] = TreeSweep(dynamics, nodes, p, single=True).run(1)
         degrees[name], written[name] = dynamics.nx, tree.written
     say("all of them, interleaved")
     for label, timing in interleaved(runs, 3 * plan.rounds).items():

@@ -12,6 +12,7 @@ typedef struct {
   int failed;
 } octo_run_of_steps;
 
+#ifndef STEPS
 static void *octo_run_steps(void *argument) {
   octo_run_of_steps *run = argument;
   const size_t kin_size = KIN + 1;
@@ -30,6 +31,44 @@ static void *octo_run_steps(void *argument) {
   free(memory);
   return 0;
 }
+#else
+
+static void octo_run_group(const octo_run_of_steps *run, long item, int count, const double *p, octo_lanes *s) {
+  const double *lam[STEPS];
+  double *fd[STEPS], *jac[STEPS], *hess[STEPS];
+  for (int k = 0; k < STEPS; ++k) {
+    size_t at = item + (k < count ? k : 0);
+    lam[k] = run->order < 2 ? 0 : run->lam + at * NX;
+    fd[k] = run->fd + at * NX;
+    jac[k] = run->order < 1 ? 0 : run->jac + at * 3 * NX * NX;
+    hess[k] = run->order < 2 ? 0 : run->hess + at * CURVATURE * NX * NX;
+  }
+  octo_input in = octo_lanes_turn(s, p, run->order);
+  if (run->order == 2) octo_gather(lam, NX, s->lam);
+  octo_lanes_run(s, &in);
+  octo_spread(s->fd, NX, fd, count);
+  if (run->order >= 1) octo_scatter(s->jac, octo_jac_slot, 3 * NX * NX, octo_jac_use, s->touching, 2, jac, count);
+  if (run->order == 2) octo_scatter(s->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, s->touching, 2, hess, count);
+}
+
+static void *octo_run_steps(void *argument) {
+  octo_run_of_steps *run = argument;
+  octo_lanes *s = octo_lanes_new();
+  if (!s) { run->failed = 1; return 0; }
+  for (long item = run->first; item < run->last;) {
+    long member = item / run->steps, step = item % run->steps, end = run->steps;
+    if (run->last - item < end - step) end = step + run->last - item;
+    octo_lanes_begin(s, run->nodes + member * (run->steps + 2) * NX, (int)step, (int)end + 1);
+    for (; step < end; step += STEPS) {
+      int count = end - step < STEPS ? (int)(end - step) : STEPS;
+      octo_run_group(run, item, count, run->p + member * NP, s);
+      item += count;
+    }
+  }
+  free(s);
+  return 0;
+}
+#endif
 
 int octo_batch(int batch, int steps, int order, int threads, const double *nodes, const double *p, const double *lam, double *fd,
                double *jac, double *hess) {

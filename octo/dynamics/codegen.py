@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from octo.dynamics import stages
+from octo.dynamics import slots, stages
+from octo.dynamics.emit import function_in_lanes
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
@@ -28,15 +29,12 @@ HEAD = "#ifndef __CUDACC_RTC__\n#include <math.h>\n#include <stddef.h>\n#endif\n
 LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
-def _source(name: str) -> str:
+def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text()
 
 
-BATCH_ENTRY = _source("batch.c")
-
-
-def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout) -> str:
-    """C text of the dynamics of §4 of a character."""
+def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout, lanes: bool = False) -> str:
+    """C text of the dynamics of §4 of a character: ``octo_step`` for one time step, or for one in every lane of a vector."""
     functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
     for order in (0, 1, 2):
         functions += [
@@ -46,11 +44,20 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
         ]
     sizes, tables = _tables(character)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
-    return "\n".join([HEAD, _generated(functions), _macros(sizes), *tables, _source("phases.c"), _source("pairs.c")])
+    common = [source("tree.c"), source("pairs.c")]
+    if not lanes:
+        return "\n".join([HEAD, _generated(functions), _macros(sizes), *tables, *common, source("phases.c")])
+    shared = [stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")] for function in functions]
+    made = [function_in_lanes(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
+    places, coupled, jac, hess = slots.of_robot(character)
+    sizes["NCOUPLED"] = coupled
+    tables += [_integers("coupled", places), slots.table(jac, hess)]
+    steps = [source("lanes_step.c"), source("lanes_group.c")]
+    return "\n".join([HEAD, source("lanes.c"), *made, _macros(sizes), *tables, *common, *steps])
 
 
-def function_text(fd: ca.Function) -> str:
-    """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,)."""
+def function_text(fd: ca.Function, lanes: bool = False) -> str:
+    """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,), for one time step or for one in every lane."""
     n, size = int(fd.size1_in(0)), int(fd.numel_in(3))
     z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", size), ca.SX.sym("lam", n)
     x_next, x, x_prev = z[:n], z[n : 2 * n], z[2 * n :]
@@ -66,16 +73,25 @@ def function_text(fd: ca.Function) -> str:
     sizes = {
         "NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0, "WORK": max(f.sz_w() for f in functions), "CURVATURE": len(blocks),
     }  # fmt: skip
-    return "\n".join([HEAD, _generated(functions), _macros(sizes), _source("custom.c")])
+    if not lanes:
+        return "\n".join([HEAD, _generated(functions), _macros(sizes), source("custom.c")])
+    made = _brisk("\n".join(function_in_lanes(function, (3,)) for function in functions), functions)
+    dense = [np.arange(1, 1 + count) for count in (3 * n * n, len(blocks) * n * n)]
+    steps = [source("custom_lanes.c"), source("lanes_group.c")]
+    return "\n".join([HEAD, source("lanes.c"), made, _macros(sizes), slots.table(*dense), *steps])
 
 
 def _generated(functions: Sequence[ca.Function]) -> str:
-    """CasADi's C text; functions longer than LONG are compiled at -O1."""
+    """CasADi's C text."""
     options = {"with_header": False, "include_math": False, "casadi_int": "int"}
     generator = ca.CodeGenerator("octo_dynamics.c", options)
     for function in functions:
         generator.add(function)
-    text = str(generator.dump())
+    return _brisk(str(generator.dump()), functions)
+
+
+def _brisk(text: str, functions: Sequence[ca.Function]) -> str:
+    """Functions longer than LONG are compiled at -O1."""
     if max(function.n_instructions() for function in functions) < LONG:
         return text
     level = "#ifdef __OPTIMIZE__\n#pragma GCC {}\n#endif\n"
@@ -108,6 +124,7 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
         "NX": character.nx, "NB": len(character.bodies), "NC": len(live), "NLINK": len(links.first),
+        "NSLOT": 1 + max(links.slots(), default=0),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
     }  # fmt: skip
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
@@ -139,9 +156,8 @@ def _kinematic_tables(character: Character) -> list[str]:
 
 def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as a list of pairs."""
-    owner = [b for b, body in enumerate(character.bodies) for _ in body.joints]
-    paths = [[i for i in character.path[b] if i <= j] for j, b in enumerate(owner)]
-    below: list[list[int]] = [[] for _ in owner]
+    paths = slots.paths(character)
+    below: list[list[int]] = [[] for _ in paths]
     for j, path in enumerate(paths):
         for i in path:
             below[i].append(j)
@@ -153,6 +169,7 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     sizes["NRUN"], sizes["NRELATED"] = len(runs), len(related)
     return [
         _integers("before", [path[-2] if len(path) > 1 else -1 for path in paths]),
+        _integers("path_start", np.cumsum([0, *(len(path) for path in paths)])),
         _integers("run", runs),
         _integers("above", [i for i, _ in related]),
         _integers("below", [j for _, j in related]),
@@ -162,16 +179,14 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
 def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
-    for a, b in character.pairs:
+    for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):
         first, second = character.contacts[a], character.contacts[b]
-        one, other = character.path[first.body], character.path[second.body]
-        branches = [j for j in one if j not in other], [j for j in other if j not in one]
-        if not (branches[0] or branches[1]):
+        if not loop:
             continue
         bodies += [first.body, second.body]
         spheres.append([*first.position, *second.position, first.radius + second.radius])
-        dofs += branches[0] + branches[1]
-        split.append(len(branches[0]))
+        dofs += loop
+        split.append(count)
         start.append(len(dofs))
     sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
     return [
@@ -216,14 +231,26 @@ class _Links:
         moment = sum((k + m * np.outer(c - com, c - com) for m, c, k in parts), np.zeros((3, 3)))
         return np.concatenate([com, moment[np.triu_indices(3)], [mass]])
 
+    def parents(self) -> list[int]:
+        above = [self.character.bodies[b].parent for b in self.first]
+        return [self.of[b] if b >= 0 else -1 for b in above]
+
+    def slots(self) -> list[int]:
+        """Where each link's composite is kept while the links are visited from the last on: until its parent has it."""
+        parents, slot, free = self.parents(), [0] * len(self.first), list(range(len(self.first)))
+        for link in reversed(range(len(self.first))):
+            slot[link] = free.pop(0)
+            free = sorted(free + [slot[child] for child, parent in enumerate(parents) if parent == link])
+        return slot
+
     def tables(self) -> list[str]:
-        bodies = self.character.bodies
-        parents = [bodies[b].parent for b in self.first]
+        bodies, used = self.character.bodies, self.slots()
         return [
-            _integers("link_parent", [self.of[b] if b >= 0 else -1 for b in parents]),
+            _integers("link_parent", self.parents()),
             _integers("link_body", self.first),
             _integers("link_first", [self.character.first_joint[b] for b in self.first]),
             _integers("link_last", [self.character.path[b][-1] for b in self.first]),
             _integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
+            _integers("link_slot", used),
             _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
         ]

@@ -50,13 +50,21 @@ class Dynamics:
         """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and octo_step."""
         return self._text
 
+    def lanes_text(self) -> str:
+        """The C text for a time step in every lane of a vector: octo_lanes_* of lanes_group.c in place of octo_step."""
+        return self._lanes_text
+
     @cached_property
     def _text(self) -> str:
         return codegen.function_text(self.symbolic)
 
     @cached_property
+    def _lanes_text(self) -> str:
+        return codegen.function_text(self.symbolic, lanes=True)
+
+    @cached_property
     def _library(self) -> ctypes.CDLL | None:
-        return native.load(self.text() + codegen.BATCH_ENTRY) if self.text() else None
+        return native.load(self.lanes_text() + codegen.source("batch.c"))
 
     @cached_property
     def _machine(self) -> tuple[ca.Function, ca.Function, ca.Function]:
@@ -164,6 +172,10 @@ class RobotDynamics(Dynamics):
     @cached_property
     def _text(self) -> str:
         return codegen.robot_text(self.character, self.law, self.terrain, self.layout)
+
+    @cached_property
+    def _lanes_text(self) -> str:
+        return codegen.robot_text(self.character, self.law, self.terrain, self.layout, lanes=True)
 
 
 class CustomDynamics(Dynamics):

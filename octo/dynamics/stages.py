@@ -19,6 +19,7 @@ from octo.model.terrain import normal as normal_of
 
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
+SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}  # inputs that are p or of a table
 
 
 def _pose(flat: ca.SX) -> symbolic.Pose:

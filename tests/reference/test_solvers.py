@@ -28,7 +28,7 @@ def _agree(problem: Problem, solvers: tuple[Callable, ...]) -> None:
         assert run.solution.status is Status.CONVERGED and run.compiled, run.said
         assert run.solution.energy == pytest.approx(own.energy, rel=SAME, abs=SAME)
         assert run.solution.violation <= 1e-6 * own.weight
-        assert np.abs(run.solution.x - own.x).max() < 2e-3
+        assert np.abs(run.solution.x - own.x).max() < 5 * SAME**0.5  # E is flat at its least
 
 
 @pytest.mark.parametrize("basis", ["nodes", Hermite(10)])

@@ -1,0 +1,97 @@
+"""SX functions as C over ``real``, a vector with one time step in each lane (lanes.c), instruction by instruction.
+
+An operation without an entry in the tables below is refused by name: nothing is guessed about the text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import casadi as ca
+
+from octo.errors import ModelError
+
+ARITHMETIC = {
+    ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_TWICE: "2.0 * {0}", ca.OP_SQ: "{0} * {0}", ca.OP_INV: "1.0 / {0}",
+    ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
+}  # fmt: skip
+COMPARISON = {ca.OP_LT: "{0} < {1}", ca.OP_LE: "{0} <= {1}", ca.OP_EQ: "{0} == {1}", ca.OP_NE: "{0} != {1}"}
+LOGIC = {ca.OP_NOT: "~{0}", ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}"}
+FUNCTIONS = {
+    ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh", ca.OP_ATANH: "atanh", ca.OP_EXP: "exp", ca.OP_EXPM1: "expm1", ca.OP_LOG: "log",
+    ca.OP_LOG1P: "log1p", ca.OP_ERF: "erf", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs",
+    ca.OP_SIGN: "sign", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod",
+    ca.OP_COPYSIGN: "copysign", ca.OP_HYPOT: "hypot", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+}  # fmt: skip
+TYPES = {"number": "double", "vector": "real", "mask": "octo_mask"}
+
+
+def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
+    """C text ``static void name(const void *const *arg, real *const *res)`` of an SX function with dense outputs.
+
+    Parameters
+    ----------
+    shared: the inputs that are the same for all lanes, arrays of double; the others are arrays of real.
+    """
+    lines = [f"static void {function.name()}(const void *const *arg, real *const *res) {{"]
+    for k in range(function.n_in()):
+        lines.append(f"  const {'double' if k in shared else 'real'} *i{k} = arg[{k}];")
+    lines += [f"  real *restrict o{k} = res[{k}];" for k in range(function.n_out())]
+    places: dict[int, _Value] = {}
+    for k in range(function.n_instructions()):
+        operation, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            lines.append(f"  o{outputs[0]}[{outputs[1]}] = {places[inputs[0]].vector()};")
+        elif operation == ca.OP_CONST:
+            places[outputs[0]] = _Value("number", _constant(function.instruction_constant(k)))
+        elif operation == ca.OP_INPUT:
+            places[outputs[0]] = _Value("number" if inputs[0] in shared else "vector", f"i{inputs[0]}[{inputs[1]}]")
+        else:
+            made = _apply(function, operation, [places[i] for i in inputs])
+            lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
+            places[outputs[0]] = _Value(made.kind, f"a{k}")
+    return "\n".join([*lines, "}"])
+
+
+class _Value:
+    """An expression: a number that all lanes share, a vector, or a mask (all bits of a lane where it is true)."""
+
+    def __init__(self, kind: str, text: str):
+        self.kind, self.text = kind, text
+
+    def vector(self) -> str:
+        if self.kind == "number":
+            return f"(ZERO + {self.text})"
+        return f"WHERE({self.text}, ZERO + 1.0)" if self.kind == "mask" else self.text
+
+    def mask(self) -> str:
+        return self.text if self.kind == "mask" else f"({self.vector()} != 0.0)"
+
+    def operand(self) -> str:
+        return self.vector() if self.kind == "mask" else self.text
+
+
+def _apply(function: ca.Function, operation: int, values: list[_Value]) -> _Value:
+    if operation in ARITHMETIC:
+        kind = "number" if all(value.kind == "number" for value in values) else "vector"
+        return _Value(kind, ARITHMETIC[operation].format(*(value.operand() for value in values)))
+    if operation in COMPARISON:
+        return _Value("mask", COMPARISON[operation].format(*(value.vector() for value in values)))
+    if operation in LOGIC:
+        return _Value("mask", LOGIC[operation].format(*(value.mask() for value in values)))
+    if operation == ca.OP_IF_ELSE_ZERO:
+        return _Value("vector", f"WHERE({values[0].mask()}, {values[1].vector()})")
+    if operation in FUNCTIONS:
+        return _Value("vector", f"octo_{FUNCTIONS[operation]}({', '.join(value.vector() for value in values)})")
+    names = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+    raise ModelError(f"{function.name()} uses CasADi's operation {names.get(operation, operation)}, which octo cannot write as C")
+
+
+def _constant(value: float) -> str:
+    """An exact literal of C and C++."""
+    if value != value:
+        return "NAN"
+    text = "INFINITY" if abs(value) == float("inf") else abs(float(value)).hex()
+    return f"(-{text})" if value < 0.0 else text

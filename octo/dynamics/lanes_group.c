@@ -1,0 +1,104 @@
+/* The steps of one problem, a group of STEPS after the other: each node's poses and twists are evaluated once, in the lanes
+ * of its neighbours. Lanes behind the last step repeat the last node. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#define NODE (NX + KIN)
+
+typedef struct {
+  real nodes[2][NODE], now[NODE], next[NODE]; /* x and kin: of the nodes from the previous one on, and one, two further */
+  real lam[NX], fd[NX], jac[JAC_SLOTS], hess[HESS_SLOTS];
+  octo_work work;
+  const double *from; /* the problem's nodes */
+  int node, last;     /* the first node of ``nodes[ring]``, the last one there is */
+  int ring, touching; /* the pairs have written into slots that are zero otherwise */
+} octo_lanes;
+
+/* Where the STEPS numbers from e on are written: the last ones of a row again, for it may end between them. */
+static inline int octo_start(int e, int size) { return e + STEPS <= size ? e : size - STEPS; }
+
+/* Of STEPS numbers of jac or hess, 0: some are written, 1: by pairs alone, 2: always zero. */
+static char octo_jac_use[3 * NX * NX / STEPS + 1], octo_hess_use[CURVATURE * NX * NX / STEPS + 1];
+
+static void octo_find_use(const octo_slot *slot, int size, int coupled, char *use) {
+  for (int e = 0; e < size; e += STEPS) {
+    use[e / STEPS] = 2;
+    for (int at = size < STEPS ? 0 : octo_start(e, size); at < size && at < e + STEPS; ++at) {
+      int kind = slot[at] == 0 ? 2 : slot[at] >= coupled;
+      if (kind < use[e / STEPS]) use[e / STEPS] = kind;
+    }
+  }
+}
+
+__attribute__((constructor)) static void octo_find_uses(void) {
+  octo_find_use(octo_jac_slot, 3 * NX * NX, JAC_SLOTS - NCOUPLED, octo_jac_use);
+  octo_find_use(octo_hess_slot, CURVATURE * NX * NX, HESS_SLOTS - NCOUPLED, octo_hess_use);
+}
+
+/* ``size`` numbers of every step out of their slots (slot 0 is zero) to the first ``count`` steps, STEPS at a time. Those
+ * whose ``use`` is beyond ``most`` are zero, and beyond ``kept`` they are so already. */
+static inline void octo_scatter(const real *from, const octo_slot *slot, int size, const char *use, int most, int kept,
+                                double *const *to, int count) {
+  for (int e = 0; e < size && size < STEPS; ++e)
+    for (int k = 0; k < count; ++k) to[k][e] = from[slot[e]][k];
+  for (int e = 0; e < size && size >= STEPS; e += STEPS) {
+    int at = octo_start(e, size);
+    if (use[e / STEPS] > kept) continue;
+    if (use[e / STEPS] > most) {
+      for (int k = 0; k < count; ++k) *(octo_real_anywhere *)(to[k] + at) = ZERO;
+      continue;
+    }
+    real v[STEPS];
+    for (int k = 0; k < STEPS; ++k) v[k] = from[slot[at + k]];
+    octo_transpose(v);
+    if (count == STEPS) {
+      for (int k = 0; k < STEPS; ++k) *(octo_real_anywhere *)(to[k] + at) = v[k];
+      continue;
+    }
+    real rows[STEPS]; /* beside the registers, for their count varies */
+    for (int k = 0; k < STEPS; ++k) rows[k] = v[k];
+    for (int k = 0; k < count; ++k) *(octo_real_anywhere *)(to[k] + at) = rows[k];
+  }
+}
+
+static void octo_lanes_load(octo_lanes *s, int first, real *out) {
+  const double *from[STEPS];
+  for (int k = 0; k < STEPS; ++k) from[k] = s->from + (size_t)(first + k < s->last ? first + k : s->last) * NX;
+  octo_gather(from, NX, out);
+  octo_kin(out, out + NX);
+}
+
+/* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
+static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
+  s->from = nodes, s->node = first, s->last = last, s->ring = 0;
+  octo_lanes_load(s, first, s->nodes[0]);
+}
+
+/* The next group; ``ring`` has turned after it. */
+static octo_input octo_lanes_turn(octo_lanes *s, const double *p, int order) {
+  const real *previous = s->nodes[s->ring];
+  s->node += STEPS;
+  octo_lanes_load(s, s->node, s->nodes[!s->ring]);
+  octo_following(previous, s->nodes[!s->ring], NODE, s->now, s->next);
+  s->ring = !s->ring;
+  return (octo_input){{s->next, s->now, previous}, {s->next + NX, s->now + NX, previous + NX}, p, s->lam, order};
+}
+
+/* FD, J and H of a group into their slots; what the pairs wrote the last time is cleared before. */
+static void octo_lanes_run(octo_lanes *s, const octo_input *in) {
+  if (s->touching) {
+    memset(s->jac + JAC_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
+    memset(s->hess + HESS_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
+  }
+  s->touching = octo_step(in, s->fd, s->jac, s->hess, &s->work);
+}
+
+static octo_lanes *octo_lanes_new(void) {
+  octo_lanes *s = aligned_alloc(64, (sizeof(octo_lanes) + 63) / 64 * 64);
+  if (!s) return 0;
+  memset(s->jac, 0, sizeof s->jac);
+  memset(s->hess, 0, sizeof s->hess);
+  s->touching = 0;
+  return s;
+}

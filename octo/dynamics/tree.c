@@ -1,0 +1,148 @@
+/* The dynamics of a character over its tree of links: what phases.c (one time step) and lanes_step.c (several) share.
+ *
+ * A link is a set of bodies welded together; its composite is the sum of the stages' wrenches w and blocks (stages.py)
+ * over the links it carries. With the world twists ξ_j of the nodes next (0), now (1) and previous (2), and i an ancestor
+ * of j or j itself (i ⪯ j), FD_j = ξ_j·W, J_ij = ξ_iᵀ P ξ_j and, the row being deeper, J_ji = ξ_iᵀ P2 ξ_j, where
+ * P = A + G, P2 = Aᵀ + G = Pᵀ − [[m×, f×], [f×, 0]] of the composite wrench W = (m, f): friction makes A unsymmetric.
+ *
+ * ``real`` is a number of a step: a double, or a vector with several steps in its lanes (lanes.c, which defines STEPS). The
+ * text before this one defines the sizes, the tables octo_* of the character and the stage functions. */
+
+#ifndef STEPS
+typedef double real;
+typedef int octo_mask;
+#define ZERO 0.0
+#define NOT(mask) (!(mask))
+#define ANY(mask) (mask)
+#define ARGUMENT double
+#define STAGE(name, arg, res) name(arg, res, 0, 0, 0)
+static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(angle); *c = cos(angle); }
+#endif
+
+#ifdef __CUDACC_RTC__
+#define LANE ((int)threadIdx.x)
+#define LANES ((int)blockDim.x)
+#define BARRIER __syncthreads()
+#endif
+
+/* Loops whose items do not depend on each other, for a block of threads: one time step, its work area in shared memory. */
+#ifdef LANE
+#define EACH(e, count) for (int e = LANE; e < (count); e += LANES)
+#define GRID(a, rows, b, columns) \
+  for (int a##b = LANE, a, b; a##b < (rows) * (columns) && (a = a##b / (columns), b = a##b % (columns), 1); a##b += LANES)
+#else
+#define BARRIER
+#define EACH(e, count) for (int e = 0; e < (count); ++e)
+#define GRID(a, rows, b, columns) for (int a = 0; a < (rows); ++a) for (int b = 0; b < (columns); ++b)
+#endif
+
+#define SOME(count) ((count) > 0 ? (count) : 1)
+
+typedef struct { real W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
+typedef struct { real W[6], B[2][36], T[2][36], L[36]; octo_mask active; } octo_touch_blocks; /* of a contact: no x_prev */
+
+static inline void octo_cross(const real *a, const real *b, real *out) {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+#define octo_dot(a, b) ((a)[0] * (b)[0] + (a)[1] * (b)[1] + (a)[2] * (b)[2]) /* of reals or of a table's numbers */
+
+/* R v + t of a pose of kin. */
+static inline void octo_place(const real *pose, const double *v, real *out) {
+  for (int r = 0; r < 3; ++r) out[r] = octo_dot(pose + 3 * r, v) + pose[9 + r];
+}
+
+/* Pose of one joint's displacement, right-multiplied to (R, t): the joint's world twist is written on the way. */
+static inline void octo_move(int j, real displacement, real *R, real *t, real *xi) {
+  real axis[3], anchor[3], arm[3];
+  for (int r = 0; r < 3; ++r) axis[r] = octo_dot(R + 3 * r, octo_joint_axis + 3 * j);
+  if (octo_joint_slides[j]) {
+    for (int r = 0; r < 3; ++r) { xi[r] = ZERO; xi[3 + r] = axis[r]; t[r] += axis[r] * displacement; }
+    return;
+  }
+  real s, c;
+  octo_sincos(displacement, &s, &c);
+  for (int r = 0; r < 3; ++r) anchor[r] = octo_dot(R + 3 * r, octo_joint_anchor + 3 * j) + t[r];
+  for (int r = 0; r < 3; ++r) xi[r] = axis[r];
+  octo_cross(anchor, axis, xi + 3); /* velocity of the point at the world's origin */
+  real turn[9] = {c + (1 - c) * axis[0] * axis[0], (1 - c) * axis[0] * axis[1] - s * axis[2], (1 - c) * axis[0] * axis[2] + s * axis[1],
+                    (1 - c) * axis[0] * axis[1] + s * axis[2], c + (1 - c) * axis[1] * axis[1], (1 - c) * axis[1] * axis[2] - s * axis[0],
+                    (1 - c) * axis[0] * axis[2] - s * axis[1], (1 - c) * axis[1] * axis[2] + s * axis[0], c + (1 - c) * axis[2] * axis[2]};
+  real old[9];
+  for (int k = 0; k < 9; ++k) old[k] = R[k];
+  for (int r = 0; r < 3; ++r)
+    for (int k = 0; k < 3; ++k) R[3 * r + k] = turn[3 * r] * old[k] + turn[3 * r + 1] * old[3 + k] + turn[3 * r + 2] * old[6 + k];
+  for (int r = 0; r < 3; ++r) arm[r] = t[r] - anchor[r];
+  for (int r = 0; r < 3; ++r) t[r] = anchor[r] + octo_dot(turn + 3 * r, arm);
+}
+
+/* Poses of the bodies and world twists of the degrees of freedom at one node: kin (12 NB + 6 NX). */
+void octo_kin(const real *x, real *kin) {
+  for (int b = 0; b < NB; ++b) {
+    real *R = kin + 12 * b, *t = R + 9;
+    const double *fixed = octo_body_pose + 12 * b;
+    if (octo_body_parent[b] < 0) {
+      for (int k = 0; k < 12; ++k) R[k] = ZERO + fixed[k];
+    } else {
+      const real *parent = kin + 12 * octo_body_parent[b];
+      for (int r = 0; r < 3; ++r)
+        for (int k = 0; k < 3; ++k) R[3 * r + k] = parent[3 * r] * fixed[k] + parent[3 * r + 1] * fixed[3 + k] + parent[3 * r + 2] * fixed[6 + k];
+      octo_place(parent, fixed + 9, t);
+    }
+    for (int j = octo_body_first[b]; j < octo_body_first[b + 1]; ++j)
+      octo_move(j, x[j] - octo_joint_reference[j], R, t, kin + 12 * NB + 6 * j);
+  }
+}
+
+typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
+
+/* η = ad_V ξ_j at the next node. */
+static inline void octo_turned(const octo_input *in, const real *V, int j, real *eta) {
+  const real *xi = in->kin[0] + 12 * NB + 6 * j;
+  real carried[3];
+  octo_cross(V, xi, eta);
+  octo_cross(V, xi + 3, eta + 3);
+  octo_cross(V + 3, xi, carried);
+  for (int r = 0; r < 3; ++r) eta[3 + r] += carried[r];
+}
+
+/* Inertia and gravity of a link, with its virtual twist V: the stage writes into the link's composite. */
+static inline void octo_body(const octo_input *in, int l, const real *V, octo_link_blocks *k) {
+  int at = 12 * octo_link_body[l];
+  const ARGUMENT *arg[6] = {in->kin[0] + at, in->kin[1] + at, in->kin[2] + at, octo_link_inertia + 10 * l, in->p, V};
+  real *res[9] = {k->W, k->B[0], k->B[1], k->B[2], k->T[0], k->T[1], k->T[2], k->L[0], k->L[1]};
+  if (in->order == 0) STAGE(octo_body0, arg, res);
+  else if (in->order == 1) STAGE(octo_body1, arg, res);
+  else STAGE(octo_body2, arg, res);
+}
+
+#if NC > 0
+/* A terrain contact on a link of virtual twist V; one that is out of reach is skipped, a NaN is not. */
+static inline void octo_contact(const octo_input *in, int c, const real *V, octo_touch_blocks *k) {
+  int at = 12 * octo_contact_body[c];
+  const double *sphere = octo_contact_sphere + 4 * c;
+  real center[3], gap;
+  octo_place(in->kin[0] + at, sphere, center);
+  const ARGUMENT *place[3] = {center, sphere + 3, in->p};
+  real *depth[1] = {&gap};
+  STAGE(octo_gap, place, depth);
+  k->active = NOT(gap <= 0.0);
+  if (!ANY(k->active)) return;
+  const ARGUMENT *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V};
+  real *res[6] = {k->W, k->B[0], k->B[1], k->T[0], k->T[1], k->L};
+  if (in->order == 0) STAGE(octo_contact0, arg, res);
+  else if (in->order == 1) STAGE(octo_contact1, arg, res);
+  else STAGE(octo_contact2, arg, res);
+}
+#endif
+
+/* Force, its three derivatives, its second derivative to x_next of joint j: k (5). */
+static inline void octo_joint(const octo_input *in, int j, real *k) {
+  const ARGUMENT *arg[5] = {in->x[0] + j, in->x[1] + j, in->x[2] + j, octo_joint_table + 6 * j, in->p};
+  real *res[5] = {k, k + 1, k + 2, k + 3, k + 4};
+  if (in->order == 0) STAGE(octo_joint0, arg, res);
+  else if (in->order == 1) STAGE(octo_joint1, arg, res);
+  else STAGE(octo_joint2, arg, res);
+}
