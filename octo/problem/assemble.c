@@ -213,6 +213,8 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *row_scale = t->row_scale + (size_t)member * MU;
   const double *kin[3] = {s->kin[(i + 2) % 3], s->kin[(i + 1) % 3], s->kin[i % 3]};
   octo_kin(x_next, s->kin[(i + 2) % 3]);
+  if (!t->lam) octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, 0, 1, s->fd, s->jac, 0, s->work);
+  if (!t->lam && !t->terms) memcpy(t->fd + ((size_t)member * t->steps + i) * NX, s->fd, NX * sizeof(double));
   for (int j = 0; j < NU; ++j) s->u[j] = fd[octo_actuated[j]];
   octo_cost_derivatives(x_next, x, x_prev, s->u, kin, p, q, &s->values, s->lam, s->w, s->iw);
   if (t->lam) {
@@ -225,8 +227,6 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
         s->lam[octo_unactuated[r]] += value * row_scale[r] * lam[row * g->ma + t->test_part[i * t->tests + k] * MU + r];
     }
     octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, s->lam, 2, s->fd, s->jac, s->curvature, s->work);
-  } else {
-    octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, 0, 1, s->fd, s->jac, 0, s->work);
   }
   octo_build_rows(&s->values, s->jac, kin, q, &s->rows);
   octo_gauss_newton(&s->rows, t->lam ? s->curvature : 0, t->slots == 1, s->hess, s->gradient);
@@ -275,3 +275,12 @@ int octo_linearize(octo_task *t, int threads) {
   octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
   return l.failed;
 }
+
+/* One chunk of a single problem, for a caller that has some steps' numbers before those of the others. */
+int octo_linearize_part(octo_task *t, int chunk) {
+  octo_linearization l = {t, 0};
+  octo_linearize_chunk(&l, chunk);
+  return l.failed;
+}
+
+void octo_join_parts(octo_task *t) { octo_add_halo(t, 0); }

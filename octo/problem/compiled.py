@@ -231,6 +231,11 @@ class CompiledProblem:
             matrix[s.test_row[live, k] * s.parts + s.test_part[live, k], live] += s.test_coefficient[live, k]
         return matrix
 
+    @property
+    def library(self) -> ctypes.CDLL | None:
+        """assemble.c with the code of this problem; None without a compiler."""
+        return self._library
+
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
         text = self.dynamics.text()
@@ -263,16 +268,11 @@ class CompiledProblem:
         chunks, s = len(unit), self.stencil
         size = 6 * self.nc**2 + 3 * self.ma * self.nc + 2 * self.nc + self.ma
         halo = np.empty((self.batch, chunks, max(size, 1)))
-        arrays = [
-            step, unit, row, s.unit, s.part, s.coefficient, s.test_row, s.test_part, s.test_coefficient,
-            self.p, self.q, self.row_scale, halo,
-        ]  # fmt: skip
-        kept = [np.ascontiguousarray(a) for a in arrays]
-        at = [a.ctypes.data for a in kept]
-        task = _Task(
-            self.batch, self.steps, s.units, s.unit.shape[1], s.test_row.shape[1], s.parts, chunks,
-            *at[:9], None, at[9], at[10], at[11], None, None, None, None, None, None, None, at[12],
-        )  # fmt: skip
+        tables = [step, unit, row, s.unit, s.part, s.coefficient, s.test_row, s.test_part, s.test_coefficient]
+        kept = [np.ascontiguousarray(a) for a in (*tables, self.p, self.q, self.row_scale)]
+        sizes = (self.batch, self.steps, s.units, s.unit.shape[1], s.test_row.shape[1], s.parts, chunks)
+        task = task_of(sizes, kept[:9], kept[9:], halo)
+        kept.append(halo)
         return task, kept
 
     def refresh(self) -> None:
@@ -310,6 +310,13 @@ class CompiledProblem:
         depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
         outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
         return ca.Function("contacts", [x_next, x, p], [*outputs, depth])
+
+
+def task_of(sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[NDArray], halo: NDArray) -> _Task:
+    """octo_task of assemble.c over contiguous arrays that the caller keeps: ``tables`` of the chunks and the stencil,
+    ``values`` p, q and the scale of the rows."""
+    at, given = [a.ctypes.data for a in tables], [a.ctypes.data for a in values]
+    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data)
 
 
 def _check_alike(first: Problem, other: Problem) -> None:

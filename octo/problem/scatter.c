@@ -24,7 +24,7 @@ typedef struct {
   const double *q;       /* (batch, steps, NQ) coefficients and references of the costs */
   const double *row_scale; /* (batch, MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
   double *fd;            /* (batch, steps, NX) out of octo_evaluate, in to octo_linearize */
-  double *terms;         /* (batch, steps, NTERM) */
+  double *terms;         /* (batch, steps, NTERM); NULL in octo_linearize without lam: fd was not evaluated, it is written */
   const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
   double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */

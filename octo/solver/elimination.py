@@ -34,7 +34,7 @@ _POOLED = 4  # memories kept for the next factorisation of the same shape
 def library(nc: int, ma: int) -> ctypes.CDLL | None:
     """The compiled elimination for units of nc variables and ma rows; None without a compiler."""
     folder = importlib.resources.files(__package__)
-    parts = [(folder / name).read_text() for name in ("threads.c", "elimination.c", "elimination_solve.c", "normal.c")]
+    parts = [(folder / name).read_text() for name in ("threads.c", "elimination.c", "elimination_solve.c", "receding.c", "normal.c")]
     made = native.load("\n".join(parts), (f"-DNC={nc}", f"-DMA={ma}"))
     if made is None:
         return None
@@ -47,6 +47,14 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
         [_INT] * 4 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
     ) + [_POINTER] * 4
     made.octo_solve_batch.restype = None
+    made.octo_receding_bytes.restype = _SIZE
+    made.octo_receding_start.argtypes = [_POINTER, _INT, _INT, *[_POINTER] * 7]
+    made.octo_receding_start.restype = None
+    made.octo_receding_eliminate.argtypes = [_POINTER, _INT, _INT, _POINTER, _POINTER]
+    made.octo_receding_solve.argtypes = [_POINTER] * 3
+    made.octo_receding_solve.restype = None
+    made.octo_receding_gain.argtypes = [_POINTER] * 2
+    made.octo_receding_gain.restype = None
     made.octo_normal_bytes.restype = _SIZE
     if ma > 0:
         made.octo_normal_factor.argtypes = [_INT] * 3 + [_POINTER] * 3
@@ -68,7 +76,7 @@ def _split(batch: int, threads: int, K: int, nc: int) -> int:
     return (K - 2) // 2 if threads >= 2 * batch and K >= 8 and K * nc * nc >= SHARED_WORK else 0
 
 
-class _Memory:
+class Memory:
     """What a factor is stored in; reused, because first touching megabytes costs as much as factoring."""
 
     def __init__(self, made: ctypes.CDLL, batch: int, K: int, threads: int):
@@ -86,7 +94,7 @@ class _Memory:
         return address(self._scratch)
 
 
-_pool: dict[tuple[int, ...], list[_Memory]] = {}
+_pool: dict[tuple[int, ...], list[Memory]] = {}
 
 
 def address(array: NDArray) -> int:
@@ -112,7 +120,7 @@ class EliminationFactor:
         self._sizes = (batch, threads, K, _split(batch, threads, K, nc))
         self._held = (H, A, sigma)
         free = _pool.get(self._key)
-        self._memory = free.pop() if free else _Memory(made, batch, K, threads)
+        self._memory = free.pop() if free else Memory(made, batch, K, threads)
         per_variable = int(sigma is not None and sigma.ndim == 3)
         self._problem = (address(H), address(A), None if sigma is None else address(sigma), per_variable)
         verdict = np.empty((batch, 4), dtype=np.int32)

@@ -1,0 +1,380 @@
+"""One plan a measurement: real-time iteration over a receding horizon (§7 of the paper; Diehl, Bock and Schlöder 2005)."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import number, positive, whole
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.mpc.command import Command, CommandStatus
+from octo.mpc.convention import Convention
+from octo.mpc.plan import Plan
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Problem
+from octo.solve import resolve_device
+from octo.solver.receding import RecedingHorizon
+from octo.solver.solution import Solution
+
+Array = NDArray[np.float64]
+Guide = Callable[["Controller", float, Array], None]
+
+CURVATURES = ("gauss-newton", "exact")
+SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
+CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
+SETTLE = 40  # iterations at a reset, from the pose held still
+WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
+STIFFNESS = 1.1  # of mg·ℓ a rad, the low level's kp
+SWING = 0.23  # of √(ℓ/g), the low level's kd over its kp
+TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
+GRAVITY = 9.81  # m/s²
+
+
+class Controller:
+    """Receding-horizon control of a robot by one problem, compiled once.
+
+    Parameters
+    ----------
+    problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
+    iterations: of Gauss-Newton in one call.
+    budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
+    device: "cpu" (or "auto").
+    convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.mpc.convention.Convention`).
+    curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
+    stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
+    guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration: it may change references.
+
+    Raises
+    ------
+    ProblemError, DeviceError, ValueRangeError, UnknownNameError: naming the argument and what is allowed. No call of
+    ``step``, ``prepare``, ``feedback`` or ``command`` raises.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        iterations: int = 1,
+        budget: float | None = None,
+        device: str = "cpu",
+        convention: str = "mujoco",
+        *,
+        curvature: str = "gauss-newton",
+        sigma: float = SIGMA,
+        stiffness: float | Array | None = None,
+        damping: float | Array | None = None,
+        guide: Guide | None = None,
+    ):
+        if resolve_device(device) != "cpu":
+            raise DeviceError(f"device is {device!r}: one problem of one second is solved on the CPU, use device 'cpu'")
+        if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
+            raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
+        if problem.basis_object.name != "nodes" or problem.x_end is not None:
+            raise ProblemError(f"basis is {problem.basis_object.name!r}: a controller needs 'nodes' and a free end")
+        if curvature not in CURVATURES:
+            raise UnknownNameError("curvature", curvature, CURVATURES)
+        self.problem, self.robot = problem, problem.character
+        self.iterations, self.exact = whole("iterations", iterations), curvature == "exact"
+        self.budget = None if budget is None else positive("budget", budget, "s")
+        self.convention = Convention(self.robot, convention)
+        self.compiled = CompiledProblem([problem])
+        self.compiled.prepare()
+        self.horizon = RecedingHorizon(self.compiled, positive("sigma", sigma))
+        self.sigma, self.dt, self.guide = sigma, float(problem.dt), guide
+        limit = self.robot.torque_limit
+        self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
+        kp = STIFFNESS * problem.weight * problem.length if stiffness is None else stiffness
+        kd = SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp) if damping is None else damping
+        self.kp, self.kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)).copy() for k in (kp, kd))
+        hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
+        self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
+        size = (problem.steps, self.dt, self.robot.actuated, self.robot.nx)
+        self._plans = [Plan(*size) for _ in range(3)]
+        self._first_joint = self.convention.actuated_q
+        self.reset()
+
+    # -- references, weights, parameters ------------------------------------------------------------------------------
+
+    def reference(self, label: str, name: str) -> Array:
+        """(N, size) of a term's references, to be written in place: the next plan follows it. Nothing is recompiled."""
+        return self.compiled.q[0][:, self._place(label)[1][name]] if self._knows(label, name) else np.empty(0)
+
+    def _place(self, label: str) -> tuple[int, dict[str, slice]]:
+        table = self.compiled.functions.references
+        labels = [term.label for term in self.problem.costs]
+        if label not in labels:
+            raise UnknownNameError("term", label, labels)
+        k = labels.index(label)
+        return k, table.places[k]
+
+    def _knows(self, label: str, name: str) -> bool:
+        places = self._place(label)[1]
+        if name not in places:
+            raise UnknownNameError(f"reference of {label}", name, places)
+        return True
+
+    def update(self, label: str, **values: Any) -> None:
+        """Change a term's fields: ``update("BaseHeight", height=0.3, weight=40.0)``. Its scale stays that of the problem.
+
+        Raises
+        ------
+        UnknownNameError: no such term or field. ShapeError, ValueRangeError: what the term refuses.
+        """
+        k, places = self._place(label)
+        term = self.problem.costs[k]
+        fields = [f.name for f in dataclasses.fields(term) if f.name not in ("name", "steps", "contacts")]
+        for name in values:
+            if name not in fields:
+                raise UnknownNameError(f"field of {label}", name, fields)
+        changed = dataclasses.replace(term, **values)
+        rows, q = self.problem.steps, self.compiled.q[0]
+        scratch = dataclasses.replace(self.compiled.functions.references, terms=(changed,), places=(places,))
+        packed = scratch.pack([changed], self.problem.setting)
+        for place in places.values():
+            q[:, place] = packed[:, place]
+        if "weight" in values:
+            on = np.full(rows, 1.0 / rows) if term.steps == "all" else np.eye(rows)[-1]
+            q[:, k] = np.asarray(values["weight"], dtype=float) * on / term.scale(self.problem.setting)
+        self.problem = self.problem.replace(costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]])
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1, "contact.mu": 0.5}``; not dt."""
+        layout = self.problem.dynamics.layout
+        if "dt" in values:
+            raise ValueRangeError("parameter dt cannot change: the horizon was compiled for it")
+        for name, value in values.items():
+            self.compiled.p[0, layout.index(name)] = number(f"parameter {name}", value)
+
+    # -- the first plan -----------------------------------------------------------------------------------------------
+
+    def reset(self, q: Array | None = None, v: Array | None = None, t: float = 0.0) -> None:
+        """Forget the plan; make a new one from q (nq,) and v (nv,), by default the problem's start at rest."""
+        nodes = self.horizon.nodes
+        if q is None:
+            x, before = self.problem.start, self.problem.start - self.dt * self.problem.start_velocity
+        else:
+            speed = np.zeros(self.convention.nv) if v is None else np.asarray(v, dtype=float)
+            self._check_shapes(np.asarray(q), speed)
+            x, before = self.convention.to_octo(np.asarray(q, dtype=float), speed, self.dt, self.problem.start)
+        nodes[:] = x
+        nodes[0] = before
+        self._forget(x)
+        if self.guide is not None:
+            self.guide(self, t, x)
+        good = True
+        for _ in range(SETTLE):
+            good = self._iterate() and self._accept(t)
+            if not good or np.max(np.abs(self.horizon.step)) < 1e-3:
+                break
+        if not good:  # stand still
+            nodes[:], nodes[0] = x, before
+            self.horizon.evaluate()
+            self._accept(t, anyway=True)
+
+    def _forget(self, x: Array) -> None:
+        self.horizon.sigma[0] = self.sigma
+        self.horizon.guess[:] = 0.0
+        self._plan, self._next = self._plans[0], 1
+        self._last_time, self._tick = -np.inf, self.dt
+        self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
+        self._near, self._prepared, self._usable = x.copy(), np.nan, True
+        self._worst, self._energy, self._violation = 0.0, np.nan, np.nan
+        self._gain_nodes, self._gain = np.zeros((3, self.robot.nx)), np.zeros((self.robot.nx, 2 * self.robot.nx))
+
+    def warm_start(self, solution: Solution, t: float = 0.0) -> None:
+        """Take a solution's motion and multipliers, from its start on, as the plan from time ``t`` on.
+
+        Raises
+        ------
+        ShapeError: of another robot, or shorter than the horizon. ValueRangeError: another dt.
+        """
+        N, n = self.problem.steps, self.robot.nx
+        if solution.x.shape[1] != n or solution.steps < N:
+            raise ShapeError("solution.x", solution.x.shape, f"(at least {N + 2}, {n})")
+        if abs(solution.dt - self.dt) > 1e-12:
+            raise ValueRangeError(f"solution.dt is {solution.dt} s, must be the controller's {self.dt} s")
+        self._forget(solution.x[1])
+        self.horizon.nodes[:] = solution.x[: N + 2]
+        if solution.multipliers.shape[1:] == self.horizon.lam.shape[1:]:
+            self.horizon.guess[2:] = solution.multipliers[:N]
+        self.horizon.evaluate()
+        self._accept(t, anyway=True)
+
+    @property
+    def plan(self) -> Plan:
+        """The plan that commands are read from."""
+        return self._plan
+
+    # -- one measurement ----------------------------------------------------------------------------------------------
+
+    def step(self, t: float, q: Array, v: Array) -> Command:
+        """A new plan from the measurement q (nq,), v (nv,) at time t (s), and the command that starts it."""
+        began = time.perf_counter()
+        status = self._refuse(t, q, v)
+        ahead = 0.0
+        if status is None and not abs(self._prepared - t) <= TOLERANCE * self.dt:
+            self.prepare(t)
+            ahead = time.perf_counter() - began
+        return self._feedback(t, q, v, began, ahead, status)
+
+    def prepare(self, t: float | None = None) -> None:
+        """What can be done before the measurement at time ``t`` (by default one tick after the last one) arrives."""
+        t = self._last_time + self._tick if t is None else t
+        plan = self._plan
+        plan.shift(t, self.horizon.nodes)
+        if self.guide is not None:
+            self.guide(self, t, self.horizon.nodes[1])
+        if self.exact:
+            self._shift_multipliers(t)
+        self._usable = self.horizon.prepare(self.exact)
+        self._prepared = t
+
+    def feedback(self, t: float, q: Array, v: Array) -> Command:
+        """The rest of :meth:`step` after :meth:`prepare`."""
+        return self.step(t, q, v)
+
+    def _shift_multipliers(self, t: float) -> None:
+        """Those of the plan, moved by the whole steps that have passed."""
+        i = min(int(round((t - self._plan.time) / self.dt)), self.problem.steps - 1)
+        guess = self.horizon.guess[2:]
+        if i > 0:
+            guess[:-i] = guess[i:].copy()
+
+    def _refuse(self, t: float, q: Array, v: Array) -> CommandStatus | None:
+        """What is wrong with a measurement."""
+        if np.shape(q) != (self.convention.nq,) or np.shape(v) != (self.convention.nv,):
+            return CommandStatus.INVALID
+        if not (np.isfinite(t) and np.isfinite(q).all() and np.isfinite(v).all()):
+            return CommandStatus.INVALID
+        if self.convention.floating and not np.any(q[self.convention.quaternion]):
+            return CommandStatus.INVALID
+        frozen = bool((q == self._last_q).all() and (v == self._last_v).all() and np.any(v))
+        return CommandStatus.STALE if t <= self._last_time or frozen else None
+
+    def _feedback(self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None) -> Command:
+        done = 0
+        if status is None:
+            late = t > self._plan.end
+            self._tick = min(max(t - self._last_time, 1e-6), self.dt) if np.isfinite(self._last_time) else self.dt
+            self._last_time = t
+            self._last_q[:], self._last_v[:] = q, v
+            x, before = self.convention.to_octo(q, v, self.dt, self._near)
+            self._near = x
+            status, done = self._improve(t, x, before, began)
+            if status is CommandStatus.SOLVED and late:
+                status = CommandStatus.LATE
+            self._prepared = np.nan
+        return self._command(t, status, began, ahead, done)
+
+    def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
+        """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
+        horizon, done, best = self.horizon, 0, np.inf
+        horizon.nodes[0], horizon.nodes[1] = before, x
+        if self._spent(began):
+            return CommandStatus.BUDGET, 0
+        while done < self.iterations and not (done and self._spent(began, (time.perf_counter() - began) / done)):
+            if done:
+                self._usable = horizon.prepare(self.exact)
+            if not self._move():
+                return (CommandStatus.SOLVED, done) if done else (CommandStatus.FAILED, 0)
+            if self._spent(began):
+                return (CommandStatus.SOLVED, done) if done else (CommandStatus.BUDGET, 0)
+            merit = self._merit()
+            if merit < best or not done:
+                if not self._accept(t):
+                    return (CommandStatus.SOLVED, done) if done else (CommandStatus.DIVERGED, 0)
+                best = merit
+            done += 1
+        return CommandStatus.SOLVED, done
+
+    def _spent(self, began: float, needed: float = 0.0) -> bool:
+        return self.budget is not None and time.perf_counter() - began + needed > self.budget
+
+    def _merit(self) -> float:
+        """E and the l1 norm of C, weighed by its multipliers."""
+        if self.iterations == 1:
+            return 0.0
+        return self.horizon.energy + 2.0 * float(np.abs(self.horizon.lam).max(initial=0.0) * np.abs(self.horizon.C).sum())
+
+    def _iterate(self) -> bool:
+        self._usable = self.horizon.prepare(self.exact)
+        return self._move()
+
+    def _move(self) -> bool:
+        """One step, shortened to the cap, and the torques at its end; False where there is none."""
+        horizon = self.horizon
+        if not horizon.feedback(self.exact, self._usable):
+            return False
+        step = horizon.step
+        length = 1.0 / max(1.0, float((np.abs(step) * self._inverse_cap).max()))
+        if not np.isfinite(length) or length <= 0.0:
+            return False
+        horizon.nodes[2:] += length * step
+        if self.exact:
+            horizon.guess[2:] += length * (horizon.lam - horizon.guess[2:])
+            horizon.sigma[0] = max(self.sigma, horizon.sigma[0] / 3.0)
+        horizon.evaluate()
+        return True
+
+    def _accept(self, t: float, anyway: bool = False) -> bool:
+        """Make the horizon's nodes the plan, unless they are no motion."""
+        horizon, robot = self.horizon, self.robot
+        energy, violation = horizon.energy, float(np.abs(horizon.C).max(initial=0.0))
+        if not anyway and not (np.isfinite(energy) and violation <= WORST):
+            return False
+        u = horizon.fd[:, robot.actuated]
+        if not np.isfinite(u).all():
+            u = np.zeros_like(u)
+        ratio = np.abs(u[:, self._has_limit]) / self.limit[self._has_limit]
+        self._worst, self._energy, self._violation = float(ratio.max(initial=0.0)), energy, violation
+        plan = self._plans[self._next]
+        plan.store(t, horizon.nodes, np.clip(u, -self.limit, self.limit))
+        self._plan, self._next = plan, (self._next + 1) % len(self._plans)
+        self._gain_nodes[:] = horizon.nodes[:3]
+        if not anyway:
+            self._gain[:] = horizon.gain()
+        return True
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def _command(self, t: float, status: CommandStatus, began: float, ahead: float, done: int) -> Command:
+        plan = self._plan
+        when = t if np.isfinite(t) else plan.time
+        u = plan.at(when)[2]
+        x, rate, _ = plan.at(when + self._tick)
+        q, v = self.convention.from_octo(x, rate)
+        gain, nodes = self._gain.copy(), self._gain_nodes.copy()
+        return Command(
+            np.clip(u, -self.limit, self.limit), q, v, plan.end, status, time.perf_counter() - began, ahead, done, self._worst,
+            self._energy, self._violation, lambda: self._gains(gain, nodes),
+        )  # fmt: skip
+
+    def _gains(self, gain: Array, nodes: Array) -> Array:
+        """du_0/d(x_0, x_{-1}) of the plan through nodes x_{-1}, x_0, x_1 (3, n), on the convention's tangent space."""
+        n, dynamics = self.robot.nx, self.problem.dynamics
+        jac = dynamics.evaluate(nodes[None], self.compiled.p, order=1)[1]
+        assert jac is not None
+        rows = jac[0, 0][self.robot.actuated]
+        place = rows[:, n : 2 * n] + rows[:, :n] @ gain[:, :n]
+        past = rows[:, 2 * n :] + rows[:, :n] @ gain[:, n:]
+        tangent = self.convention.tangent(nodes[1])
+        return np.concatenate([(place + past) @ tangent, -self.dt * past @ tangent], axis=1)
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints."""
+        x, rate, u = self._plan.joints(t)
+        actuated = self.robot.actuated
+        u = u + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[actuated])
+        if not np.isfinite(u).all():  # a joint that is not measured follows the plan's torque
+            u = np.where(np.isfinite(u), u, self._plan.joints(t)[2])
+        return np.minimum(np.maximum(u, -self.limit), self.limit)
+
+    def _check_shapes(self, q: Array, v: Array) -> None:
+        for name, value, size in (("q", q, self.convention.nq), ("v", v, self.convention.nv)):
+            if value.shape != (size,):
+                raise ShapeError(name, value.shape, (size,))
