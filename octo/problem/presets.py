@@ -16,6 +16,7 @@ from octo.problem.costs import (
     Effort,
     JointAcceleration,
     JointVelocity,
+    PointPosition,
     Posture,
     TorqueLimit,
 )
@@ -56,22 +57,29 @@ def robot(speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0) -> list[C
     return terms
 
 
-def locomotion(velocity: Sequence[float] = (0.3, 0.0, 0.0), yaw_rate: float = 0.0) -> list[Cost]:
+def locomotion(
+    velocity: Sequence[float] = (0.0, 0.0, 0.0), yaw_rate: float = 0.0, *, length: float = 0.33
+) -> list[Cost]:
     """Terms for one-iteration control of walking: command tracked, body level, feet that do not slip.
 
-    The weights are squares of the residual weights that a closed loop was tuned with, over one half.
+    The residuals are in lengths ℓ, speeds √(gℓ), rates √(g/ℓ) and moments mgℓ, so that one list serves robots of all sizes.
+
+    Parameters
+    ----------
+    velocity: (3,) m/s, world. yaw_rate: rad/s. length: ℓ, m, height of the base over the ground.
     """
     command = np.asarray(velocity, dtype=float)
-    scale = max(float(command @ command), 0.1**2)
-    turning = max(yaw_rate**2, 0.1**2)
+    speed, rate = 9.81 * length, 9.81 / length  # (m/s)², (rad/s)²
+    slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)  # what the two terms divide by
     return [
-        CenterOfMassVelocity(velocity=tuple(command), weight=18.0 * scale),
-        BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(1.0 / 9.0, 1.0 / 9.0, 1.0), weight=4.5 * turning),
-        BaseHeight(weight=50.0),
-        BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.0)),
+        CenterOfMassVelocity(velocity=tuple(command), weight=58.0 * slow / speed),
+        BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(1.0 / 9.0, 1.0 / 9.0, 1.0), weight=135.0 * still / rate),
+        BaseHeight(weight=5.5 / length**2),
+        BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.36)),
+        PointPosition(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),
         Posture(weight=0.5, joints=0.3),
-        JointVelocity(weight=4.5e-4),
-        Effort(weight=0.045),
-        TorqueLimit(weight=0.5),
-        Slip(weight=0.5),
+        JointVelocity(weight=0.0135 / rate),
+        Effort(weight=0.04),
+        TorqueLimit(weight=200.0),
+        Slip(weight=1.6 / speed),
     ]

@@ -1,0 +1,273 @@
+"""The loop around a controller: a plant, its sensors, a clock; and a log of what happened."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import number, positive, whole
+from octo.errors import ValueRangeError
+from octo.model.character import Character
+from octo.mpc.command import Command
+from octo.mpc.controller import Controller
+from octo.mpc.log import Log, memory_in_use
+
+Array = NDArray[np.float64]
+FALLEN = 0.5  # of the start height of the base
+TILTED = np.cos(np.radians(60.0))
+# Standard deviations of noise 1, each tick (FACTS: the noise a robot's estimator has).
+PLACE, TURN, JOINT = 1.5e-3, 3e-3, 3e-3  # m, rad, rad
+SPEED, SPIN, JOINT_SPEED = 0.015, 0.03, 0.09  # m/s, rad/s, rad/s
+
+
+class Plant(Protocol):
+    """What the loop asks of a machine; q and v are in the form of MuJoCo."""
+
+    character: Character
+    timestep: float
+    push: Array
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def v(self) -> Array: ...
+    @property
+    def height(self) -> float: ...
+    @property
+    def base_rotation(self) -> Array: ...
+    def step(self, u: Array, seconds: float | None = None) -> None: ...
+    def reset(self, q: Array, v: Array | None = None) -> None: ...
+    def contacts(self) -> tuple[Array, Array]: ...
+
+
+@dataclass(frozen=True)
+class Push:
+    """``force`` N on the base for ``seconds`` s from ``start`` s on, ``degrees`` from the heading (90 is to the left)."""
+
+    force: float
+    seconds: float = 0.2
+    degrees: float = 0.0
+    start: float = 5.0
+
+    def at(self, t: float, rotation: Array) -> Array:
+        """(3,) N, world axes, level."""
+        if not self.start - 1e-9 <= t < self.start + self.seconds - 1e-9:
+            return np.zeros(3)
+        angle = np.arctan2(rotation[1, 0], rotation[0, 0]) + np.radians(self.degrees)
+        return self.force * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+@dataclass
+class Sensors:
+    """What the controller sees of the plant: noise in multiples of a robot's, the same for the same seed."""
+
+    robot: Character
+    noise: float = 0.0
+    seed: int = 0
+    _rng: np.random.Generator = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        floating = self.robot.base == "floating"
+        self._first = int(self.robot.first_joint[self.robot.base_body]) if floating else 0
+        joints = self.robot.nx - 6 if floating else self.robot.nx
+        self._size = (np.full(joints, JOINT), np.full(joints, JOINT_SPEED))
+        self._floating = floating
+        self.draw()
+
+    def draw(self) -> None:
+        """New errors, one set a tick."""
+        rng, k = self._rng, self.noise
+        self._dq, self._dv = (k * size * rng.standard_normal(len(size)) for size in self._size)
+        self._place, self._turn = k * PLACE * rng.standard_normal(3), k * TURN * rng.standard_normal(3)
+        self._speed, self._spin = k * SPEED * rng.standard_normal(3), k * SPIN * rng.standard_normal(3)
+
+    def read(self, q: Array, v: Array) -> tuple[Array, Array]:
+        if self.noise == 0.0:
+            return q, v
+        if not self._floating:
+            return q + self._dq, v + self._dv
+        q, v, f = q.copy(), v.copy(), self._first
+        w, x, y, z = q[f + 3 : f + 7]
+        a, b, c = 0.5 * self._turn
+        q[f + 3 : f + 7] += (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+        q[f + 3 : f + 7] /= np.linalg.norm(q[f + 3 : f + 7])
+        q[f : f + 3] += self._place
+        v[f : f + 3] += self._speed
+        v[f + 3 : f + 6] += self._spin
+        others = np.r_[0:f, f + 7 : len(q)]
+        q[others] += self._dq
+        v[np.r_[0:f, f + 6 : len(v)]] += self._dv
+        return q, v
+
+
+def run(
+    controller: Controller,
+    plant: Plant,
+    seconds: float,
+    *,
+    rate: float = 100.0,
+    realtime: bool = False,
+    noise: float = 0.0,
+    delay: int = 0,
+    push: Push | None = None,
+    seed: int = 0,
+    each: Callable[[float, Controller], None] | None = None,
+) -> Log:
+    """Close the loop for ``seconds``; falls are counted, and the plant is put back once.
+
+    Parameters
+    ----------
+    rate: Hz, of the controller's calls; a tick is a whole number of the plant's time steps.
+    realtime: the plant runs at the pace of the clock and the controller in its own thread, late where it is slow;
+        otherwise the plant waits.
+    noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and the command from it.
+    each: called as ``each(t, controller)`` before every call of the controller, to change its references.
+
+    Raises
+    ------
+    ValueRangeError: naming the argument. Nothing raises once the loop runs.
+    """
+    positive("seconds", seconds, "s")
+    tick = 1.0 / positive("rate", rate, "Hz")
+    count = round(tick / plant.timestep)
+    if count < 1 or abs(count * plant.timestep - tick) > 1e-9 * tick + 1e-12:
+        raise ValueRangeError(f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {plant.timestep} s")
+    if number("noise", noise) < 0.0:
+        raise ValueRangeError(f"noise is {noise}, must not be negative")
+    whole("delay", delay, 0)
+    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), int(delay), push, each)
+    return loop.realtime(seconds) if realtime else loop.synchronous(seconds)
+
+
+class _Loop:
+    def __init__(
+        self, controller: Controller, plant: Plant, tick: float, count: int, sensors: Sensors, delay: int,
+        push: Push | None, each: Callable[[float, Controller], None] | None,
+    ):  # fmt: skip
+        self.controller, self.plant, self.tick, self.count = controller, plant, tick, count
+        self.sensors, self.push, self.each = sensors, push, each
+        self.queue: deque[tuple[float, Array, Array]] = deque(maxlen=delay + 1)
+        self.start, self.height = plant.q.copy(), plant.height
+        self.fallen = self.over = False
+        self.impulse = 0.0
+        self.log = Log.empty(plant.character, tick, controller)
+        self.error: list[str] = []
+
+    def synchronous(self, seconds: float) -> Log:
+        ticks = max(1, round(seconds / self.tick))
+        self._begin()
+        log = self.log
+        for k in range(ticks):
+            t = k * self.tick
+            self._measure(t)
+            command = self._call(t)
+            self._run_tick(t)
+            log.record(t, self.plant, command)
+            self._look(t)
+        return self._end()
+
+    def _begin(self) -> None:
+        controller = self.controller
+        controller.reset(self.plant.q, self.plant.v, 0.0)
+        self.log.memory_start = memory_in_use()
+
+    def _end(self) -> Log:
+        self.log.memory_end = memory_in_use()
+        self.log.impulses = [self.impulse] if self.push is not None else []
+        self.log.finish()
+        return self.log
+
+    def _measure(self, t: float) -> None:
+        self.sensors.draw()
+        q, v = self.sensors.read(self.plant.q, self.plant.v)
+        self.queue.append((t, q, v))
+
+    def _call(self, t: float) -> Command:
+        if self.each is not None:
+            self.each(t, self.controller)
+        return self.controller.step(*self.queue[0])
+
+    def _run_tick(self, t: float) -> None:
+        plant, step = self.plant, self.plant.timestep
+        for k in range(self.count):
+            now = t + k * step
+            q, v = self.sensors.read(plant.q, plant.v)
+            u = self.controller.command(now, q, v)
+            if self.push is not None:
+                plant.push = self.push.at(now, plant.base_rotation)
+                self.impulse += float(np.linalg.norm(plant.push)) * step
+            plant.step(u)
+        self.log.torque = u
+
+    def _look(self, t: float) -> None:
+        """Count a fall once, and put the plant back the first time."""
+        plant = self.plant
+        down = plant.height < FALLEN * self.height or plant.base_rotation[2, 2] < TILTED
+        if not down:
+            self.fallen = False
+            return
+        if self.fallen:
+            return
+        self.log.falls.append(t)
+        self.fallen = True
+        if not self.over:
+            self.over = True
+            plant.reset(self.start)
+            self.queue.clear()
+            self.controller.reset(plant.q, plant.v, t + 0.5 * self.tick)
+            self.fallen = False
+
+    def realtime(self, seconds: float) -> Log:
+        """The plant at the clock's pace in this thread, the controller in its own."""
+        self._begin()
+        collecting = gc.isenabled()
+        stop, lock = threading.Event(), threading.Lock()
+        latest: dict[str, Any] = {"command": self.controller.step(0.0, self.plant.q, self.plant.v), "fresh": threading.Event()}
+        thread = threading.Thread(target=self._control, args=(stop, lock, latest), daemon=True)
+        thread.start()
+        began, ticks = time.perf_counter(), max(1, round(seconds / self.tick))
+        for k in range(ticks):
+            t = (k + 1) * self.tick
+            with lock:
+                self._measure(t)
+            latest["fresh"].set()
+            self._wait(began + k * self.tick)
+            self._run_tick(t)
+            self.log.record(t, self.plant, latest["command"])
+            with lock:
+                self._look(t)
+        stop.set()
+        latest["fresh"].set()
+        thread.join()
+        if collecting:
+            gc.enable()
+        return self._end()
+
+    def _control(self, stop: threading.Event, lock: threading.Lock, latest: dict[str, Any]) -> None:
+        last = -1.0
+        while not stop.is_set():
+            latest["fresh"].wait(0.1)
+            latest["fresh"].clear()
+            with lock:
+                if not self.queue or self.queue[0][0] <= last:
+                    continue
+                last = self.queue[0][0]
+                command = self._call(last)
+            latest["command"] = command
+            if command.seconds <= self.tick:
+                self.controller.prepare()
+
+    @staticmethod
+    def _wait(until: float) -> None:
+        left = until - time.perf_counter()
+        if left > 0.0:
+            time.sleep(left)

@@ -1,0 +1,89 @@
+"""The pose that walking is planned around: feet where they stand, knees bent."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.static_pose import inside_limits, over_the_feet
+from octo.model.character import Character
+from octo.model.kinematics import body_poses, sphere_centers
+
+Array = NDArray[np.float64]
+BENT = 0.76  # of a leg's length, the height of its hip over its foot
+STRAIGHT = 0.84  # from which a leg counts as straight
+START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins
+ITERATIONS = 60
+DAMPING = 1e-4  # m² a rad², of the search's steps
+FOOT = 0.02  # m over the lowest contact up to which a contact is a foot
+
+
+def stance(robot: Character) -> Array:
+    """The default pose (nx,) over its feet, with straight legs bent to 0.76 of their length; the base comes down.
+
+    A leg is the chain of joints from the base to a body with a contact sphere near the ground. A robot without one, or
+    with its knees bent already, keeps its pose.
+    """
+    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    pose = over_the_feet(robot, inside_limits(robot, default))
+    if robot.base != "floating" or not robot.terrain_contacts:
+        return pose
+    feet = _feet(robot, pose)
+    straight = max(_stretch(robot, pose, foot) for foot in feet)
+    if straight <= STRAIGHT:
+        return pose
+    lift = int(robot.first_joint[robot.base_body]) + 2
+    begun = pose.copy()
+    for foot in feet:
+        joints = [j for j in robot.path[robot.contacts[foot].body] if robot.joints[j].actuated][-2:]
+        for j, change in zip(joints, START, strict=False):
+            begun[j] = pose[j] + change if _stretch(robot, pose, foot) > STRAIGHT else pose[j]
+    target = sphere_centers(robot, pose)[feet]
+    lengths = [_length(robot, foot) for foot in feet]
+    begun[lift] -= (straight - BENT) * float(np.mean(lengths))
+    return over_the_feet(robot, _reach(robot, inside_limits(robot, begun), feet, target))
+
+
+def _feet(robot: Character, pose: Array) -> list[int]:
+    touching = list(robot.terrain_contacts)
+    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
+    return [k for k, height in zip(touching, bottom, strict=True) if height < bottom.min() + FOOT]
+
+
+def _chain(robot: Character, foot: int) -> list[int]:
+    """Bodies from the first one that moves on the base to the foot's."""
+    bodies, b = [], robot.contacts[foot].body
+    while b != robot.base_body and b >= 0:
+        bodies.append(b)
+        b = robot.bodies[b].parent
+    return bodies[::-1]
+
+
+def _length(robot: Character, foot: int) -> float:
+    """m, of the links from the hip to the foot, what they lie to the side left out."""
+    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]] + [robot.contacts[foot].position]
+    return float(sum(np.hypot(offset[0], offset[2]) for offset in offsets))
+
+
+def _stretch(robot: Character, pose: Array, foot: int) -> float:
+    """Height of the hip over the foot, in parts of the leg's length."""
+    chain = _chain(robot, foot)
+    if not chain:
+        return 0.0
+    hip = body_poses(robot, pose)[1][chain[0], 2]
+    return float(hip - sphere_centers(robot, pose)[foot, 2]) / max(_length(robot, foot), 1e-6)
+
+
+def _reach(robot: Character, pose: Array, feet: list[int], target: Array) -> Array:
+    """Damped least squares over the actuated joints."""
+    joints, small = robot.actuated, 1e-6
+    for _ in range(ITERATIONS):
+        moved = np.repeat(pose[None], len(joints), axis=0)
+        moved[np.arange(len(joints)), joints] += small
+        error = (sphere_centers(robot, pose)[feet] - target).ravel()
+        slope = (sphere_centers(robot, moved)[:, feet].reshape(len(joints), -1) - sphere_centers(robot, pose)[feet].ravel()).T / small
+        change = np.linalg.solve(slope.T @ slope + DAMPING * np.eye(len(joints)), -slope.T @ error)
+        pose = pose.copy()
+        pose[joints] += np.clip(change, -0.2, 0.2)
+        pose = inside_limits(robot, pose)
+    return pose

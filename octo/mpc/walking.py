@@ -1,0 +1,109 @@
+"""Walking on command: the problem that a controller solves, and the references that follow the command."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import numbers
+from octo.dynamics.laws import Compliant, Coulomb
+from octo.model.character import Character
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.mpc.controller import Controller
+from octo.mpc.stance import stance
+from octo.problem.presets import locomotion
+from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+GRAVITY = 9.81  # m/s²
+SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
+ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
+CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
+LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
+
+
+def foot_law(robot: Character, length: float, friction: float = 0.8) -> Compliant:
+    """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground."""
+    speed = CREEP * float(np.sqrt(GRAVITY * length))
+    return Compliant(
+        stiffness=robot.mass * GRAVITY / (SINK * length), sigma=ONSET * length, dissipation_velocity=speed,
+        friction=Coulomb(mu=friction, creep=speed),
+    )  # fmt: skip
+
+
+def walking_problem(
+    robot: Character, steps: int = 25, dt: float = 0.04, *, friction: float = 0.8, pose: Array | None = None, **described: Any
+) -> Problem:
+    """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``.
+
+    The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs bent.
+    """
+    held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
+    draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
+    law = foot_law(robot, draft.length, friction)
+    problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
+    return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
+
+
+def _on_the_ground(robot: Character, pose: Array) -> Array:
+    """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are read of it."""
+    if robot.base != "floating" or not robot.terrain_contacts:
+        return pose
+    touching = list(robot.terrain_contacts)
+    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
+    placed = pose.copy()
+    placed[int(robot.first_joint[robot.base_body]) + 2] -= float(bottom.min())
+    return placed
+
+
+class VelocityCommand:
+    """A guide for a controller of the locomotion preset: forward and sideways speed and turning, integrated on a leash.
+
+    Attributes
+    ----------
+    velocity: (2,) m/s, ahead and to the left. yaw_rate: rad/s. May be changed at any time.
+    """
+
+    def __init__(self, velocity: Sequence[float] = (0.3, 0.0), yaw_rate: float = 0.0):
+        self.velocity = numbers("velocity", tuple(velocity)[:2], (2,))
+        self.yaw_rate = float(yaw_rate)
+        self._time = np.nan
+        self._place, self._yaw = np.zeros(2), 0.0
+
+    def __call__(self, controller: Controller, t: float, x: Array) -> None:
+        robot, N, dt = controller.robot, controller.problem.steps, controller.dt
+        rotation, origin = (value[robot.base_body] for value in base_pose(robot, x))
+        ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
+        if not t >= self._time or t - self._time > 1.0:  # the first call, or after a reset
+            self._place, self._yaw = origin[:2].copy(), ahead
+        else:
+            self._place = self._place + (t - self._time) * _turned(self.velocity, self._yaw)
+            self._yaw += (t - self._time) * self.yaw_rate
+        self._time = t
+        apart = self._place - origin[:2]
+        self._place = origin[:2] + apart * min(1.0, LEASH[0] / max(float(np.hypot(*apart)), 1e-9))
+        turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
+        self._yaw = ahead + min(max(turn, -LEASH[1]), LEASH[1])
+        yaw = self._yaw + self.yaw_rate * dt * np.arange(1, N + 1)
+        velocity = _turned(self.velocity, yaw)
+        controller.reference("CenterOfMassVelocity", "velocity")[:, :2] = velocity
+        controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self.yaw_rate
+        controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 2] = yaw
+        controller.reference("Position", "target")[:, :2] = self._place + dt * np.cumsum(velocity, axis=0)
+
+
+def base_pose(robot: Character, x: Array) -> tuple[Array, Array]:
+    return body_poses(robot, x)
+
+
+def _turned(velocity: Array, yaw: Any) -> Array:
+    """(…, 2) ``velocity`` (2,) turned by ``yaw`` (…) rad."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]], axis=-1)
+
+
+__all__ = ["VelocityCommand", "dataclasses", "foot_law", "walking_problem"]
