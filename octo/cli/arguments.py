@@ -65,18 +65,23 @@ def steps_of(seconds: float, dt: float) -> int:
     return steps
 
 
-def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+def add_base_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which robot starts how, on what ground."""
     parser.add_argument("robot", metavar="ROBOT", help="a name that `octo robots` lists, or a URDF or MJCF file")
     parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
     parser.add_argument("--pose", metavar="NAME|FILE", help="a pose of the robot's file, or nx numbers in .json, .npy or .txt")
     parser.add_argument(
-        "--friction", default="viscous", metavar="MU|LAW",
-        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, w_par/w_perp in s/m",
-    )  # fmt: skip
-    parser.add_argument(
         "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION",
         help="the ground; FUNCTION(point, p) is a signed distance in CasADi",
+    )  # fmt: skip
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """The same with the contact law and the step."""
+    add_base_arguments(parser)
+    parser.add_argument(
+        "--friction", default="viscous", metavar="MU|LAW",
+        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, w_par/w_perp in s/m",
     )  # fmt: skip
     parser.add_argument("--dt", type=positive, default=0.025, help="s, of one step (default 0.025)")
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import octo
-from octo.cli import bench, compare, inspect, simulate, solve, view
+from octo.cli import bench, compare, inspect, mpc, simulate, solve, view
 from octo.errors import OctoError, UnknownNameError, UsageError
 
 REFUSED = 2
@@ -18,6 +18,7 @@ EXAMPLES = """examples:
   octo solve go2.urdf --goal turn --speed 0.5 --costs robot
   octo compare mammal --seconds 10 --seeds 5 --with ipopt,fatrop --json compare.json
   octo bench --json bench.json
+  octo mpc go2.urdf --goal walk --speed 0.3 --seconds 20 --push 50,0.2,90 --out walk
   octo info go2.urdf --json
   octo simulate biped --seconds 2 --hold
   octo view demo/solution.npz --out motion.html"""
@@ -41,6 +42,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
     made: dict[str, Parser] = {}
     modules: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
         "solve": ("find a motion and write it", solve.add_arguments),
+        "mpc": ("let a controller that plans ahead walk a robot in MuJoCo", mpc.add_arguments),
         "compare": ("solve the same problem with octo and with other solvers", compare.add_arguments),
         "bench": ("what octo costs on this machine", bench.add_arguments),
         "info": ("what a robot file holds, or what this machine can use", inspect.add_info_arguments),

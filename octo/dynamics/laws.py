@@ -101,24 +101,29 @@ class Compliant:
     """f_n = stiffness·sigma·log(1 + e^(depth/sigma))·h(v_n/v_d), a soft foot for control.
 
     h is the Hunt-Crossley damping of Castro et al. (IDTO): with s = v_n/v_d (positive when leaving) it is 1 - s for
-    s < 0, (s - 2)²/4 up to s = 2, and 0 beyond: continuously differentiable and never negative.
+    s < 0, (s - 2)²/4 up to s = 2, and 0 beyond: continuously differentiable and never negative. ``offset`` is added to the
+    depth: where the plan's foot is soft and the machine's is hard, what the soft one sinks under its load.
     """
 
     stiffness: float = 2000.0  # N/m
     sigma: float = 0.01  # m, width of the onset
     dissipation_velocity: float = 0.2  # m/s
+    offset: float = 0.0  # m
     friction: Friction = field(default_factory=Coulomb)
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        own = {"stiffness": self.stiffness, "sigma": self.sigma, "dissipation_velocity": self.dissipation_velocity}
+        own = {
+            "stiffness": self.stiffness, "sigma": self.sigma, "dissipation_velocity": self.dissipation_velocity,
+            "offset": self.offset,
+        }  # fmt: skip
         return {**own, **self.friction.parameters}
 
     def reach(self, p: View) -> ca.SX:
-        return 32.0 * p["sigma"]  # log(1 + e^-32) is 1e-14: the step at the cut is below rounding of any load
+        return p["offset"] + 16.0 * p["sigma"]  # log(1 + e^-16) is 1e-7: the step at the cut is 1e-7 of a load
 
     def force(self, depth: ca.SX, normal: ca.SX, velocity: ca.SX, p: View) -> ca.SX:
-        z = depth / p["sigma"]
+        z = (depth + p["offset"]) / p["sigma"]
         soft_depth = p["sigma"] * (ca.fmax(z, 0.0) + ca.log1p(ca.exp(-ca.fabs(z))))
         s = ca.dot(normal, velocity) / p["dissipation_velocity"]
         damping = ca.if_else(s < 0.0, 1.0 - s, ca.if_else(s < 2.0, (s - 2.0) ** 2 / 4.0, 0.0))

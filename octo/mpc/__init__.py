@@ -1,0 +1,25 @@
+"""Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop around both."""
+
+from octo.mpc.command import Command, CommandStatus
+from octo.mpc.controller import Controller
+from octo.mpc.convention import Convention
+from octo.mpc.log import Log
+from octo.mpc.loop import Push, run
+from octo.mpc.plan import Plan
+from octo.mpc.stance import stance
+from octo.mpc.walking import VelocityCommand, foot_law, walking_problem
+
+__all__ = [
+    "Command",
+    "CommandStatus",
+    "Controller",
+    "Convention",
+    "Log",
+    "Plan",
+    "Push",
+    "VelocityCommand",
+    "foot_law",
+    "run",
+    "stance",
+    "walking_problem",
+]

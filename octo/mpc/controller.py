@@ -96,6 +96,7 @@ class Controller:
         size = (problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._plans = [Plan(*size) for _ in range(3)]
         self._first_joint = self.convention.actuated_q
+        self.blend = None
         self.reset()
 
     # -- references, weights, parameters ------------------------------------------------------------------------------
@@ -274,6 +275,8 @@ class Controller:
     def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
         """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
         horizon, done, best = self.horizon, 0, np.inf
+        if self.blend is not None:
+            horizon.nodes[2:] += self.blend[:, None] * (x - horizon.nodes[1])
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
             return CommandStatus.BUDGET, 0

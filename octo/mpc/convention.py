@@ -70,6 +70,12 @@ class Convention:
         v[self._r] = body_axes(angles, self.chart) @ rate[self._r]
         return np.concatenate((x[self._before], place, quaternion, x[self._joints])), v
 
+    def base(self, x: Array) -> tuple[Array, Array]:
+        """Place (3,) m and rotation (3, 3) of a floating base; of a fixed one, the world's."""
+        if not self.floating:
+            return np.zeros(3), np.eye(3)
+        return self._origin + self._frame @ x[self._p], self._frame @ rotation_of(x[self._r], self.chart)
+
     def tangent(self, x: Array) -> Array:
         """(nx, nv) the rates of the chart for a velocity in this convention; damped where the chart is singular."""
         matrix = np.eye(self.nv)

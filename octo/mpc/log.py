@@ -15,12 +15,14 @@ from octo.errors import OutputError
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.command import Command
+from octo.solver.solution import HISTORY, Solution, Status
 
 if TYPE_CHECKING:
     from octo.mpc.controller import Controller
     from octo.mpc.loop import Plant
 
 Array = NDArray[np.float64]
+GROUND = 1.0  # m, of ground around the motion in pictures
 LOADED = 0.02  # of the weight: a foot that carries more is loaded
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
@@ -120,13 +122,22 @@ class Log:
         return float(np.median(lifts)) if lifts else 0.0
 
     @property
-    def slip(self) -> float:
-        """m/s, root mean square of the level velocity of loaded feet."""
+    def slip_speeds(self) -> Array:
+        """m/s, level speed of the material point under each foot, at all ticks between two at which the foot is loaded."""
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
-        speed = np.linalg.norm(np.gradient(sphere_centers(self.robot, self.x)[:, chosen, :2], self.tick, axis=0), axis=-1)
+        rotation, origin = body_poses(self.robot, self.x)
+        bodies = [self.robot.contacts[k].body for k in chosen]
+        below = sphere_centers(self.robot, self.x)[:, chosen] - [[0.0, 0.0, self.robot.contacts[k].radius] for k in chosen]
+        local = np.einsum("kcji,kcj->kci", rotation[:-1, bodies], below[:-1] - origin[:-1, bodies])
+        moved = np.einsum("kcij,kcj->kci", rotation[1:, bodies], local) + origin[1:, bodies] - below[:-1]
         loaded = self.force[:, self.feet, 2] > LOADED * self.robot.mass * 9.81
-        loaded &= np.roll(loaded, 1, axis=0) & np.roll(loaded, -1, axis=0)
-        return float(np.sqrt(np.mean(speed[loaded] ** 2))) if loaded.any() else 0.0
+        return np.asarray(np.linalg.norm(moved[..., :2], axis=-1)[loaded[1:] & loaded[:-1]] / self.tick)
+
+    @property
+    def slip(self) -> float:
+        """m/s, root mean square of :attr:`slip_speeds`."""
+        speeds = self.slip_speeds
+        return float(np.sqrt(np.mean(speeds**2))) if speeds.size else 0.0
 
     def latency(self) -> dict[str, float]:
         seconds = self.seconds[min(BOOT, len(self.seconds) // 2) :]
@@ -152,8 +163,43 @@ class Log:
             "memory_end": self.memory_end,
             "foot_lift": self.foot_lift,
             "slip": self.slip,
+            "slip_mean": float(np.mean(self.slip_speeds)) if self.slip_speeds.size else 0.0,
             "seconds": float(len(self.t) * self.tick),
         }
+
+    def __str__(self) -> str:
+        r = self.report()
+        wall, went, wanted = r["latency"], r["velocity"], r["command"]
+        statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
+        return (
+            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {r['falls']} falls; {statuses}\n"
+            f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of {wanted[1]:.2f} m/s, turning {went[2]:.2f} of "
+            f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
+            f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); {r['missed_deadlines']} missed "
+            f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
+        )
+
+    def solution(self, every: float = 0.02) -> Solution:
+        """The motion of the plant as a Solution, for pictures: every ``every`` s, with the forces and torques of that moment."""
+        stride = max(1, round(every / self.tick))
+        x, robot = self.x[::stride], self.robot
+        force, point, count = self.force[::stride][1:], self.point[::stride][1:], len(x) - 1
+        contacts = force.shape[1]
+        normal = np.zeros((count, contacts, 3))
+        normal[..., 2] = 1.0
+        low, high = x[:, :2].min(axis=0) - GROUND, x[:, :2].max(axis=0) + GROUND
+        level = float(np.median(point[..., 2][force[..., 2] > 0.0])) if (force[..., 2] > 0.0).any() else 0.0
+        return Solution(
+            name=robot.name, character=robot, dt=stride * self.tick, basis="nodes", x=np.concatenate([x[:1], x]),
+            u=self.u[::stride][:-1], unknowns=x[1:], multipliers=np.zeros((count, 0)), status=Status.SIMULATED, iterations=0,
+            factorizations=0, terms={}, violation=0.0, pointwise_residual=0.0, weight=9.81 * robot.mass,
+            length=max(0.05, float(x[0, 2])), torque_limit=robot.torque_limit,
+            contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts), contact_force=force,
+            contact_point=point, contact_velocity=np.zeros_like(force), contact_normal=normal,
+            contact_depth=np.zeros((count, contacts)),
+            ground={"x": np.array([low[0], high[0]]), "y": np.array([low[1], high[1]]), "z": np.full((2, 2), level)},
+            history={name: np.zeros(0) for name in HISTORY}, parameters={}, seconds=float(self.seconds.sum()), setup_seconds=0.0,
+        )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,9 +11,10 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.model.character import Character
-from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.kinematics import sphere_centers
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
+from octo.problem.codegen import touching
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
@@ -26,11 +26,16 @@ CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation v
 LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
-def foot_law(robot: Character, length: float, friction: float = 0.8) -> Compliant:
-    """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground."""
+def foot_law(robot: Character, length: float, feet: int, friction: float = 0.8) -> Compliant:
+    """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground.
+
+    Its offset is what it sinks under the weight on ``feet`` contacts, so that at rest hard feet carry what soft ones do.
+    """
     speed = CREEP * float(np.sqrt(GRAVITY * length))
+    stiffness, sigma = robot.mass * GRAVITY / (SINK * length), ONSET * length
+    share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
     return Compliant(
-        stiffness=robot.mass * GRAVITY / (SINK * length), sigma=ONSET * length, dissipation_velocity=speed,
+        stiffness=stiffness, sigma=sigma, dissipation_velocity=speed, offset=sigma * float(np.log(np.expm1(share))),
         friction=Coulomb(mu=friction, creep=speed),
     )  # fmt: skip
 
@@ -44,7 +49,7 @@ def walking_problem(
     """
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
-    law = foot_law(robot, draft.length, friction)
+    law = foot_law(robot, draft.length, len(touching(draft.dynamics, draft.setting)), friction)
     problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
@@ -75,8 +80,8 @@ class VelocityCommand:
         self._place, self._yaw = np.zeros(2), 0.0
 
     def __call__(self, controller: Controller, t: float, x: Array) -> None:
-        robot, N, dt = controller.robot, controller.problem.steps, controller.dt
-        rotation, origin = (value[robot.base_body] for value in base_pose(robot, x))
+        N, dt = controller.problem.steps, controller.dt
+        origin, rotation = controller.convention.base(x)
         ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
         if not t >= self._time or t - self._time > 1.0:  # the first call, or after a reset
             self._place, self._yaw = origin[:2].copy(), ahead
@@ -96,14 +101,10 @@ class VelocityCommand:
         controller.reference("Position", "target")[:, :2] = self._place + dt * np.cumsum(velocity, axis=0)
 
 
-def base_pose(robot: Character, x: Array) -> tuple[Array, Array]:
-    return body_poses(robot, x)
-
-
 def _turned(velocity: Array, yaw: Any) -> Array:
     """(…, 2) ``velocity`` (2,) turned by ``yaw`` (…) rad."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.stack([c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1]], axis=-1)
 
 
-__all__ = ["VelocityCommand", "dataclasses", "foot_law", "walking_problem"]
+__all__ = ["VelocityCommand", "foot_law", "walking_problem"]

@@ -2,5 +2,6 @@
 
 from octo.plant.convention import from_chart, to_chart
 from octo.plant.mujoco_plant import MujocoPlant
+from octo.plant.simulator_plant import SimulatorPlant
 
-__all__ = ["MujocoPlant", "from_chart", "to_chart"]
+__all__ = ["MujocoPlant", "SimulatorPlant", "from_chart", "to_chart"]

@@ -154,13 +154,13 @@ def _state_functions(
     return function, jacobian, jac.sparsity(), tuple(rows)
 
 
-def _feet(dynamics: RobotDynamics, setting: Setting) -> list[int]:
+def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:
     """The contacts that touch the ground at the start, as indices into the robot's."""
-    robot, touching = dynamics.character, list(dynamics.character.terrain_contacts)
-    radius = np.array([robot.contacts[k].radius for k in touching])
-    centers = sphere_centers(robot, setting.x0)[touching]
+    robot, possible = dynamics.character, list(dynamics.character.terrain_contacts)
+    radius = np.array([robot.contacts[k].radius for k in possible])
+    centers = sphere_centers(robot, setting.x0)[possible]
     gap = signed_distance(dynamics.terrain, centers, dynamics.terrain.parameters) - radius
-    return [k for k, distance in zip(touching, gap, strict=True) if distance < TOUCHING]
+    return [k for k, distance in zip(possible, gap, strict=True) if distance < TOUCHING]
 
 
 def _contact_functions(dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX) -> Any:
@@ -169,7 +169,7 @@ def _contact_functions(dynamics: Dynamics, references: References, setting: Sett
         return None, None, (), np.zeros((0, 0), dtype=bool), ()
     if not isinstance(dynamics, RobotDynamics):
         raise ProblemError(f"{chosen[0][1].label} is over contacts, which user-written dynamics do not have")
-    robot, feet = dynamics.character, _feet(dynamics, setting)
+    robot, feet = dynamics.character, touching(dynamics, setting)
     twists = [ca.SX.sym(f"twist{k}", 6) for k in range(3)]
     columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
     sphere = ca.SX.sym("sphere", 4)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -26,14 +26,17 @@ TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 class ContactCost(Cost):
     """A term of E summed over contacts.
 
-    ``contacts``: names; by default all that touch the terrain, or the feet where a term pulls on what is in the air.
+    ``contacts``: names, or "feet", those on the ground at the start; by default all that touch the terrain, or the feet
+    where a term pulls on what is in the air.
     """
 
-    contacts: tuple[str, ...] | None = None
+    contacts: tuple[str, ...] | Literal["feet"] | None = None
     of_feet: ClassVar[bool] = False  # by default only contacts that touch the ground at the start
 
     def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
         """Indices into the robot's contacts."""
+        if self.contacts == "feet":
+            return set(feet)
         if self.contacts is not None:
             return {robot.contact_index(name) for name in self.contacts}
         return set(feet if self.of_feet else robot.terrain_contacts)

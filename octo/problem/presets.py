@@ -81,5 +81,5 @@ def locomotion(
         JointVelocity(weight=0.0135 / rate),
         Effort(weight=0.04),
         TorqueLimit(weight=200.0),
-        Slip(weight=1.6 / speed),
+        Slip(weight=1.6 / speed, contacts="feet"),
     ]

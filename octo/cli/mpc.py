@@ -1,0 +1,150 @@
+"""``octo mpc``: a robot under receding-horizon control in a plant, and what came of it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo.cli.arguments import add_base_arguments, number, pose_of, positive, terrain_of, whole
+from octo.cli.output import OutputFolder, Writer
+from octo.cli.solve import write_json
+from octo.errors import UnknownNameError, UsageError, ValueRangeError
+from octo.goals import Goal
+from octo.model.character import Character
+from octo.model.load import load
+from octo.model.terrain import Plane, Terrain
+
+FILES = ("log.npz", "plot.png", "motion.html", "report.json")
+GOALS = ("walk", "stride", "turn", "stand")
+PLANTS = ("mujoco", "octo")
+RAISED = 0.02  # m, the plant's start is over the plan's
+NOISE = 0.02  # rad and m, of its joints
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_base_arguments(parser)
+    parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn or stand (default walk)")
+    parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
+    parser.add_argument("--plant", default="mujoco", help="mujoco, or octo: its own implicit simulation (default mujoco)")
+    parser.add_argument("--horizon", type=whole(3), default=25, help="steps of the plan (default 25)")
+    parser.add_argument("--dt", type=positive, default=0.04, help="s, of one step of the plan (default 0.04)")
+    parser.add_argument("--basis", default="nodes", help="of the plan: nodes")
+    parser.add_argument("--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)")
+    parser.add_argument("--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)")
+    parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
+    parser.add_argument("--device", default="cpu", help="cpu, or auto (default cpu)")
+    parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
+    parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
+    parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")
+    parser.add_argument("--payload", type=number, default=0.0, help="that the plan does not know, in parts of the trunk's mass")
+    parser.add_argument("--noise", type=number, default=0.0, help="of the sensors, in multiples of a robot's (default 0)")
+    parser.add_argument("--bumps", type=number, default=0.0, help="m, height of boxes that the plan does not know (default 0)")
+    parser.add_argument("--push", metavar="N,S,DEG", help="newtons on the base, seconds from t = 5 s on, degrees from the heading")
+    parser.add_argument("--realtime", action="store_true", help="the plant runs at the pace of the clock, the controller in a thread")
+    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
+    parser.add_argument("--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)")
+    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Everything that can be refused is refused before anything is compiled."""
+    goal = _goal(arguments)
+    push = _push(arguments.push)
+    if arguments.plant not in PLANTS:
+        raise UnknownNameError("plant", arguments.plant, PLANTS)
+    if arguments.basis != "nodes":
+        raise UnknownNameError("basis", arguments.basis, ("nodes",))
+    for name in ("friction", "noise", "bumps"):
+        if getattr(arguments, name) < 0.0:
+            raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
+    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-mpc")
+    folder.check(FILES)
+    robot = load(arguments.robot, arguments.base)
+    goal.check(robot)
+    terrain = terrain_of(arguments.terrain)
+    from octo.mpc import Controller, VelocityCommand, walking_problem
+    from octo.mpc import run as close_the_loop
+    from octo.solve import resolve_device
+
+    resolve_device(arguments.device)
+    problem = walking_problem(
+        robot, arguments.horizon, arguments.dt, friction=arguments.plan_friction, pose=pose_of(robot, arguments.pose),
+        terrain=terrain,
+    )  # fmt: skip
+    guide = VelocityCommand(goal.velocity[:2], goal.speed if goal.kind == "turn" else 0.0)
+    controller = Controller(problem, arguments.iterations, arguments.budget, arguments.device, guide=guide)
+    plant = make_plant(robot, problem, terrain, arguments)
+    rng = np.random.default_rng(arguments.seed)
+    x = problem.start.copy()
+    x[robot.actuated] += NOISE * rng.standard_normal(robot.nu)
+    x[int(robot.first_joint[robot.base_body]) + 2] += RAISED
+    plant.reset_chart(x)
+    log = close_the_loop(
+        controller, plant, arguments.seconds, rate=arguments.rate, realtime=arguments.realtime, noise=arguments.noise,
+        delay=arguments.delay, push=push, seed=arguments.seed,
+    )  # fmt: skip
+    report = {**log.report(), "robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
+    _write(folder, log, report)
+    print(log)
+    print(f"written to {folder.path}")
+    return 0
+
+
+def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace) -> Any:
+    """The machine of ``--plant``."""
+    if arguments.plant == "octo":
+        if arguments.bumps > 0.0:
+            raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
+        from octo.plant import SimulatorPlant
+
+        parameters = {"contact.mu": arguments.friction}
+        return SimulatorPlant(robot, law=problem.law, terrain=terrain, parameters=parameters, payload=arguments.payload)
+    if not isinstance(terrain, Plane):
+        raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
+    from octo.plant import MujocoPlant
+
+    return MujocoPlant(
+        robot, terrain=terrain, friction=arguments.friction, payload=arguments.payload, bumps=arguments.bumps,
+        seed=arguments.seed,
+    )  # fmt: skip
+
+
+def _goal(arguments: argparse.Namespace) -> Goal:
+    if arguments.goal not in GOALS:
+        raise UnknownNameError("goal", arguments.goal, GOALS)
+    return Goal(arguments.goal, arguments.speed)
+
+
+def _push(word: str | None) -> Any:
+    from octo.mpc.loop import Push
+
+    if word is None:
+        return None
+    try:
+        force, seconds, degrees = (float(part) for part in word.split(","))
+        finite = bool(np.isfinite([force, seconds, degrees]).all()) and seconds > 0.0
+    except ValueError:
+        finite = False
+    if not finite:
+        raise ValueRangeError(f"push is {word!r}, must be newtons, positive seconds and degrees: N,S,DEG")
+    return Push(force, seconds, degrees)
+
+
+def _write(folder: OutputFolder, log: Any, report: dict[str, Any]) -> None:
+    from octo.cli.mpc_plot import plot_log
+    from octo.viewer import view
+
+    writers: dict[str, Writer] = {
+        "log.npz": log.save,
+        "report.json": lambda path: write_json(path, report),
+        "plot.png": lambda path: plot_log(log, path),
+        "motion.html": lambda path: view(log.solution(), path),
+    }
+    missing, reason = folder.write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)

@@ -1,0 +1,124 @@
+"""A robot in octo's own implicit simulation, with the interface of :class:`octo.plant.MujocoPlant`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from octo.checks import numbers, positive
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.laws import ContactLaw
+from octo.dynamics.simulate import Stepper
+from octo.errors import ShapeError
+from octo.model.character import Array, Character
+from octo.model.kinematics import body_poses
+from octo.model.terrain import Plane, Terrain
+from octo.plant.convention import from_chart, to_chart
+from octo.plant.mujoco_plant import loaded
+
+
+class SimulatorPlant:
+    """``character`` under FD = Uᵀu, step by step.
+
+    Parameters
+    ----------
+    law, terrain: of the contact; octo's defaults. parameters: of the dynamics by name.
+    timestep: s. payload: mass added to the base body, in parts of its mass.
+
+    Torques act until the next ``step`` and are clipped to the robot's limits. ``unsolved`` counts the steps in which no
+    solution was found: the best configuration is taken.
+    """
+
+    def __init__(
+        self,
+        character: Character,
+        *,
+        law: ContactLaw | None = None,
+        terrain: Plane | Terrain | None = None,
+        parameters: Mapping[str, float] | None = None,
+        timestep: float = 0.005,
+        payload: float = 0.0,
+    ):
+        self.character, self.timestep = character, positive("timestep", timestep, "s")
+        self.dynamics = RobotDynamics(loaded(character, payload), law, terrain)
+        self._p = self.dynamics.layout.pack(**{**(parameters or {}), "dt": self.timestep})
+        self._stepper = Stepper(self.dynamics, self._p)
+        self._limit = character.torque_limit
+        self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
+        self.unsolved, self.time = 0, 0.0
+        self._ground = symbolic_contacts(self.dynamics)
+        self.x = np.zeros(character.nx) if character.default_pose is None else np.array(character.default_pose, dtype=float)
+        self._before = self.x.copy()
+
+    @property
+    def rate(self) -> Array:
+        """(nx,) rad/s and m/s, of x."""
+        return np.asarray((self.x - self._before) / self.timestep)
+
+    @property
+    def q(self) -> Array:
+        return from_chart(self.character, self.x)[0]
+
+    @property
+    def v(self) -> Array:
+        return from_chart(self.character, self.x, self.rate)[1]
+
+    @property
+    def base_rotation(self) -> Array:
+        """(3, 3)."""
+        return np.asarray(body_poses(self.character, self.x)[0][self.character.base_body])
+
+    @property
+    def base_place(self) -> Array:
+        """(3,) m."""
+        return np.asarray(body_poses(self.character, self.x)[1][self.character.base_body])
+
+    @property
+    def height(self) -> float:
+        """m, of the base body's origin over the world's level."""
+        return float(self.base_place[2])
+
+    def reset(self, q: Array, v: Array | None = None) -> None:
+        """Time 0 at q (nq,) and v (nv,), at rest by default."""
+        rest = np.zeros(self.character.nx) if v is None else numbers("v", v, (self.character.nx,))
+        self.reset_chart(*to_chart(self.character, np.asarray(q, dtype=float), rest, self.x))
+
+    def reset_chart(self, x: Array, rate: Array | None = None) -> None:
+        """Time 0 at x (nx,) and its rate (nx,)."""
+        self.x = numbers("x", x, (self.character.nx,)).copy()
+        self._before = self.x - self.timestep * (np.zeros_like(self.x) if rate is None else np.asarray(rate, dtype=float))
+        self.push, self.time = np.zeros(3), 0.0
+
+    def step(self, u: Array, seconds: float | None = None) -> None:
+        """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by default one)."""
+        u = np.asarray(u, dtype=float)
+        if u.shape != (self.character.nu,):
+            raise ShapeError("u", u.shape, (self.character.nu,))
+        load = np.zeros(self.character.nx)
+        load[self.character.actuated] = np.clip(u, -self._limit, self._limit)
+        if self.character.base == "floating":
+            first = int(self.character.first_joint[self.character.base_body])
+            load[first : first + 3] = self.character.bodies[self.character.base_body].rotation.T @ self.push
+        for _ in range(1 if seconds is None else max(1, round(seconds / self.timestep))):
+            x_next, left = self._stepper(self.x, self._before, load)
+            self._before, self.x = self.x, x_next
+            self.unsolved += int(left > 1e-6)
+            self.time += self.timestep
+
+    def contacts(self) -> tuple[Array, Array]:
+        """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m; world axes."""
+        force, point = self._ground(self.x, self._before, self._p)
+        return np.asarray(force).T, np.asarray(point).T
+
+
+def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
+    """Forces and points (3, c) of the contacts at (x_next, x, p)."""
+    n = dynamics.nx
+    x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", dynamics.layout.size)
+    view = dynamics.layout.view(p)
+    states = symbolic.contact_states(dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view)
+    columns = [[state.force for state in states], [state.point for state in states]]
+    return ca.Function("contacts", [x_next, x, p], [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns])
