@@ -65,6 +65,7 @@ _MODULES = {
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
     "laws": "octo.dynamics.laws",
+    "mpc": "octo.mpc",
     "plant": "octo.plant",
     "reference": "octo.reference",
 }
@@ -74,6 +75,7 @@ __all__ = sorted([*_HOME, *_MODULES])
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
+    from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity

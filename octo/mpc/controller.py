@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.model.mass_matrix import mass_matrix
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.convention import Convention
 from octo.mpc.plan import Plan
@@ -32,6 +33,8 @@ SETTLE = 40  # iterations at a reset, from the pose held still
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 STIFFNESS = 1.1  # of mg·ℓ a rad, the low level's kp
 SWING = 0.23  # of √(ℓ/g), the low level's kd over its kp
+LOW_PERIOD = 0.002  # s, that the low level is expected to have
+LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
 GRAVITY = 9.81  # m/s²
 
@@ -89,15 +92,20 @@ class Controller:
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
         kp = STIFFNESS * problem.weight * problem.length if stiffness is None else stiffness
-        kd = SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp) if damping is None else damping
+        kd = self._default_damping(kp) if damping is None else damping
         self.kp, self.kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)).copy() for k in (kp, kd))
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
         self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
         size = (problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._plans = [Plan(*size) for _ in range(3)]
         self._first_joint = self.convention.actuated_q
-        self.blend = None
         self.reset()
+
+    def _default_damping(self, kp: Any) -> Array:
+        """kd of the low level, no more than its period allows a joint with nothing but its own leg's inertia."""
+        inverse = np.linalg.inv(mass_matrix(self.robot, self.problem.start))
+        free = 1.0 / np.diag(inverse)[self.robot.actuated]  # kg m²
+        return np.minimum(SWING * np.sqrt(self.problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / LOW_PERIOD)
 
     # -- references, weights, parameters ------------------------------------------------------------------------------
 
@@ -275,8 +283,6 @@ class Controller:
     def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
         """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
         horizon, done, best = self.horizon, 0, np.inf
-        if self.blend is not None:
-            horizon.nodes[2:] += self.blend[:, None] * (x - horizon.nodes[1])
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
             return CommandStatus.BUDGET, 0
@@ -372,6 +378,8 @@ class Controller:
         """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints."""
         x, rate, u = self._plan.joints(t)
         actuated = self.robot.actuated
+        if len(q) != self.convention.nq or len(v) != self.convention.nv:
+            return u
         u = u + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[actuated])
         if not np.isfinite(u).all():  # a joint that is not measured follows the plan's torque
             u = np.where(np.isfinite(u), u, self._plan.joints(t)[2])

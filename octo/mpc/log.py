@@ -26,7 +26,9 @@ GROUND = 1.0  # m, of ground around the motion in pictures
 LOADED = 0.02  # of the weight: a foot that carries more is loaded
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
-ROWS = ("t", "q", "v", "x", "plan_x", "u", "force", "point", "seconds", "prepare", "energy", "violation", "excess", "done", "wanted")
+ROWS = (
+    "t", "q", "v", "x", "plan_x", "u", "force", "point", "seconds", "prepare", "energy", "violation", "excess", "done", "wanted",
+)  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -60,7 +62,8 @@ class Log:
         force, point = plant.contacts()
         guide = self.controller.guide
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
-        x, rate = self.controller.convention.to_octo(plant.q, plant.v, 1.0, self.columns["x"][-1] if self.columns["x"] else self.controller.problem.start)
+        near = self.columns["x"][-1] if self.columns["x"] else self.controller.problem.start
+        x = self.controller.convention.to_octo(plant.q, plant.v, 1.0, near)[0]
         row = {
             "t": t + self.tick, "q": plant.q.copy(), "v": plant.v.copy(), "x": x, "u": self.torque,
             "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "seconds": command.seconds,

@@ -80,8 +80,9 @@ def _reach(robot: Character, pose: Array, feet: list[int], target: Array) -> Arr
     for _ in range(ITERATIONS):
         moved = np.repeat(pose[None], len(joints), axis=0)
         moved[np.arange(len(joints)), joints] += small
-        error = (sphere_centers(robot, pose)[feet] - target).ravel()
-        slope = (sphere_centers(robot, moved)[:, feet].reshape(len(joints), -1) - sphere_centers(robot, pose)[feet].ravel()).T / small
+        here = sphere_centers(robot, pose)[feet].ravel()
+        error = here - target.ravel()
+        slope = (sphere_centers(robot, moved)[:, feet].reshape(len(joints), -1) - here).T / small
         change = np.linalg.solve(slope.T @ slope + DAMPING * np.eye(len(joints)), -slope.T @ error)
         pose = pose.copy()
         pose[joints] += np.clip(change, -0.2, 0.2)

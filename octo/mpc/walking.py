@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import numbers
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
@@ -49,7 +50,8 @@ def walking_problem(
     """
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
-    law = foot_law(robot, draft.length, len(touching(draft.dynamics, draft.setting)), friction)
+    feet = len(touching(RobotDynamics(robot, terrain=draft.terrain), draft.setting))
+    law = foot_law(robot, draft.length, feet, friction)
     problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from octo.model.kinematics import body_poses
+from octo.model.mass_matrix import joint_twists
 from octo.problem.contact_costs import Clearance, FootLift, ForceRate, FrictionCone, LoadSharing, Slip
 from octo.problem.costs import (
     BaseAngularVelocity,
@@ -20,6 +24,9 @@ from octo.problem.costs import (
     Posture,
     TorqueLimit,
 )
+
+if TYPE_CHECKING:
+    from octo.problem.symbols import Setting
 
 
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
@@ -57,6 +64,20 @@ def robot(speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0) -> list[C
     return terms
 
 
+@dataclass(frozen=True, eq=False)
+class LegPosture(Posture):
+    """Posture that holds the joints which bend a leg fore and aft (axis along the base's y) nine tenths less than the others."""
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        robot = setting.character
+        if robot is None:
+            return super().references(setting)
+        heading = body_poses(robot, setting.x0)[0][robot.base_body]
+        sideways = np.abs(joint_twists(robot, setting.x0)[robot.actuated, :3] @ heading[:, 1])
+        weights = np.asarray(self.joints, dtype=float) * np.where(sideways > 0.7, 0.09, 1.0)
+        return {**super().references(setting), "joints": np.sqrt(weights)}
+
+
 def locomotion(
     velocity: Sequence[float] = (0.0, 0.0, 0.0), yaw_rate: float = 0.0, *, length: float = 0.33
 ) -> list[Cost]:
@@ -77,9 +98,9 @@ def locomotion(
         BaseHeight(weight=5.5 / length**2),
         BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.36)),
         PointPosition(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),
-        Posture(weight=0.5, joints=0.3),
+        LegPosture(name="Posture", weight=0.5),
         JointVelocity(weight=0.0135 / rate),
         Effort(weight=0.04),
         TorqueLimit(weight=200.0),
-        Slip(weight=1.6 / speed, contacts="feet"),
+        Slip(weight=5.0 / speed, contacts="feet"),
     ]

@@ -68,7 +68,7 @@ class RecedingHorizon:
         chunks = [np.array(v, dtype=np.int32) for v in ([0, PAST, N], [0, 2 * PAST], [0, 2 * PAST])]
         if N <= PAST:
             raise DeviceError(f"steps is {N}, must be at least {PAST + 1} for a receding horizon")
-        tables = [
+        tables: list[NDArray] = [
             *chunks, unit, np.zeros(count, np.int32), np.ones(count), unit[PAST:].copy(), np.zeros(N, np.int32), np.ones(N),
         ]  # fmt: skip
         n, m = compiled.n, compiled.m

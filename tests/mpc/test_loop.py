@@ -1,0 +1,140 @@
+"""The loop: falls, pushes, noise and delay, two plants, real time, and what the log says of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import octo
+from octo.errors import ValueRangeError
+from octo.mpc import Controller, Push, VelocityCommand, run
+from octo.mpc.loop import Sensors
+from octo.plant import MujocoPlant, SimulatorPlant
+
+
+@pytest.fixture(scope="module")
+def walked(problem, robot):
+    """Four seconds at 0.3 m/s in MuJoCo, not stepped on by other tests."""
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    return run(Controller(problem, guide=VelocityCommand((0.3, 0.0))), plant, 4.0)
+
+
+def test_it_walks_without_a_gait(walked, robot):
+    report = walked.report()
+    assert report["falls"] == 0 and report["statuses"] == {"solved": 400}
+    assert report["velocity"][0] == pytest.approx(0.3, abs=0.06)
+    assert report["foot_lift"] > 0.02
+    assert report["tracking_error"]["velocity"] < 0.06
+    lifted = walked.force[150:, walked.feet, 2] < 1.0
+    assert lifted.any(axis=0).all()  # every foot leaves the ground
+
+
+def test_report_has_the_fields_of_the_file(walked):
+    report = walked.report()
+    assert set(report["latency"]) == {"p50", "p95", "p99", "max"}
+    assert report["latency"]["p50"] <= report["latency"]["p95"] <= report["latency"]["p99"] <= report["latency"]["max"]
+    assert set(report["tracking_error"]) == {"velocity", "yaw_rate"}
+    names = {"rate", "missed_deadlines", "falls", "statuses", "torque_excess", "pushes", "memory_start", "memory_end"}
+    assert names <= set(report) and report["rate"] == 100.0 and report["pushes"] == []
+
+
+def test_slip_is_the_speed_of_what_touches(walked):
+    """A foot that only rolls does not slip: the centres of the spheres move faster than the points under them."""
+    assert walked.slip_speeds.mean() < 0.1
+    assert walked.slip >= walked.slip_speeds.mean()
+
+
+def test_the_motion_is_drawn_and_saved(walked, tmp_path):
+    walked.save(tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz") as file:
+        np.testing.assert_array_equal(file["x"], walked.x)
+        assert len(file["statuses"]) == 400
+    motion = walked.solution()
+    assert motion.steps == 199 and motion.dt == pytest.approx(0.02)
+    np.testing.assert_allclose(motion.com[-1][0], 1.1, atol=0.4)
+
+
+def test_a_push_is_felt_and_counted(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.0, 0.0)))
+    log = run(controller, plant, 1.5, push=Push(15.0, 0.2, 90.0, start=0.5))
+    assert log.report()["pushes"] == [pytest.approx(3.0)]
+    left = log.v[:, 1]  # world y; the heading is x
+    assert left[60:75].max() > 0.08 and abs(left[:49]).max() < 0.05
+    assert log.report()["falls"] == 0
+
+
+def test_push_turns_with_the_heading():
+    turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(Push(2.0, 0.2, 90.0, 1.0).at(1.1, turned), [-2.0, 0.0, 0.0], atol=1e-12)
+    assert not Push(2.0, 0.2, 90.0, 1.0).at(1.2, turned).any()
+
+
+def test_falls_are_counted_once_and_the_plant_is_put_back_once(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.0, 0.0)))
+    controller.kp[:], controller.kd[:] = 0.0, 0.0
+    controller.command = lambda t, q, v: np.zeros(robot.nu)  # motors off
+    log = run(controller, plant, 2.0)
+    assert len(log.falls) == 2 and log.falls[1] > log.falls[0]
+    assert log.x[:, 2].min() < 0.5 * problem.start[2]
+
+
+def test_noise_and_delay(problem, robot):
+    plant = MujocoPlant(robot, payload=0.2)
+    plant.reset_chart(problem.start)
+    log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.5, noise=1.0, delay=1, seed=3)
+    assert log.report()["falls"] == 0
+    assert log.statuses.count("solved") >= 149  # the first tick's measurement is used twice
+
+
+def test_noise_has_the_size_it_says(robot):
+    sensors = Sensors(robot, 2.0, seed=0)
+    q, v = np.zeros(robot.nx + 1), np.zeros(robot.nx)
+    q[3] = 1.0
+    errors = []
+    for _ in range(2000):
+        sensors.draw()
+        place, speed = sensors.read(q, v)
+        errors.append(np.concatenate([place[:3], 2.0 * place[4:7], place[7:], speed]))
+    size = np.std(errors, axis=0)
+    np.testing.assert_allclose(size[:3], 3e-3, rtol=0.1)
+    np.testing.assert_allclose(size[3 : 6 + robot.nu], 6e-3, rtol=0.1)
+    np.testing.assert_allclose(size[-robot.nu :], 0.18, rtol=0.1)
+
+
+def test_octo_s_own_simulation_is_a_plant(problem, robot):
+    plant = SimulatorPlant(robot, law=problem.law)
+    plant.reset_chart(problem.start)
+    log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 0.6)
+    assert log.report()["falls"] == 0 and plant.unsolved == 0
+    assert np.sum(log.force[-1, :, 2]) == pytest.approx(9.81 * robot.mass, rel=0.2)
+
+
+def test_simulator_plant_falls_freely(robot):
+    plant = SimulatorPlant(robot)
+    x = np.zeros(robot.nx)
+    x[2] = 3.0
+    plant.reset_chart(x)
+    plant.step(np.zeros(robot.nu), 0.2)
+    assert plant.v[2] == pytest.approx(-9.81 * 0.2, rel=0.02)
+    plant.push[:] = (robot.mass * 2.0, 0.0, 0.0)
+    plant.step(np.zeros(robot.nu), 0.2)
+    assert octo.model.kinematics.center_of_mass(robot, plant.x)[0] == pytest.approx(0.5 * 2.0 * 0.2**2, rel=0.1)
+
+
+def test_real_time(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.0, realtime=True)
+    assert len(log.t) == 100 and log.report()["falls"] == 0
+    assert {"solved"} <= set(log.statuses)
+
+
+@pytest.mark.parametrize("values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}])
+def test_refused(controller, plant, values):
+    with pytest.raises(ValueRangeError, match=next(iter(values))):
+        run(controller, plant, **{"seconds": 1.0, **values})
