@@ -30,6 +30,9 @@ CURVATURES = ("gauss-newton", "exact")
 SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
 CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
 SETTLE = 40  # iterations at a reset, from the pose held still
+HARDER, EASIER = 10.0, 3.0  # of sigma, after a call without a step and after one with it
+HARDEST = 1e3
+GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 STIFFNESS = 1.1  # of mg·ℓ a rad, the low level's kp
 SWING = 0.23  # of √(ℓ/g), the low level's kd over its kp
@@ -192,7 +195,7 @@ class Controller:
         self._last_time, self._tick = -np.inf, self.dt
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared, self._usable = x.copy(), np.nan, True
-        self._worst, self._energy, self._violation = 0.0, np.nan, np.nan
+        self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
         self._gain_nodes, self._gain = np.zeros((3, self.robot.nx)), np.zeros((self.robot.nx, 2 * self.robot.nx))
 
     def warm_start(self, solution: Solution, t: float = 0.0) -> None:
@@ -238,7 +241,11 @@ class Controller:
         plan.shift(t, self.horizon.nodes)
         if self.guide is not None:
             self.guide(self, t, self.horizon.nodes[1])
-        if self.exact:
+        if self._failures >= GIVE_UP:
+            self.horizon.nodes[:] = self._near
+            self.horizon.guess[:] = 0.0
+            self._failures = 0
+        elif self.exact:
             self._shift_multipliers(t)
         self._usable = self.horizon.prepare(self.exact)
         self._prepared = t
@@ -275,10 +282,21 @@ class Controller:
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x
             status, done = self._improve(t, x, before, began)
+            self._learn(status)
             if status is CommandStatus.SOLVED and late:
                 status = CommandStatus.LATE
             self._prepared = np.nan
         return self._command(t, status, began, ahead, done)
+
+    def _learn(self, status: CommandStatus) -> None:
+        """A larger weight after a step that could not be taken, a smaller one after one that could."""
+        sigma = self.horizon.sigma
+        if status in (CommandStatus.FAILED, CommandStatus.DIVERGED):
+            self._failures += 1
+            sigma[0] = min(HARDER * sigma[0], HARDEST)
+        elif status is CommandStatus.SOLVED:
+            self._failures = 0
+            sigma[0] = max(self.sigma, sigma[0] / EASIER)
 
     def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
         """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
@@ -326,7 +344,6 @@ class Controller:
         horizon.nodes[2:] += length * step
         if self.exact:
             horizon.guess[2:] += length * (horizon.lam - horizon.guess[2:])
-            horizon.sigma[0] = max(self.sigma, horizon.sigma[0] / 3.0)
         horizon.evaluate()
         return True
 

@@ -46,7 +46,8 @@ class Log:
     robot: Character
     tick: float
     controller: Controller
-    columns: dict[str, Any]
+    columns: dict[str, Array]
+    count: int = 0
     statuses: list[str] = field(default_factory=list)
     falls: list[float] = field(default_factory=list)
     impulses: list[float] = field(default_factory=list)
@@ -55,27 +56,36 @@ class Log:
     torque: Array = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
-    def empty(robot: Character, tick: float, controller: Controller) -> Log:
-        return Log(robot, tick, controller, {name: [] for name in ROWS})
+    def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
+        """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
+        nx, nu, contacts = robot.nx, robot.nu, len(robot.terrain_contacts)
+        sizes: dict[str, tuple[int, ...]] = {
+            "q": (controller.convention.nq,), "v": (nx,), "x": (nx,), "plan_x": (nx,), "u": (nu,), "force": (contacts, 3),
+            "point": (contacts, 3), "wanted": (3,),
+        }  # fmt: skip
+        return Log(robot, tick, controller, {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS})
 
     def record(self, t: float, plant: Plant, command: Command) -> None:
         force, point = plant.contacts()
         guide = self.controller.guide
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
-        near = self.columns["x"][-1] if self.columns["x"] else self.controller.problem.start
+        k = self.count
+        near = self.columns["x"][k - 1] if k else self.controller.problem.start
         x = self.controller.convention.to_octo(plant.q, plant.v, 1.0, near)[0]
         row = {
-            "t": t + self.tick, "q": plant.q.copy(), "v": plant.v.copy(), "x": x, "u": self.torque,
+            "t": t + self.tick, "q": plant.q, "v": plant.v, "x": x, "u": self.torque,
             "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "seconds": command.seconds,
             "prepare": command.prepare, "energy": command.energy, "violation": command.violation,
             "excess": command.torque_excess, "done": command.iterations, "wanted": wanted,
         }  # fmt: skip
         for name, value in row.items():
-            self.columns[name].append(value)
+            self.columns[name][k] = value
         self.statuses.append(command.status.label)
+        self.count = k + 1
 
     def finish(self) -> None:
-        self.columns = {name: np.array(values) for name, values in self.columns.items()}
+        """Keep what was recorded."""
+        self.columns = {name: values[: self.count] for name, values in self.columns.items()}
 
     def __getattr__(self, name: str) -> Array:
         columns = self.__dict__.get("columns", {})

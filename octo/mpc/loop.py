@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 import time
 from collections import deque
@@ -144,14 +143,15 @@ def run(
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     whole("delay", delay, 0)
-    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), int(delay), push, each)
-    return loop.realtime(seconds) if realtime else loop.synchronous(seconds)
+    ticks = max(1, round(seconds / tick))
+    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), int(delay), push, each, ticks)
+    return loop.realtime() if realtime else loop.synchronous()
 
 
 class _Loop:
     def __init__(
         self, controller: Controller, plant: Plant, tick: float, count: int, sensors: Sensors, delay: int,
-        push: Push | None, each: Callable[[float, Controller], None] | None,
+        push: Push | None, each: Callable[[float, Controller], None] | None, ticks: int,
     ):  # fmt: skip
         self.controller, self.plant, self.tick, self.count = controller, plant, tick, count
         self.sensors, self.push, self.each = sensors, push, each
@@ -159,14 +159,13 @@ class _Loop:
         self.start, self.height = plant.q.copy(), plant.height
         self.fallen = self.over = False
         self.impulse = 0.0
-        self.log = Log.empty(plant.character, tick, controller)
-        self.error: list[str] = []
+        self.ticks = ticks
+        self.log = Log.empty(plant.character, tick, controller, ticks)
 
-    def synchronous(self, seconds: float) -> Log:
-        ticks = max(1, round(seconds / self.tick))
+    def synchronous(self) -> Log:
         self._begin()
         log = self.log
-        for k in range(ticks):
+        for k in range(self.ticks):
             t = k * self.tick
             self._measure(t)
             command = self._call(t)
@@ -226,16 +225,15 @@ class _Loop:
             self.controller.reset(plant.q, plant.v, t + 0.5 * self.tick)
             self.fallen = False
 
-    def realtime(self, seconds: float) -> Log:
+    def realtime(self) -> Log:
         """The plant at the clock's pace in this thread, the controller in its own."""
         self._begin()
-        collecting = gc.isenabled()
         stop, lock = threading.Event(), threading.Lock()
         latest: dict[str, Any] = {"command": self.controller.step(0.0, self.plant.q, self.plant.v), "fresh": threading.Event()}
         thread = threading.Thread(target=self._control, args=(stop, lock, latest), daemon=True)
         thread.start()
-        began, ticks = time.perf_counter(), max(1, round(seconds / self.tick))
-        for k in range(ticks):
+        began = time.perf_counter()
+        for k in range(self.ticks):
             t = (k + 1) * self.tick
             with lock:
                 self._measure(t)
@@ -248,8 +246,6 @@ class _Loop:
         stop.set()
         latest["fresh"].set()
         thread.join()
-        if collecting:
-            gc.enable()
         return self._end()
 
     def _control(self, stop: threading.Event, lock: threading.Lock, latest: dict[str, Any]) -> None:

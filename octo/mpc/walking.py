@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import numbers
-from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
-from octo.problem.codegen import touching
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s²
+CONE = 0.75  # of the ground's friction, that is planned with
+NEAR = 0.1  # of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
@@ -30,14 +30,15 @@ LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 def foot_law(robot: Character, length: float, feet: int, friction: float = 0.8) -> Compliant:
     """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground.
 
-    Its offset is what it sinks under the weight on ``feet`` contacts, so that at rest hard feet carry what soft ones do.
+    Three quarters of the ``friction`` are planned with. Its offset is what it sinks under the weight on ``feet`` contacts,
+    so that at rest hard feet carry what soft ones do.
     """
     speed = CREEP * float(np.sqrt(GRAVITY * length))
     stiffness, sigma = robot.mass * GRAVITY / (SINK * length), ONSET * length
     share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
     return Compliant(
         stiffness=stiffness, sigma=sigma, dissipation_velocity=speed, offset=sigma * float(np.log(np.expm1(share))),
-        friction=Coulomb(mu=friction, creep=speed),
+        friction=Coulomb(mu=CONE * friction, creep=speed),
     )  # fmt: skip
 
 
@@ -50,10 +51,16 @@ def walking_problem(
     """
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
-    feet = len(touching(RobotDynamics(robot, terrain=draft.terrain), draft.setting))
-    law = foot_law(robot, draft.length, feet, friction)
+    law = foot_law(robot, draft.length, _feet(robot, held, draft.length), friction)
     problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
+
+
+def _feet(robot: Character, pose: Array, length: float) -> int:
+    """How many contacts are near the lowest one."""
+    touching = list(robot.terrain_contacts)
+    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
+    return int(np.sum(bottom < bottom.min() + NEAR * length)) if touching else 1
 
 
 def _on_the_ground(robot: Character, pose: Array) -> Array:

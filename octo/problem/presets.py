@@ -101,6 +101,6 @@ def locomotion(
         LegPosture(name="Posture", weight=0.5),
         JointVelocity(weight=0.0135 / rate),
         Effort(weight=0.04),
-        TorqueLimit(weight=200.0),
+        TorqueLimit(weight=20.0),
         Slip(weight=5.0 / speed, contacts="feet"),
     ]

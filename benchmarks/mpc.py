@@ -1,0 +1,329 @@
+"""Receding-horizon control, measured: latency, walking in MuJoCo, pushes, other robots, warm starts, memory.
+
+Run ``python -m benchmarks.mpc [SECTION …]``; what is in ``benchmarks/results/mpc.json`` already is not run again, so it may be
+stopped at any time. ``--again`` runs the named sections anew. Seeds 0 … 4 here; the terms were tuned on 100 … 104.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sysconfig
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import octo
+from octo.mpc import Controller, Push, VelocityCommand, run, walking_problem
+from octo.mpc.log import memory_in_use
+from octo.plant import MujocoPlant
+from octo.problem.problem import Problem
+
+RESULTS = Path(__file__).parent / "results" / "mpc.json"
+ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+FILES = {"go2": "go2_description/urdf/go2.urdf", "anymal_c": "anymal_c_simple_description/urdf/anymal.urdf"}
+SEEDS = range(5)
+WALKS = {
+    "ahead 0.3": (0.3, 0.0, 0.0), "ahead 0.5": (0.5, 0.0, 0.0), "back 0.3": (-0.3, 0.0, 0.0), "sideways 0.2": (0.0, 0.2, 0.0),
+    "turn 0.3": (0.0, 0.0, 0.3), "walk and turn": (0.3, 0.0, 0.3),
+}  # fmt: skip
+Sections = dict[str, Callable[[], Iterator[tuple[str, Callable[[], dict[str, Any]]]]]]
+
+
+def robot_of(name: str) -> octo.Character:
+    return octo.load(str(ROBOTS / FILES[name]) if name in FILES else name)
+
+
+_problems: dict[str, Problem] = {}
+
+
+def problem_of(name: str) -> Problem:
+    """Compiled once."""
+    if name not in _problems:
+        _problems[name] = walking_problem(robot_of(name))
+    return _problems[name]
+
+
+def walk(
+    name: str, command: tuple[float, float, float], seed: int, seconds: float, *, push: Push | None = None, noise: float = 0.0,
+    delay: int = 0, plot: str = "", **plant: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """One closed loop in MuJoCo from a start that the seed moves a little."""
+    problem = problem_of(name)
+    robot = problem.character
+    assert robot is not None
+    rng = np.random.default_rng(seed)
+    x = problem.start.copy()
+    x[robot.actuated] += 0.02 * rng.standard_normal(robot.nu)
+    x[2] += 0.02
+    machine = MujocoPlant(robot, seed=seed, **plant)
+    machine.reset_chart(x)
+    controller = Controller(problem, guide=VelocityCommand(command[:2], command[2]))
+    log = run(controller, machine, seconds, push=push, noise=noise, delay=delay, seed=seed)
+    if plot and log.falls:
+        from octo.cli.mpc_plot import plot_log
+
+        plot_log(log, RESULTS.parent / f"mpc_{plot.replace(' ', '_').replace(',', '')}.png")
+    wanted = np.array(command)
+    mean = np.array(log.report()["velocity"])
+    follows = [mean[k] / wanted[k] for k in range(3) if wanted[k] != 0.0]
+    kept = ("falls", "fall_times", "velocity", "command", "foot_lift", "slip", "slip_mean", "torque_excess", "statuses")
+    return {**{k: v for k, v in log.report().items() if k in kept}, "followed": [float(f) for f in follows]}
+
+
+# -- sections: (name, function) pairs, each run once -------------------------------------------------------------------
+
+
+def latency() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """``step`` over 1,000 closed-loop calls after warm-up, by stage."""
+    yield "go2 ahead 0.3", lambda: measure_latency("go2")
+
+
+def measure_latency(name: str, calls: int = 1000, warm: int = 200) -> dict[str, Any]:
+    problem = problem_of(name)
+    robot = problem.character
+    assert robot is not None
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
+    controller.reset(plant.q, plant.v)
+    whole, ahead, low = [], [], []
+    for k in range(warm + calls):
+        t = 0.01 * k
+        q, v = plant.q, plant.v
+        command = controller.step(t, q, v)
+        whole.append(command.seconds)
+        ahead.append(command.prepare)
+        for j in range(5):
+            q, v = plant.q, plant.v
+            began = time.perf_counter()
+            u = controller.command(t + 0.002 * j, q, v)
+            low.append(time.perf_counter() - began)
+            plant.step(u)
+    whole, ahead = whole[warm:], ahead[warm:]
+    after = np.array(whole) - np.array(ahead)
+    parts = {"step": whole, "prepare": ahead, "feedback": after, "command": low[5 * warm :]}
+    stages = split(controller)
+    return {
+        **{part: {f"p{p}": 1e3 * float(np.percentile(v, p)) for p in (50, 95, 99, 100)} for part, v in parts.items()},
+        "stages_p50": stages, "unit": "ms", "horizon": problem.steps, "calls": calls, "height": float(plant.height),
+    }  # fmt: skip
+
+
+def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
+    """Milliseconds of each stage, on the plan as it is."""
+    horizon, plan = controller.horizon, controller.plan
+    nodes = plan.x[: plan.steps + 2].copy()
+
+    def median(work: Callable[[], Any]) -> float:
+        times = []
+        for _ in range(repeats):
+            horizon.nodes[:] = nodes
+            began = time.perf_counter()
+            work()
+            times.append(time.perf_counter() - began)
+        return 1e3 * float(np.median(times))
+
+    q, v = controller.convention.from_octo(nodes[1], (nodes[1] - nodes[0]) / controller.dt)
+    last = horizon.steps + 1
+    return {
+        "guide": median(lambda: controller.guide(controller, plan.time, nodes[1]) if controller.guide else None),
+        "linearise steps 2 and on": median(lambda: horizon._linearize(1, False)),
+        "eliminate their units": median(lambda: horizon._eliminate(last, 4)),
+        "measurement to chart": median(lambda: controller.convention.to_octo(q, v, controller.dt, nodes[1])),
+        "linearise steps 0 and 1, eliminate, solve": median(horizon.feedback),
+        "torques, E and C of the new plan": median(horizon.evaluate),
+        "gains": median(horizon.gain),
+    }
+
+
+def walks() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    for name, command in WALKS.items():
+        for seed in SEEDS:
+            yield f"{name}, seed {seed}", lambda c=command, s=seed, n=name: walk("go2", c, s, 30.0, plot=f"{n} {s}")
+
+
+def stress() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    for seed in SEEDS:
+        yield f"payload 0.2, delay 1, noise 1, seed {seed}", lambda s=seed: walk(
+            "go2", (0.3, 0.0, 0.0), s, 30.0, payload=0.2, delay=1, noise=1.0, plot=f"stress {s}"
+        )
+        yield f"boxes of 2 cm, seed {seed}", lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.02, plot=f"boxes2 {s}")
+    for seed in SEEDS:
+        yield f"boxes of 5 cm, seed {seed}", lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.05, plot=f"boxes5 {s}")
+        yield f"ahead 0.8, seed {seed}", lambda s=seed: walk("go2", (0.8, 0.0, 0.0), s, 30.0, plot=f"ahead 0.8 {s}")
+
+
+def pushes() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    for force, names in ((50.0, ("standing", "walking")), (100.0, ("standing", "walking")), (150.0, ("standing",))):
+        for name in names:
+            command = (0.3 if name == "walking" else 0.0, 0.0, 0.0)
+            for k in range(8):
+                push = Push(force, 0.2, 45.0 * k, 4.0)
+                yield f"{force:g} N {name}, {45 * k} deg", lambda c=command, p=push, s=k: walk("go2", c, s % 5, 8.0, push=p)
+
+
+def robots() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    for name in ("anymal_c", "mammal", "spider", "biped"):
+        for seed in SEEDS if name in ("anymal_c", "mammal") else (0,):
+            for speed in (0.0, 0.3):
+                what = "walks" if speed else "stands"
+                yield f"{name} {what}, seed {seed}", lambda n=name, v=speed, s=seed: walk(
+                    n, (v, 0.0, 0.0), s, 20.0, plot=f"{n} {s}"
+                )
+
+
+def warm() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    yield "go2 ahead 0.3", warm_against_cold
+
+
+def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
+    """Iterations until ‖C‖∞ ≤ 1e-3 mg and the step ≤ 1e-2, from the shifted plan and from the measured pose held still."""
+    problem = problem_of("go2")
+    robot = problem.character
+    assert robot is not None
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller, other = (Controller(problem, guide=VelocityCommand((0.3, 0.0))) for _ in range(2))
+    controller.reset(plant.q, plant.v)
+    counts: dict[str, list[Any]] = {"warm": [], "cold": [], "warm_energy": [], "cold_energy": []}
+    for k in range(200 + cycles):
+        t = 0.01 * k
+        q, v = plant.q, plant.v
+        if k >= 200:
+            x, before = controller.convention.to_octo(q, v, controller.dt, controller._near)
+            converge(controller, t, x, before, "shifted", cap)  # the plan that the next cycle starts from
+            shifted = controller.plan
+            nodes = np.empty((problem.steps + 2, robot.nx))
+            shifted.shift(t + 0.01, nodes)
+            for j in range(5):
+                plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
+            q, v = plant.q, plant.v
+            x, before = controller.convention.to_octo(q, v, controller.dt, x)
+            controller._near = x
+            other.compiled.q[:] = controller.compiled.q
+            for name, start in (("warm", nodes), ("cold", np.repeat(x[None], len(nodes), axis=0))):
+                count, energy = iterate(other, start, x, before, cap)
+                counts[name].append(count)
+                counts[f"{name}_energy"].append(energy)
+            continue
+        controller.step(t, q, v)
+        for j in range(5):
+            plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
+    median = {name: float(np.median(values)) for name, values in counts.items()}
+    return {
+        **median, "ratio": median["warm"] / median["cold"], "cap": cap,
+        "warm_at_cap": int(np.sum(np.array(counts["warm"]) >= cap)), "cold_at_cap": int(np.sum(np.array(counts["cold"]) >= cap)),
+        "cold_better_energy": float(np.mean(np.array(counts["cold_energy"]) < np.array(counts["warm_energy"]))),
+    }  # fmt: skip
+
+
+def converge(controller: Controller, t: float, x: Any, before: Any, how: str, cap: int) -> None:
+    """Make the converged plan of this measurement the controller's plan."""
+    if controller.guide is not None:
+        controller.guide(controller, t, x)
+    nodes = np.empty_like(controller.horizon.nodes)
+    controller.plan.shift(t, nodes)
+    iterate(controller, nodes, x, before, cap)
+    controller._accept(t, anyway=True)
+
+
+def iterate(controller: Controller, start: Any, x: Any, before: Any, cap: int) -> tuple[int, float]:
+    horizon = controller.horizon
+    horizon.nodes[:] = start
+    horizon.nodes[0], horizon.nodes[1] = before, x
+    for count in range(1, cap + 1):
+        if not controller._iterate():
+            return cap, float("nan")
+        if np.abs(horizon.C).max() <= 1e-3 and np.abs(horizon.step).max() <= 1e-2:
+            return count, horizon.energy
+    return cap, horizon.energy
+
+
+def memory() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    yield "go2 ten minutes", ten_minutes
+    yield "python's own", allocations
+
+
+def ten_minutes(minutes: int = 10) -> dict[str, Any]:
+    """Memory and latency by minute of one closed loop."""
+    problem = problem_of("go2")
+    robot = problem.character
+    assert robot is not None
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0), 0.1))
+    controller.reset(plant.q, plant.v)
+    used, p50, seconds, fallen = [], [], np.zeros(6000), 0
+    for minute in range(minutes):
+        for k in range(6000):
+            t = 60.0 * minute + 0.01 * k
+            seconds[k] = controller.step(t, plant.q, plant.v).seconds
+            for j in range(5):
+                plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
+            if plant.height < 0.5 * problem.start[2]:
+                fallen += 1
+                plant.reset_chart(problem.start)
+                controller.reset(plant.q, plant.v, t)
+        used.append(memory_in_use())
+        p50.append(1e3 * float(np.median(seconds)))
+    return {"memory": used, "growth": used[-1] - used[0], "p50_ms": p50, "p50_ratio": p50[-1] / p50[1], "falls": fallen}
+
+
+def allocations(calls: int = 1000) -> dict[str, Any]:
+    """Bytes that octo's own Python holds more after 1,000 calls than before, by tracemalloc."""
+    problem = problem_of("go2")
+    robot = problem.character
+    assert robot is not None
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
+    own = tracemalloc.Filter(True, str(Path(octo.__file__).parent / "*"))
+
+    def some(first: int, count: int) -> None:
+        for k in range(first, first + count):
+            controller.step(0.01 * k, plant.q, plant.v)
+            for j in range(5):
+                plant.step(controller.command(0.01 * k + 0.002 * j, plant.q, plant.v))
+
+    some(0, 200)
+    tracemalloc.start()
+    some(200, 100)
+    first = tracemalloc.take_snapshot().filter_traces([own])
+    some(300, calls)
+    second = tracemalloc.take_snapshot().filter_traces([own])
+    tracemalloc.stop()
+    difference = second.compare_to(first, "filename")
+    return {"bytes": int(sum(d.size_diff for d in difference)), "blocks": int(sum(d.count_diff for d in difference))}
+
+
+SECTIONS: Sections = {
+    "latency": latency, "walks": walks, "pushes": pushes, "stress": stress, "robots": robots, "warm": warm, "memory": memory,
+}  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("sections", nargs="*", choices=[*SECTIONS, []], default=[])
+    parser.add_argument("--again", action="store_true")
+    arguments = parser.parse_args()
+    for section in arguments.sections or SECTIONS:
+        for name, work in SECTIONS[section]():
+            found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+            if name in found.get(section, {}) and not arguments.again:
+                continue
+            value = work()
+            found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+            found.setdefault(section, {})[name] = value
+            beside = RESULTS.with_suffix(".tmp")
+            beside.write_text(json.dumps(found, indent=1) + "\n")
+            beside.replace(RESULTS)
+            print(f"{section}: {name}: {json.dumps(value)[:300]}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
