@@ -70,7 +70,8 @@ def cache_folder() -> Path:
     return Path(named) if named else (Path(base) if base else Path.home() / ".cache") / "octo"
 
 
-def _usable_cache() -> Path:
+def usable_cache() -> Path:
+    """The cache folder, made where it is missing; a temporary one where nothing can be written there."""
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -91,7 +92,7 @@ def build(text: str, flags: tuple[str, ...] = ()) -> Path | None:
     library = cache_folder() / f"{key}.so"
     if library.exists():
         return library
-    folder = _usable_cache()
+    folder = usable_cache()
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         source, made = Path(scratch) / "octo.c", Path(scratch) / "octo.so"
         source.write_text(text)

@@ -14,10 +14,13 @@ from scipy.interpolate import CubicSpline
 
 from octo.checks import whole
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.gpu import cuda
+from octo.gpu.backend import DeviceBackend
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
-from octo.solver import kkt, measure, sqp
+from octo.solver import measure, sqp
+from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
 from octo.solver.sqp import Iterate, Monitor
@@ -41,7 +44,8 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The best converged one is returned.
     start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise.
-    device: "auto", "cpu" or "cuda". threads: of the CPU's native code.
+    device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU and a line on stderr that says why.
+    threads: of the CPU's native code.
     progress: print a line now and then. callback: called with an :class:`~octo.solver.sqp.Iterate` after every
         iteration; returning True stops, with the best iterate so far.
 
@@ -70,7 +74,7 @@ class _Run:
 
     options: SqpOptions
     threads: int
-    device: str
+    backend: Backend
     setup_seconds: float = 0.0
     seconds: float = 0.0
 
@@ -96,7 +100,7 @@ def _solve(
     settings = replace(options or SqpOptions(), **{name: value for name, value in given.items() if value is not None})
     for name, count in (("seeds", seeds), ("threads", threads)):
         whole(name, count)
-    run = _Run(settings, int(threads), resolve_device(device))
+    run = _Run(settings, int(threads), backend_of(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]
     plan = schedule(problems[0], passes)
@@ -106,13 +110,24 @@ def _solve(
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)
     nodes = np.stack([_first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
-    compiled.prepare()
-    kkt.prepare(compiled.nc, compiled.ma, settings.linear_solver)
+    _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress() if progress else None)
     members = _passes(run, compiled, nodes, plan, monitor, numbers, start)
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
+
+
+def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:
+    """Everything compiled; with "auto", a problem that the GPU cannot take goes to the CPU."""
+    try:
+        run.backend.prepare(compiled, run.options)
+    except DeviceError as error:
+        if device != "auto" or run.backend is CPU:
+            raise
+        _say_cpu(str(error))
+        run.backend = CPU
+        CPU.prepare(compiled, run.options)
 
 
 def _rank(member: Solution) -> tuple[bool, int, bool, float]:
@@ -193,7 +208,8 @@ def _kept(converged: Solution, failed: Solution) -> Solution:
 def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor, iterations: int) -> sqp.Result:
     """One solve with what is left of the time."""
     options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
-    result = sqp.run(compiled, compiled.unknowns(nodes), lam, options, monitor)
+    problem = run.backend.place(compiled)
+    result = sqp.run(problem, problem.unknowns(nodes), run.backend.array(lam), options, monitor, run.backend)
     run.seconds += result.seconds
     return result
 
@@ -220,7 +236,7 @@ def _solution(
         "multipliers": result.lam[place].copy(), "status": result.status[place], "iterations": int(result.iterations[place]),
         "factorizations": int(result.factorizations[place]), "history": history, "seconds": float(result.seconds),
         "processor_seconds": float(result.processor_seconds), "setup_seconds": run.setup_seconds, "seed": seed,
-        "device": run.device, "stages": dict(result.stages),
+        "device": run.backend.name, "stages": dict(result.stages),
     }  # fmt: skip
     made = Solution(**measure.measured(compiled, result.at, place), **own)
     records = (*(before.passes if before else ()), record(number, made))
@@ -284,7 +300,7 @@ def _say_cpu(reason: str) -> None:
 
 
 def resolve_device(device: str) -> str:
-    """ "cpu", for "auto" with one line that says why.
+    """ "cuda", or "cpu", for "auto" with one line that says why.
 
     Raises
     ------
@@ -292,12 +308,31 @@ def resolve_device(device: str) -> str:
     """
     if device not in DEVICES:
         raise UnknownNameError("device", device, DEVICES)
-    reason = "octo's CUDA solver is not part of this version"
+    if device == "cpu":
+        return "cpu"
+    reason = cuda.reason()
+    if reason is None:
+        return "cuda"
     if device == "cuda":
         raise DeviceError(f"device 'cuda' cannot be used: {reason}; try device 'cpu'")
-    if device == "auto":
-        _say_cpu(reason)
+    _say_cpu(reason)
     return "cpu"
+
+
+def backend_of(device: str) -> Backend:
+    """Where the arrays of a solve live.
+
+    Raises
+    ------
+    DeviceError, UnknownNameError: as ``resolve_device``.
+    """
+    return CPU if resolve_device(device) == "cpu" else _cuda_backend()
+
+
+@cache
+def _cuda_backend() -> DeviceBackend:
+    """Once per process: it keeps what was compiled."""
+    return DeviceBackend(cuda.device())
 
 
 class _Progress:

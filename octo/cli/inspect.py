@@ -60,17 +60,17 @@ def line_of(character: Character) -> str:
 def devices() -> dict[str, Any]:
     """The devices by name, and what each is or why it cannot be used."""
     from octo import native
-    from octo.errors import DeviceError
-    from octo.solve import resolve_device
+    from octo.gpu import cuda, nvrtc
 
     words = native.compiler()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     known = {"cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"}
-    try:
-        resolve_device("cuda")
-        known["cuda"] = "can be used"
-    except DeviceError as error:
-        known["cuda"] = str(error)
+    reason = cuda.reason()
+    if reason is None:
+        gpu = cuda.device()
+        known["cuda"] = f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC {nvrtc.version()}"
+    else:
+        known["cuda"] = f"cannot be used: {reason}"
     return known
 
 

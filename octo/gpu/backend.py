@@ -4,21 +4,62 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import DeviceError
 from octo.gpu.device import Array, Device
 from octo.gpu.linear import DeviceBlocks, DeviceFactor, DeviceNormal, Linear
-from octo.problem.compiled import Model
+from octo.gpu.problem import DeviceProblem, bytes_of
+from octo.problem.compiled import CompiledProblem, Model
 from octo.solver.backend import Backend
 from octo.solver.options import SqpOptions
 
 
 class DeviceBackend(Backend):
-    """What ``sqp.run`` asks of a device. ``linear_solver`` and ``threads`` are the CPU's: here it is cyclic reduction always."""
+    """What ``sqp.run`` asks of a device. ``linear_solver`` and ``threads`` are the CPU's: here it is cyclic reduction always.
+
+    timed: seconds by stage mean something, because every stage is waited for.
+    """
 
     name = "cuda"
 
-    def __init__(self, device: Device):
-        self.device = device
+    def __init__(self, device: Device, timed: bool = False):
+        self.device, self.timed = device, timed
         self._linear: dict[tuple[int, int], Linear] = {}
+        self._last: DeviceProblem | None = None
+
+    def place(self, problem: CompiledProblem) -> DeviceProblem:
+        """``problem`` on the device; one with the same generated code shares what was compiled for the one before.
+
+        Raises
+        ------
+        DeviceError: the device has too little memory, or the problem something that only the CPU can do.
+        """
+        last = self._last if self._last is not None and self._last.host.functions is problem.functions else None
+        self._check_memory(problem)
+        self._last = DeviceProblem(problem, self.device, last)
+        return self._last
+
+    def _check_memory(self, problem: CompiledProblem) -> None:
+        each, free = bytes_of(problem), self.device.free_bytes()
+        if each * problem.batch > free:
+            raise DeviceError(
+                f"{problem.batch} problems of {each / 1e6:.0f} MB need {each * problem.batch / 1e9:.2g} GB, "
+                f"the GPU has {free / 1e9:.2g} GB free: solve {max(1, free // each)} at a time"
+            )
+
+    def array(self, values: NDArray[np.float64] | None) -> Array | None:
+        return None if values is None else self.device.array(values)
+
+    def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
+        """Compiles every kernel, or takes it from the cache."""
+        self.place(problem)
+        self.linear(problem.nc, problem.ma)
+
+    def finish(self) -> None:
+        if self.timed:
+            self.device.synchronize()
 
     def linear(self, nc: int, ma: int) -> Linear:
         """The kernels for units of nc variables and ma rows, compiled when first asked for."""

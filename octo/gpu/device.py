@@ -50,6 +50,14 @@ class Device(Protocol):
         """Uninitialised memory."""
         ...
 
+    def synchronize(self) -> None:
+        """Wait until everything launched is done."""
+        ...
+
+    def free_bytes(self) -> int:
+        """Memory that is left."""
+        ...
+
     def host(self, array: Array) -> NDArray[Any]:
         """A copy on the host: waits for the device."""
         ...

@@ -26,7 +26,7 @@ from octo.gpu.device import source
 
 FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
-LETTERS = {"d": np.dtype(np.float64), "i": np.dtype(np.int32), "l": np.dtype(np.int64)}
+LETTERS = {"d": np.dtype(np.float64), "i": np.dtype(np.int32)}
 SHARED_LIMIT = 227 * 1024  # bytes, of compute capability 9.0
 
 
@@ -51,8 +51,9 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
     made = native.cache_folder() / f"{key}{suffix}"
     if made.exists():
         return made
-    made.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=made.parent) as scratch:
+    folder = native.usable_cache()
+    made = folder / made.name
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
         written, compiled = Path(scratch) / "octo.cpp", Path(scratch) / "made"
         written.write_text(text)
         done = subprocess.run([words, *flags, "-o", str(compiled), str(written)], capture_output=True, text=True, check=False)
@@ -98,11 +99,10 @@ class EmulatedKernel:
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"
         if letter.islower():
-            if letter == "d":
-                return ctypes.c_double(float(argument))
-            if isinstance(argument, float):
-                raise TypeError(f"{where} is {argument}, must be whole")
-            return (ctypes.c_int if letter == "i" else ctypes.c_longlong)(int(argument))
+            kinds = (float, np.floating) if letter == "d" else (int, np.integer)
+            if not isinstance(argument, kinds):  # CUDA would read other bits
+                raise TypeError(f"{where} is {argument!r}, must be a {kinds[0].__name__}")
+            return ctypes.c_double(float(argument)) if letter == "d" else ctypes.c_int(int(argument))
         if argument is None:
             return ctypes.c_void_p(None)
         array = self.device.plain(argument)
@@ -138,6 +138,7 @@ class EmulatedDevice:
     def __init__(self, threads: int = 1, crews: int = 1, xp: Any = np, recorder: Any = None):
         self._threads, self.crews, self.xp, self.recorder = threads, crews, xp, recorder
         self.shared_limit = SHARED_LIMIT
+        self.memory = 2**62
         self.launches = 0
         self.module = functools.cache(functools.partial(EmulatedModule, self))
 
@@ -150,6 +151,12 @@ class EmulatedDevice:
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         fill: Any = np.nan if np.dtype(dtype).kind == "f" else -(2**31) + 7
         return self.xp.full(shape, fill, dtype=dtype)
+
+    def synchronize(self) -> None:
+        """Nothing is ever under way."""
+
+    def free_bytes(self) -> int:
+        return self.memory
 
     def host(self, array: Any) -> NDArray[Any]:
         return np.array(self.plain(array))

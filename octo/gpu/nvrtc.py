@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import ctypes.util
 import functools
 import importlib.util
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,14 +54,27 @@ def compile_text(text: str, architecture: str = "sm_90", options: tuple[str, ...
 
 
 @functools.cache
+def version() -> str:
+    """Of NVRTC, as "13.0"."""
+    major, minor = ctypes.c_int(), ctypes.c_int()
+    _check(_library(), _library().nvrtcVersion(ctypes.byref(major), ctypes.byref(minor)))
+    return f"{major.value}.{minor.value}"
+
+
+@functools.cache
 def _library() -> ctypes.CDLL:
+    """NVRTC of the wheel, of $CUDA_PATH, or of the system's search path."""
     spec = importlib.util.find_spec("nvidia")
-    for folder in spec.submodule_search_locations or () if spec else ():
+    folders = [*(spec.submodule_search_locations or () if spec else ()), os.environ.get("CUDA_PATH", ""), "/usr/local/cuda/lib64"]
+    for folder in filter(None, folders):
         for path in sorted(Path(folder).rglob("libnvrtc.so.*"), reverse=True):
             for builtins in path.parent.glob("libnvrtc-builtins.so.*"):
                 ctypes.CDLL(str(builtins))  # NVRTC opens it by name, and the wheel's folder is on no search path
             return ctypes.CDLL(str(path))
-    raise MissingExtraError("compiling for the GPU", "gpu")
+    found = ctypes.util.find_library("nvrtc")
+    if found is None:
+        raise MissingExtraError("compiling for the GPU", "gpu")
+    return ctypes.CDLL(found)
 
 
 def _check(library: ctypes.CDLL, status: int) -> None:

@@ -205,3 +205,17 @@ class DeviceProblem:
             sizes["rows"] = (program.rows, 3 * n)
         items = (self.batch, self.steps)
         return {name: self.device.empty((*items, *(max(s, 1) for s in shape))) for name, shape in sizes.items()}
+
+
+def bytes_of(problem: CompiledProblem) -> int:
+    """Device memory of one problem of a batch: two models, two factors and what makes them, eight iterates, the scratch."""
+    n, N, K, nc, ma = problem.n, problem.steps, problem.K, problem.nc, problem.ma
+    functions, blocks = problem.functions, -(-problem.K // 2)
+    rows, touch = functions.rows, 18 * len(functions.contact_spheres) * len(functions.contact_terms)
+    iterate = K * (nc + ma) + N * (2 * n + len(functions.references.terms)) + K * ma
+    model = K * (3 * nc * nc + 3 * ma * nc + nc)
+    squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
+    scratch = N * (rows * (1 + 3 * n) + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
+    kin = N * 12 * (3 * n)  # poses and twists: bodies are no more than a few for each degree of freedom
+    factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))
+    return 8 * (8 * iterate + 2 * model + scratch + kin + 2 * factor)

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
 from octo.arrays import Array
-from octo.problem.compiled import Model
+from octo.problem.compiled import CompiledProblem, Model
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.kkt import KKTFactor
@@ -15,6 +20,22 @@ class Backend:
     """The CPU's products, factorisations and projections."""
 
     name = "cpu"
+
+    def place(self, problem: CompiledProblem) -> Any:
+        """``problem`` where the arrays live: what ``sqp.run`` is given."""
+        return problem
+
+    def array(self, values: NDArray[np.float64] | None) -> Array | None:
+        """NumPy ``values`` where the arrays live."""
+        return values
+
+    def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
+        """Generate and compile what is not there yet: set-up, not solving."""
+        problem.prepare()
+        kkt.prepare(problem.nc, problem.ma, options.linear_solver)
+
+    def finish(self) -> None:
+        """At the end of a stage of an iteration: wait for the device, where stages are timed."""
 
     def blocks(self, model: Model) -> KKTBlocks:
         """Eq. 12 with its products."""

@@ -29,9 +29,11 @@ class KKTFactor(Protocol):
     """
 
     negative: Array
-    first_bad: Array
     usable: Array
     residual: Array
+
+    @property
+    def first_bad(self) -> Array: ...
 
     @property
     def inertia_ok(self) -> Array:

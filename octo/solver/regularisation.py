@@ -68,7 +68,8 @@ class Regularisation:
             factor = self.backend.factorize(H, A, weight, self.options, threads)
             self.factorizations[pending] += 1
             good = host(factor.inertia_ok)
-            factors.groups.append((pending, good, factor))
+            if good.any():
+                factors.groups.append((pending, good, factor))
             pending = pending[~good]
             if not len(pending):
                 break
@@ -76,8 +77,6 @@ class Regularisation:
             sigma[pending] = first if tries == 0 else GROW * sigma[pending]
             pending = pending[sigma[pending] <= LARGEST]
             tries += 1
-        if len(factors.groups) > 1 and factors.groups[-1][1].all() and len(factors.groups[-1][0]) == batch:
-            factors.groups = factors.groups[-1:]
         needed = sigma > 0.0
         self.last[needed] = sigma[needed]
         has = np.zeros(batch, dtype=bool)

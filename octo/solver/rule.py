@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -19,8 +19,9 @@ STAGES = ("linearize", "factor", "solve", "evaluate")
 
 @dataclass(eq=False)
 class Clock:
-    """Seconds by stage."""
+    """Seconds by stage. ``finish`` waits for what a stage has begun, where somebody wants to know how long that takes."""
 
+    finish: Callable[[], None] = lambda: None
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     @contextmanager
@@ -28,6 +29,7 @@ class Clock:
         began = time.perf_counter()
         try:
             yield
+            self.finish()
         finally:
             self.seconds[stage] += time.perf_counter() - began
 

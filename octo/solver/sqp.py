@@ -133,7 +133,7 @@ class _Run:
         self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor,
         backend: Backend,
     ):  # fmt: skip
-        self.options, self.monitor, self.clock = options, monitor, Clock()
+        self.options, self.monitor, self.clock = options, monitor, Clock(backend.finish)
         self.problem = problem
         self.began, self.began_processor = time.perf_counter(), time.process_time()
         kind = TrustRegion if options.step == "trust_region" else LineSearch

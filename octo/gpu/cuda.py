@@ -1,0 +1,145 @@
+"""The GPU through CuPy: modules that NVRTC compiled once for this machine, kernels, arrays."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.errors import DeviceError, MissingExtraError
+from octo.gpu import nvrtc
+from octo.gpu.device import Array
+
+UNASKED = 48 * 1024  # bytes of shared memory that a kernel may have without asking
+
+
+@functools.cache
+def reason() -> str | None:
+    """Why this machine cannot solve on a GPU, in a few words; None where it can."""
+    try:
+        cupy = importlib.import_module("cupy")
+    except ImportError as error:
+        return f"CuPy cannot be imported ({_first_line(error)}): pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
+    try:
+        count = int(cupy.cuda.runtime.getDeviceCount())
+    except cupy.cuda.runtime.CUDARuntimeError as error:
+        return f"there is no CUDA GPU or its driver is too old ({_first_line(error)})"
+    if count == 0:
+        return "there is no CUDA GPU"
+    try:
+        nvrtc.version()
+    except MissingExtraError:
+        return "NVRTC is missing: pip install nvidia-cuda-nvrtc (CUDA 13) or nvidia-cuda-nvrtc-cu12"
+    return None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0]
+
+
+class CudaKernel:
+    """A kernel of a cubin."""
+
+    def __init__(self, function: Any, name: str):
+        self._function, self._name, self._shared = function, name, UNASKED
+
+    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
+        if shared > self._shared:
+            self._function.max_dynamic_shared_size_bytes = shared
+            self._shared = shared
+        self._function(grid, (threads,), tuple(map(_argument, arguments)), shared_mem=shared)
+
+
+def _argument(value: Any) -> Any:
+    """As CuPy passes it: octo's kernels take int and double, and null pointers."""
+    if value is None:
+        return np.uint64(0)
+    if isinstance(value, float):
+        return np.float64(value)
+    if isinstance(value, (int, np.integer)):
+        return np.int32(value)
+    return value
+
+
+class CudaModule:
+    """A compiled text on the current GPU."""
+
+    def __init__(self, cupy: Any, path: Path):
+        self._module = cupy.RawModule(path=str(path))
+        self.kernel = functools.cache(self._kernel)
+
+    def _kernel(self, name: str) -> CudaKernel:
+        return CudaKernel(self._module.get_function(name), name)
+
+
+class CudaDevice:
+    """The GPU that CuPy calls current.
+
+    Raises
+    ------
+    DeviceError: there is none, or something that it needs is missing.
+    """
+
+    def __init__(self) -> None:
+        why = reason()
+        if why is not None:
+            raise DeviceError(f"device 'cuda' cannot be used: {why}; try device 'cpu'")
+        self.xp = importlib.import_module("cupy")
+        gpu = self.xp.cuda.Device()
+        self.architecture = f"sm_{gpu.compute_capability}"
+        self.shared_limit = int(gpu.attributes["MaxSharedMemoryPerBlockOptin"])
+        self.name: str = self.xp.cuda.runtime.getDeviceProperties(gpu.id)["name"].decode()
+        self.module = functools.cache(self._module)
+
+    def _module(self, text: str) -> CudaModule:
+        return CudaModule(self.xp, cubin(text, self.architecture, self.xp.__version__))
+
+    def threads(self, wanted: int) -> int:
+        return wanted
+
+    def array(self, values: Any, dtype: Any = np.float64) -> Array:
+        return self.xp.asarray(np.ascontiguousarray(values, dtype=dtype))
+
+    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Array:
+        return self.xp.empty(shape, dtype=dtype)
+
+    def host(self, array: Array) -> NDArray[Any]:
+        return np.asarray(array.get())
+
+    def synchronize(self) -> None:
+        """Wait until everything launched is done."""
+        self.xp.cuda.get_current_stream().synchronize()
+
+    def free_bytes(self) -> int:
+        """What the GPU and CuPy's pool have left."""
+        free, _ = self.xp.cuda.runtime.memGetInfo()
+        return int(free) + int(self.xp.get_default_memory_pool().free_bytes())
+
+
+def cubin(text: str, architecture: str, cupy_version: str = "") -> Path:
+    """Path of the machine code of ``text``: from the cache, by text, architecture, options and the versions of CuPy and NVRTC."""
+    key = "\0".join((text, architecture, *nvrtc.OPTIONS, cupy_version, nvrtc.version()))
+    name = f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.cubin"
+    path = native.cache_folder() / name
+    if path.exists():
+        return path
+    folder = native.usable_cache()
+    made = nvrtc.compile_text(text, architecture)
+    with tempfile.NamedTemporaryFile(dir=folder, delete=False) as scratch:
+        scratch.write(made.cubin)
+    os.replace(scratch.name, folder / name)  # atomic: another process sees the whole file or none
+    return folder / name
+
+
+@functools.cache
+def device() -> CudaDevice:
+    """The GPU, once per process."""
+    return CudaDevice()

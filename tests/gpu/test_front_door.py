@@ -1,0 +1,88 @@
+"""device="cuda" and "auto" through octo.solve and the command line."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import numpy as np
+import pytest
+import strict
+
+import octo
+from octo.cli.main import main
+from octo.errors import DeviceError
+from octo.gpu import cuda
+from octo.gpu.backend import DeviceBackend
+from octo.gpu.emulator import EmulatedDevice
+
+front = importlib.import_module("octo.solve")
+
+
+@pytest.fixture
+def no_gpu(monkeypatch):
+    """As on a machine without CuPy."""
+    monkeypatch.setitem(sys.modules, "cupy", None)
+    cuda.reason.cache_clear()
+    front._say_cpu.cache_clear()
+    yield
+    cuda.reason.cache_clear()
+
+
+@pytest.fixture
+def emulated(monkeypatch) -> EmulatedDevice:
+    """The CPU behind device="cuda"."""
+    device = EmulatedDevice(xp=strict)
+    backend = DeviceBackend(device)
+    monkeypatch.setattr(cuda, "reason", lambda: None)
+    monkeypatch.setattr(front, "_cuda_backend", lambda: backend)
+    front._say_cpu.cache_clear()
+    return device
+
+
+def walk(**changes) -> octo.Problem:
+    return octo.Problem(octo.gallery.mammal(), **{"steps": 10, "dt": 0.025, "costs": octo.costs.paper(), **changes})
+
+
+def test_auto_says_why_it_uses_the_cpu(no_gpu, capsys, tmp_path):
+    words = ["solve", "mammal", "--seconds", "0.4", "--passes", "1", "--max-iterations", "2", "--out", str(tmp_path / "out")]
+    assert main([*words, "--device", "auto"]) in (0, 1)
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: using the CPU: ")]
+    assert len(lines) == 1 and "CuPy" in lines[0]
+    assert main([*words, "--device", "cuda"]) == 2
+    assert "device 'cuda' cannot be used: CuPy" in capsys.readouterr().err
+
+
+def test_devices_are_listed(no_gpu, capsys):
+    assert main(["info", "--devices"]) == 0
+    printed = capsys.readouterr().out
+    assert "cores" in printed and "cuda  cannot be used: CuPy" in printed
+
+
+def test_two_passes_and_two_starts(emulated):
+    settings = {"passes": 2, "seeds": 2, "max_iterations": 100, "tolerance": 1e-3}
+    found, expected = (octo.solve(walk(), device=device, **settings) for device in ("cuda", "cpu"))
+    assert found.device == "cuda" and emulated.launches > 0
+    assert found.status == expected.status
+    assert [record["pass"] for record in found.passes] == [record["pass"] for record in expected.passes]
+    assert found.energy == pytest.approx(expected.energy, rel=0.05)
+    assert all(type(value) is np.ndarray for value in (found.x, found.u, found.multipliers))
+    found.report()
+
+
+def test_too_little_memory(emulated, capsys):
+    emulated.memory = 10_000_000
+    with pytest.raises(DeviceError, match="need .* GB, the GPU has 0.01 GB free: solve .* at a time"):
+        octo.solve(walk(), seeds=8, device="cuda")
+    solution = octo.solve(walk(), seeds=8, device="auto", max_iterations=1)
+    assert solution.device == "cpu"
+    assert "octo: using the CPU: 8 problems" in capsys.readouterr().err
+
+
+def test_what_only_the_cpu_can_do(emulated, capsys):
+    between = octo.costs.NeighbourCost(lambda control, following, p: following - control)
+    problem = walk(steps=10, basis="hermite", costs=[between, octo.costs.Effort()])
+    with pytest.raises(DeviceError, match="neighbouring"):
+        octo.solve(problem, device="cuda")
+    assert octo.solve(problem, device="auto", max_iterations=1).device == "cpu"
+    assert "octo: using the CPU: terms over neighbouring" in capsys.readouterr().err
