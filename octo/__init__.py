@@ -21,6 +21,7 @@ _HOME = {
     "Plane": "octo.model.terrain",
     "Terrain": "octo.model.terrain",
     "CustomDynamics": "octo.dynamics.evaluate",
+    "replay": "octo.replay",
     "simulate": "octo.dynamics.simulate",
     "Problem": "octo.problem.problem",
     "Nodes": "octo.problem.basis",
@@ -52,6 +53,7 @@ _COSTS = (
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
+    "Overload",
     "PointPosition",
     "PointVelocity",
     "PoseTarget",
@@ -95,6 +97,7 @@ if TYPE_CHECKING:
     from octo.costs import JointVelocity as JointVelocity
     from octo.costs import LoadSharing as LoadSharing
     from octo.costs import NeighbourCost as NeighbourCost
+    from octo.costs import Overload as Overload
     from octo.costs import PointPosition as PointPosition
     from octo.costs import PointVelocity as PointVelocity
     from octo.costs import PoseTarget as PoseTarget
@@ -117,6 +120,7 @@ if TYPE_CHECKING:
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes
     from octo.problem.problem import Problem as Problem
+    from octo.replay import replay as replay
     from octo.solve import solve as solve
     from octo.solver.options import SqpOptions as SqpOptions
     from octo.solver.solution import Solution as Solution

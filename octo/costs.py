@@ -7,6 +7,7 @@ from octo.problem.contact_costs import (
     ForceRate,
     FrictionCone,
     LoadSharing,
+    Overload,
     Slip,
 )
 from octo.problem.costs import (
@@ -47,6 +48,7 @@ __all__ = [
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
+    "Overload",
     "PointPosition",
     "PointVelocity",
     "PoseTarget",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import octo
-from octo.cli import bench, compare, inspect, mpc, simulate, solve, view
+from octo.cli import bench, compare, inspect, mpc, replay, simulate, solve, view
 from octo.errors import OctoError, UnknownNameError, UsageError
 
 REFUSED = 2
@@ -21,6 +21,7 @@ EXAMPLES = """examples:
   octo mpc go2.urdf --goal walk --speed 0.3 --seconds 20 --push 50,0.2,90 --out walk
   octo info go2.urdf --json
   octo simulate biped --seconds 2 --hold
+  octo replay demo/solution.npz --starts 5
   octo view demo/solution.npz --out motion.html"""
 
 
@@ -48,6 +49,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "info": ("what a robot file holds, or what this machine can use", inspect.add_info_arguments),
         "robots": ("the robots that octo brings along", inspect.add_robots_arguments),
         "simulate": ("let a robot move without a plan", simulate.add_arguments),
+        "replay": ("run a saved plan in MuJoCo", replay.add_arguments),
         "view": ("a picture of a saved solution", view.add_arguments),
     }
     for name, (sentence, add_arguments) in modules.items():

@@ -63,11 +63,12 @@ class Carrier:
     position: Array  # (3,) m
 
 
-def import_mujoco() -> Any:
+def import_mujoco(what: str = "reading robot files") -> Any:
+    """MuJoCo, or a sentence that says that ``what`` needs it."""
     try:
         return importlib.import_module("mujoco")
     except ImportError:
-        raise MissingExtraError("reading robot files", "robots") from None
+        raise MissingExtraError(what, "robots") from None
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
 from octo.errors import ShapeError, ValueRangeError
@@ -47,7 +48,7 @@ class MujocoPlant:
         bumps: float = 0.0,
         seed: int = 0,
     ):
-        mujoco = import_mujoco()
+        mujoco = import_mujoco("a plant in MuJoCo")
         self.character = character
         self.terrain = terrain or Plane()
         if number("friction", friction) < 0.0:
@@ -179,6 +180,20 @@ class MujocoPlant:
         p = self.terrain.parameters
         x, y, z = self.base_place
         return float(p["normal_x"] * x + p["normal_y"] * y + p["normal_z"] * (z - p["height"]))
+
+    def feet(self, contacts: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Lowest points (k, 3) m of spheres (indices among those that touch the terrain), their Jacobians (k, 3, nv)."""
+        mujoco, model, data = self._mujoco, self.model, self.data
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        geoms = [geom for geom, _ in sorted(self._contacts.items(), key=lambda pair: pair[1])]
+        normal = np.array([self.terrain.parameters[f"normal_{c}"] for c in "xyz"])
+        points, jacobians = np.empty((len(contacts), 3)), np.empty((len(contacts), 3, model.nv))
+        for k, c in enumerate(contacts):
+            geom = geoms[c]
+            points[k] = data.geom_xpos[geom] - model.geom_size[geom, 0] * normal
+            mujoco.mj_jac(model, data, jacobians[k], None, points[k], int(model.geom_bodyid[geom]))
+        return points, jacobians[..., self._v]
 
     def contacts(self) -> tuple[Array, Array]:
         """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m; world axes."""

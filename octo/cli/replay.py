@@ -1,0 +1,71 @@
+"""``octo replay``: a saved plan run in MuJoCo, from its own start or from perturbed ones."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from octo.cli.arguments import positive, whole
+from octo.cli.output import OutputFolder, Writer
+from octo.cli.solve import write_json
+from octo.errors import UnknownNameError
+from octo.replay import Replay, replay
+from octo.replay.run import FEEDBACKS
+from octo.solver.solution import Solution
+
+FILES = ("report.json", "motion.html")
+PLANTS = ("mujoco",)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("solution", metavar="SOLUTION", help="what `octo solve` wrote: solution.npz or its folder")
+    parser.add_argument("--plant", default="mujoco", help="mujoco (default)")
+    parser.add_argument("--kp", type=positive, help="N m/rad, of every joint (default: in proportion to the robot)")
+    parser.add_argument("--kd", type=positive, help="N m s/rad, of every joint (default: in proportion to the robot)")
+    parser.add_argument("--friction", type=positive, default=0.8, help="sliding coefficient of the plant (default 0.8)")
+    parser.add_argument("--starts", type=whole(1), help="perturbed starts (default: the plan's own start, once)")
+    parser.add_argument("--seed", type=whole(0), default=0, help="of the perturbations (default 0)")
+    parser.add_argument("--feedback", default="base", help="base: a wrench on the base beside the PD (default), or none")
+    parser.add_argument("--timestep", type=positive, default=0.001, help="s, of plant and control (default 0.001)")
+    parser.add_argument("--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-replay)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    for kind, name, valid in (("plant", arguments.plant, PLANTS), ("feedback", arguments.feedback, FEEDBACKS)):
+        if name not in valid:
+            raise UnknownNameError(kind, name, valid)
+    path = Path(arguments.solution)
+    plan = Solution.load(path / "solution.npz" if path.is_dir() else path)
+    folder = OutputFolder(arguments.out or f"octo-{plan.name}-replay")
+    folder.check(FILES)
+    if not plan.converged:
+        print(f"octo: the plan is {plan.status.label}: what a plant makes of it says little", file=sys.stderr)
+    done = replay(
+        plan,
+        kp=arguments.kp,
+        kd=arguments.kd,
+        friction=arguments.friction,
+        starts=arguments.starts,
+        seed=arguments.seed,
+        feedback=arguments.feedback,
+        timestep=arguments.timestep,
+    )
+    write(folder, done)
+    print(done)
+    print(f"written to {folder.path}")
+    return 0
+
+
+def write(folder: OutputFolder, done: Replay) -> None:
+    """The two files; without the extra 'view' the picture is left out."""
+    from octo.viewer import view
+
+    writers: dict[str, Writer] = {
+        "report.json": lambda path: write_json(path, done.report()),
+        "motion.html": lambda path: view([done.plan, done.motion], path),
+    }
+    missing, reason = folder.write(writers)
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)

@@ -1,0 +1,101 @@
+"""A solution between its nodes: what a controller that runs faster than the plan's steps asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from octo.errors import ProblemError
+from octo.model.character import Array, Character
+from octo.model.kinematics import body_poses
+from octo.model.quaternions import quaternions, turning
+from octo.model.terrain import Plane
+from octo.solver.solution import Solution
+
+STANCE = 0.02  # of the weight: a contact planned to carry more is in stance
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion sampled every ``timestep`` s, in MuJoCo's form (octo.plant.convention).
+
+    Attributes
+    ----------
+    q (T+1, nq), v (T+1, nv): m, rad, m/s, rad/s. u (T+1, nu): N m or N.
+    force (T+1, c, 3) N, world axes: of the ground on each contact. stance (T+1, c): which of them carry.
+    """
+
+    character: Character
+    timestep: float
+    q: Array
+    v: Array
+    u: Array
+    force: Array
+    stance: NDArray[np.bool_]
+
+    @staticmethod
+    def of(solution: Solution, timestep: float) -> Plan:
+        """Cubic through the nodes; torques and forces linear, as of the node around which their step's acceleration is.
+
+        Raises
+        ------
+        ProblemError: user-written dynamics, which have no bodies.
+        """
+        character = solution.character
+        if character is None:
+            raise ProblemError("replay needs a robot: a motion of user-written dynamics has no bodies")
+        duration = solution.steps * solution.dt
+        times = np.asarray(timestep * np.arange(round(duration / timestep) + 1), dtype=float)
+        path = CubicSpline(solution.times, solution.x[1:], axis=0)
+        x = path(times)
+        q, v = _moving(character, x, path(times, 1), timestep)
+        force = _linear(solution.contact_force, times, solution.dt)
+        normal = np.sum(force * _linear(solution.contact_normal, times, solution.dt), axis=-1)
+        return Plan(
+            character, timestep, q, v, _linear(solution.u, times, solution.dt), force,
+            np.asarray(normal > STANCE * solution.weight),
+        )  # fmt: skip
+
+    @property
+    def steps(self) -> int:
+        return len(self.q) - 1
+
+
+def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tuple[Array, Array]:
+    """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the next."""
+    if character.base != "floating":
+        return x, rate
+    first = int(character.first_joint[character.base_body])
+    rotation, origin = (value[:, character.base_body] for value in body_poses(character, x))
+    spin = turning(rotation) / timestep
+    before, after = slice(0, first), slice(first + 6, None)
+    q = np.concatenate([x[:, before], origin, quaternions(rotation), x[:, after]], axis=1)
+    moved = rate[:, first : first + 3] @ character.bodies[character.base_body].rotation.T
+    return q, np.concatenate([rate[:, before], moved, np.append(spin, spin[-1:], axis=0), rate[:, after]], axis=1)
+
+
+def _linear(values: Array, times: Array, dt: float) -> Array:
+    """Rows of ``values`` (N, ...), of times 0, dt, 2 dt …, at ``times``; the last one stays."""
+    place = np.clip(times / dt, 0.0, len(values) - 1.0)
+    index = np.minimum(place.astype(int), max(len(values) - 2, 0))
+    share = (place - index).reshape(-1, *[1] * (values.ndim - 1))
+    following = np.minimum(index + 1, len(values) - 1)
+    return np.asarray((1.0 - share) * values[index] + share * values[following])
+
+
+def ground_of(solution: Solution) -> Plane:
+    """The plane that a solution was solved on.
+
+    Raises
+    ------
+    ProblemError: its terrain is another one.
+    """
+    p = solution.parameters
+    names = ("terrain.normal_x", "terrain.normal_y", "terrain.normal_z", "terrain.height")
+    if not all(name in p for name in names):
+        raise ProblemError("the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or sloped ground only")
+    x, y, z, height = (p[name] for name in names)
+    return Plane(slope=float(np.arctan2(np.hypot(x, y), z)), direction=float(np.arctan2(-y, -x)), height=height)

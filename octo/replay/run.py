@@ -1,0 +1,207 @@
+"""Replays of a plan in a plant: from the plan's own start or from perturbed ones, and what became of each."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from octo.checks import positive, whole
+from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.model.character import Array
+from octo.plant import MujocoPlant, from_chart
+from octo.replay.control import Controller, Gains
+from octo.replay.plan import Plan, ground_of
+from octo.solver.solution import Solution, Status
+
+FEEDBACKS = ("base", "none")
+LOOK = 0.01  # s, between two looks at whether it fell
+FALLEN_HEIGHT = 0.5  # of the start's
+FALLEN_TILT = np.deg2rad(60.0)
+RAISED, TILTED, BENT, MOVING = 0.01, 0.04, 0.02, 0.05  # m (uniform, 0 to it), rad, rad, m/s and rad/s (normal)
+
+
+@dataclass(frozen=True)
+class Start:
+    """What became of one start.
+
+    Attributes
+    ----------
+    start: its number, 0 for the plan's own. fell: whether the base came under half its start height or tilted over 60°.
+    seconds_upright: s, until then, or all of the plan. drift: m, horizontal distance of the base from the planned one at
+    that time. tracking_error: rad (or m), root mean square over the actuated joints while upright.
+    torque_use: largest |torque|/limit asked for before it was clipped, 0 without limits.
+    """
+
+    start: int
+    fell: bool
+    seconds_upright: float
+    drift: float
+    tracking_error: float
+    torque_use: float
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """All starts of one plan; ``motion`` is the first one as a Solution, for pictures beside the plan."""
+
+    plan: Solution
+    motion: Solution
+    starts: tuple[Start, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def report(self) -> dict[str, Any]:
+        """The numbers of report.json."""
+        return {
+            "falls": sum(start.fell for start in self.starts),
+            "seconds_upright": float(np.mean([start.seconds_upright for start in self.starts])),
+            "drift": float(np.mean([start.drift for start in self.starts])),
+            "tracking_error": float(np.mean([start.tracking_error for start in self.starts])),
+            "seconds": self.plan.steps * self.plan.dt,
+            "robot": self.plan.name,
+            "plan_status": self.plan.status.label,
+            **self.settings,
+            "starts": [asdict(start) for start in self.starts],
+        }
+
+    def __str__(self) -> str:
+        duration, count = self.plan.steps * self.plan.dt, len(self.starts)
+        stood = count - sum(start.fell for start in self.starts)
+        times = ", ".join(f"{start.seconds_upright:.2f}" for start in self.starts)
+        report = self.report()
+        return (
+            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of {count} stood for {duration:g} s "
+            f"(upright for {times} s); drift {report['drift']:.3f} m, joints off by {report['tracking_error']:.3f} rad"
+        )
+
+
+def replay(
+    solution: Solution,
+    *,
+    kp: float | None = None,
+    kd: float | None = None,
+    friction: float = 0.8,
+    starts: int | None = None,
+    seed: int = 0,
+    feedback: str = "base",
+    timestep: float = 0.001,
+) -> Replay:
+    """Run a plan in MuJoCo.
+
+    Planned torques are feed-forward, beside a PD on the joints and, with ``feedback`` "base", a wrench that pulls the base to
+    the plan through the feet planned to be in stance. Torques are clipped to the robot's limits. A run ends with the plan or
+    with a fall.
+
+    Parameters
+    ----------
+    kp: N m/rad, kd: N m s/rad, of every joint; by default in proportion to the robot. friction: of the plant.
+    starts: so many perturbed starts (base raised 0–1 cm; normal noise on roll and pitch .04 rad, joints .02 rad, base
+        velocity .05 m/s and rad/s), drawn from ``seed``; None is the plan's own start alone.
+    timestep: s, of plant and control.
+
+    Raises
+    ------
+    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane. ValueRangeError, UnknownNameError.
+    """
+    if feedback not in FEEDBACKS:
+        raise UnknownNameError("feedback", feedback, FEEDBACKS)
+    for name, value in (("kp", kp), ("kd", kd)):
+        if value is not None:
+            positive(name, value)
+    if starts is not None:
+        whole("starts", starts)
+    if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
+        raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s")
+    robot = solution.character
+    if robot is None or robot.base != "floating" or robot.nu == 0:
+        raise ProblemError("replay needs a robot with a floating base and actuated joints: nothing else can fall")
+    plant = MujocoPlant(
+        robot, terrain=ground_of(solution), friction=friction, timestep=timestep,
+        gravity=[solution.parameters[f"gravity_{c}"] for c in "xyz"],
+    )  # fmt: skip
+    gains = Gains.of(solution, kp, kd, friction)
+    controller = Controller(
+        Plan.of(solution, timestep), gains if feedback == "base" else gains.without_base(), plant, solution.length
+    )
+    rng = np.random.default_rng(seed)
+    records, motion = [], None
+    for number in range(starts or 1):
+        x, rate = (solution.x[1], np.zeros(robot.nx)) if starts is None else perturbed(solution, rng)
+        tracks = _run(controller, *from_chart(robot, x, rate), solution.dt)
+        records.append(tracks.record(number))
+        motion = motion or tracks.solution(solution)
+    settings = {"feedback": feedback, "kp": gains.kp, "kd": gains.kd, "friction": friction, "timestep": timestep, "seed": seed}
+    assert motion is not None
+    return Replay(solution, motion, tuple(records), settings)
+
+
+@dataclass(eq=False)
+class _Tracks:
+    """What the plant did in one run, at the plan's nodes and in sums over the control steps."""
+
+    controller: Controller
+    nodes: list[Array] = field(default_factory=list)  # x, at times 0, dt, 2 dt …
+    torques: list[Array] = field(default_factory=list)
+    forces: list[tuple[Array, Array]] = field(default_factory=list)
+    squares: float = 0.0
+    steps: int = 0
+    torque_use: float = 0.0
+    drift: float = 0.0
+    fell: bool = False
+
+    def record(self, number: int) -> Start:
+        error = float(np.sqrt(self.squares / max(self.steps, 1)))
+        upright = self.steps * self.controller.plan.timestep
+        return Start(number, self.fell, round(upright, 6), self.drift, error, self.torque_use)
+
+    def solution(self, plan: Solution) -> Solution:
+        """The motion as a Solution: what it shares with the plan's is the robot, the ground and the time step."""
+        x = np.array([self.nodes[0], *self.nodes])
+        force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
+        normal = np.broadcast_to(self.controller.normal, force.shape)
+        return replace(
+            plan, name=f"{plan.name} in MuJoCo", x=x, u=np.array(self.torques), contact_force=force, contact_point=point,
+            contact_normal=normal, contact_velocity=np.zeros_like(force), contact_depth=np.zeros(force.shape[:2]),
+            status=Status.SIMULATED, terms={}, passes=(), starts=(), history={}, iterations=0, factorizations=0,
+        )  # fmt: skip
+
+
+def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
+    """The plan from one state; nodes are kept every ``dt`` s."""
+    plant, plan = controller.plant, controller.plan
+    plant.reset(q, v)
+    tracks, every, standing, j = _Tracks(controller, [plant.x]), round(dt / plan.timestep), plant.height, controller.first
+    limits, often = controller.plan.character.torque_limit, max(1, round(LOOK / plan.timestep))
+    for k in range(plan.steps):
+        u = controller(k)
+        tracks.torque_use = max(tracks.torque_use, float(np.max(np.abs(u) / limits)))
+        error = plan.q[k, controller.in_q] - plant.q[controller.in_q]
+        tracks.squares += float(np.mean(error**2))
+        plant.step(u)
+        tracks.steps += 1
+        if tracks.steps % every == 0:
+            tracks.nodes.append(plant.x)
+            tracks.torques.append(plant.torque)
+            tracks.forces.append(plant.contacts())
+        if tracks.steps % often and tracks.steps < plan.steps:
+            continue
+        tracks.drift = float(np.linalg.norm(plan.q[k + 1, j : j + 2] - plant.base_place[:2]))
+        up = plant.base_rotation[:, 2] @ controller.upright
+        if plant.height < FALLEN_HEIGHT * standing or not up > np.cos(FALLEN_TILT):
+            tracks.fell = True
+            break
+    return tracks
+
+
+def perturbed(solution: Solution, rng: np.random.Generator) -> tuple[Array, Array]:
+    """x (nx,) and its rate (nx,): the plan's start with noise."""
+    robot = solution.character
+    assert robot is not None
+    x, rate = solution.x[1].copy(), np.zeros(robot.nx)
+    first = int(robot.first_joint[robot.base_body])
+    x[first + 2] += rng.uniform(0.0, RAISED)
+    x[first + 4 : first + 6] += TILTED * rng.standard_normal(2)  # pitch and roll, in either chart
+    x[robot.actuated] += BENT * rng.standard_normal(robot.nu)
+    rate[first : first + 6] = MOVING * rng.standard_normal(6)
+    return x, rate
