@@ -27,14 +27,18 @@
 #define __restrict__
 
 struct cuda_on_cpu_index { unsigned x, y, z; };
-struct cuda_on_cpu_crew { pthread_barrier_t barrier; int threads; char *shared; };
+struct cuda_on_cpu_crew { pthread_barrier_t barrier[2]; int threads; char *shared; };
 
 static thread_local cuda_on_cpu_index threadIdx, blockIdx;
 static thread_local cuda_on_cpu_crew *cuda_on_cpu_here;
 static cuda_on_cpu_index blockDim, gridDim;
 
+/* Two barriers take turns: with one, a thread that wakes late would learn from it what others did up to their next wait, and
+ * ThreadSanitizer would take that for an order between them. */
+static thread_local int cuda_on_cpu_turn;
+
 static inline void __syncthreads() {
-  if (cuda_on_cpu_here->threads > 1) pthread_barrier_wait(&cuda_on_cpu_here->barrier);
+  if (cuda_on_cpu_here->threads > 1) pthread_barrier_wait(&cuda_on_cpu_here->barrier[cuda_on_cpu_turn ^= 1]);
 }
 
 /* What a launch is told: grid and block (3 each), bytes of shared memory, blocks at the same time. */
@@ -50,6 +54,7 @@ static void *cuda_on_cpu_work(void *argument) {
   unsigned long blocks = (unsigned long)l->grid[0] * l->grid[1] * l->grid[2];
   cuda_on_cpu_here = me->crew;
   threadIdx = {me->lane, 0, 0};
+  cuda_on_cpu_turn = 0;
   for (unsigned long b = me->crew_number; b < blocks; b += l->crews) {
     blockIdx = {(unsigned)(b % l->grid[0]), (unsigned)(b / l->grid[0] % l->grid[1]), (unsigned)(b / l->grid[0] / l->grid[1])};
     if (me->lane == 0 && l->shared) memset(me->crew->shared, 0xff, l->shared);
@@ -70,7 +75,7 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
   for (auto &crew : crews) {
     crew.threads = (int)l->threads;
     crew.shared = (char *)malloc(l->shared + !l->shared);
-    pthread_barrier_init(&crew.barrier, 0, l->threads);
+    for (auto &barrier : crew.barrier) pthread_barrier_init(&barrier, 0, l->threads);
   }
   for (unsigned c = 0; c < l->crews; ++c)
     for (unsigned lane = 0; lane < l->threads; ++lane) workers.push_back({l, &call, &crews[c], c, lane});
@@ -82,7 +87,10 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
     if (failed) abort(); /* the others wait at a barrier for ever */
     for (auto &handle : handles) pthread_join(handle, 0);
   }
-  for (auto &crew : crews) { pthread_barrier_destroy(&crew.barrier); free(crew.shared); }
+  for (auto &crew : crews) {
+    for (auto &barrier : crew.barrier) pthread_barrier_destroy(&barrier);
+    free(crew.shared);
+  }
   return failed;
 }
 

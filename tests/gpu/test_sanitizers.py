@@ -1,0 +1,77 @@
+"""Every kernel of an iteration under AddressSanitizer, UBSan and ThreadSanitizer; planted faults are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import conftest
+import numpy as np
+import pytest
+from replay import Recorder, replay
+
+from octo.gpu import emulator
+from octo.gpu.backend import DeviceBackend
+from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.problem import DeviceProblem
+from octo.solver import sqp
+from octo.solver.options import SqpOptions
+
+FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
+    "race in a sum": ("thread", "octo_largest", "octo_block_max(double *part) {\n  BARRIER;", "octo_block_max(double *part) {", "data race"),
+    "race in a pivot": ("thread", "octo_kkt_pivots", "order[r] = t; }\n  BARRIER;", "order[r] = t; }", "data race"),
+    "overrun of shared memory": (
+        "address", "octo_kkt_fold", "*product = w + 2 * size;", "*product = w + 2 * size + 1;", "heap-buffer-overflow",
+    ),
+    "overrun of an array": ("address", "octo_hessian_times", "out[own_v + e] =", "out[own_v + e + 1] =", "heap-buffer-overflow"),
+}  # fmt: skip
+
+
+@lru_cache
+def recorded(threads: int) -> Recorder:
+    """What two iterations of each rule launch, in both bases, with that many threads a block."""
+    recorder = Recorder()
+    device = EmulatedDevice(threads, recorder=recorder)
+    for basis in ("nodes", "hermite"):
+        problem = conftest._compiled(basis)
+        other, backend = DeviceProblem(problem, device), DeviceBackend(device)
+        for options in (SqpOptions(), SqpOptions.paper()):
+            sqp.run(other, device.array(conftest._wiggle(problem)), None, replace(options, max_iterations=2), None, backend)
+    return recorder
+
+
+def test_every_kernel_is_recorded():
+    found = recorded(5)
+    assert {name for text in found.launches for name in emulator.KERNEL.findall(text)} == set(found.kernels)
+
+
+@pytest.mark.parametrize(("sanitizer", "threads", "crews"), [("address", 5, 2), ("thread", 5, 2), ("thread", 32, 1)])
+def test_no_sanitizer_finds_anything(tmp_path, sanitizer, threads, crews):
+    for text, launches in recorded(threads).launches.items():
+        done = replay(text, launches, sanitizer, threads, crews, tmp_path)
+        assert done.returncode == 0, done.stderr[:3000]
+        assert f"replayed {len(launches)} launches" in done.stdout
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_planted_faults_are_found(tmp_path, fault):
+    sanitizer, kernel, right, wrong, said = FAULTS[fault]
+    text = next(text for text in recorded(5).launches if kernel in emulator.KERNEL.findall(text))
+    broken = text.replace(right, wrong, 1)
+    assert broken != text
+    chosen = [launch for launch in recorded(5).launches[text] if launch[4:].startswith(kernel.encode())]
+    done = replay(broken, chosen, sanitizer, 5, 1, tmp_path)
+    assert done.returncode != 0 and said in done.stderr, done.stderr[:2000]
+
+
+def test_what_a_kernel_must_not_be_given():
+    device = EmulatedDevice()
+    module = device.module('extern "C" __global__ void octo_half(int n, double by, double *x) { x[0] = n * by; }')
+    half, x = module.kernel("octo_half"), np.zeros(1)
+    half((1,), 1, 3, 0.5, x)
+    assert x[0] == 1.5
+    for wrong in ((3, 1, x), (3.0, 0.5, x), (3, 0.5, x.astype(np.float32)), (3, 0.5, np.zeros((2, 2))[:, 0]), (3, 0.5)):
+        with pytest.raises(TypeError):
+            half((1,), 1, *wrong)
+    with pytest.raises(ValueError, match="shared memory"):
+        half((1,), 1, 3, 0.5, x, shared=1 << 20)
