@@ -53,8 +53,9 @@ static void octo_run_group(const octo_run_of_steps *run, long item, int count, c
 
 static void *octo_run_steps(void *argument) {
   octo_run_of_steps *run = argument;
-  octo_lanes *s = octo_lanes_new();
+  octo_lanes *s = aligned_alloc(64, (sizeof(octo_lanes) + 63) / 64 * 64);
   if (!s) { run->failed = 1; return 0; }
+  octo_lanes_clear(s);
   for (long item = run->first; item < run->last;) {
     long member = item / run->steps, step = item % run->steps, end = run->steps;
     if (run->last - item < end - step) end = step + run->last - item;

@@ -108,7 +108,14 @@ static inline void octo_gather(const double *const *from, int size, real *to) {
 
 /* ``size`` vectors to the first ``count`` steps. */
 static inline void octo_spread(const real *from, int size, double *const *to, int count) {
-  for (int e = 0; e < size; ++e)
+  int e = 0;
+  for (; e + STEPS <= size; e += STEPS) {
+    real v[STEPS];
+    for (int k = 0; k < STEPS; ++k) v[k] = from[e + k];
+    octo_transpose(v);
+    for (int k = 0; k < count; ++k) *(octo_real_anywhere *)(to[k] + e) = v[k];
+  }
+  for (; e < size; ++e)
     for (int k = 0; k < count; ++k) to[k][e] = from[e][k];
 }
 

@@ -85,20 +85,16 @@ static octo_input octo_lanes_turn(octo_lanes *s, const double *p, int order) {
   return (octo_input){{s->next, s->now, previous}, {s->next + NX, s->now + NX, previous + NX}, p, s->lam, order};
 }
 
-/* FD, J and H of a group into their slots; what the pairs wrote the last time is cleared before. */
-static void octo_lanes_run(octo_lanes *s, const octo_input *in) {
-  if (s->touching) {
-    memset(s->jac + JAC_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
-    memset(s->hess + HESS_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
-  }
-  s->touching = octo_step(in, s->fd, s->jac, s->hess, &s->work);
+/* What octo_lanes_run finds at zero. */
+static void octo_lanes_clear(octo_lanes *s) {
+  s->touching = 0;
+  s->jac[0] = s->hess[0] = ZERO;
+  memset(s->jac + JAC_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
+  memset(s->hess + HESS_SLOTS - NCOUPLED, 0, NCOUPLED * sizeof(real));
 }
 
-static octo_lanes *octo_lanes_new(void) {
-  octo_lanes *s = aligned_alloc(64, (sizeof(octo_lanes) + 63) / 64 * 64);
-  if (!s) return 0;
-  memset(s->jac, 0, sizeof s->jac);
-  memset(s->hess, 0, sizeof s->hess);
-  s->touching = 0;
-  return s;
+/* FD, J and H of a group into their slots; what the pairs wrote the last time is cleared before. */
+static void octo_lanes_run(octo_lanes *s, const octo_input *in) {
+  if (s->touching) octo_lanes_clear(s);
+  s->touching = octo_step(in, s->fd, s->jac, s->hess, &s->work);
 }

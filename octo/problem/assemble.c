@@ -1,9 +1,9 @@
 /* E, C and their model (Eq. 9) over all time steps, appended to the text of the dynamics, of the costs and of scatter.c.
  *
- * The generated text before this one defines: NX NU MU KIN NP WORK octo_kin octo_step (the dynamics);
+ * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
  * A step's rows (residuals scaled by the root of twice their coefficient) are stacked, so that the Gauss-Newton block
- * is rowsᵀ rows; the curvature of lambdaᵀFD is added by octo_step. */
+ * is rowsᵀ rows; to it comes the curvature of lambdaᵀFD. The dynamics go STEPS steps at a time, all else step by step. */
 
 #define MROWS (NR + NFC * CR)
 /* Residuals of the costs of one step, unscaled: r (MROWS). */
@@ -41,33 +41,70 @@ static int octo_row_term(int row) {
   return octo_state_row_term[row];
 }
 
-static void octo_evaluate_chunk(void *shared, int item) {
-  const octo_task *t = shared;
-  int member = item / t->chunks, chunk = item % t->chunks;
-  double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], r[MROWS + 1], u[NU + 1]; long long iw[COST_IW + 1];
-  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *p = t->p + (size_t)member * NP;
-  int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
-  octo_kin(nodes + first * NX, kin[first % 3]);
-  octo_kin(nodes + (first + 1) * NX, kin[(first + 1) % 3]);
-  for (int i = first; i < last; ++i) {
-    const double *x_prev = nodes + i * NX, *x = x_prev + NX, *x_next = x + NX;
-    const double *q = t->q + ((size_t)member * t->steps + i) * NQ;
-    double *fd = t->fd + ((size_t)member * t->steps + i) * NX, *terms = t->terms + ((size_t)member * t->steps + i) * NTERM;
-    octo_kin(x_next, kin[(i + 2) % 3]);
-    octo_step(x_next, x, x_prev, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, 0, 0, fd, 0, 0, work);
-    for (int j = 0; j < NU; ++j) u[j] = fd[octo_actuated[j]];
-    octo_residuals(x_next, x, x_prev, u, kin[(i + 2) % 3], kin[(i + 1) % 3], kin[i % 3], p, q, r, w, iw);
-    for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
-    for (int row = 0; row < MROWS; ++row) {
-      double c = octo_coefficient(q, row);
-      if (c != 0.0) terms[octo_row_term(row)] += c * r[row] * r[row];
-    }
+/* Steps first … last of a member, STEPS at a time, and the kinematics of their nodes one by one for costs over contacts. */
+typedef struct {
+  octo_lanes lanes;
+  double kin[STEPS + 2][NFC > 0 ? KIN : 1]; /* of the previous node of the first step, and the nodes after it */
+} octo_group;
+
+static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
+  octo_lanes_clear(&g->lanes);
+  octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
+}
+
+static octo_input octo_group_turn(octo_group *g, const double *p, int order) {
+  octo_input in = octo_lanes_turn(&g->lanes, p, order);
+#if NFC > 0
+  double *previous[STEPS], *next[STEPS];
+  for (int k = 0; k < STEPS; ++k) { previous[k] = g->kin[k]; next[k] = g->kin[k + 2]; }
+  octo_spread(in.kin[2], KIN, previous, STEPS < 2 ? STEPS : 2);
+  octo_spread(in.kin[0], KIN, next, STEPS);
+#endif
+  return in;
+}
+
+static int octo_group_count(int i, int last) { return last - i < STEPS ? last - i : STEPS; }
+
+static void octo_evaluate_step(const octo_task *t, int member, int i, const double (*kin)[NFC > 0 ? KIN : 1]) {
+  double w[COST_W + 1], r[MROWS + 1], u[NU + 1]; long long iw[COST_IW + 1];
+  const double *x_prev = t->nodes + ((size_t)member * (t->steps + 2) + i) * NX, *p = t->p + (size_t)member * NP;
+  const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
+  double *terms = t->terms + ((size_t)member * t->steps + i) * NTERM;
+  for (int j = 0; j < NU; ++j) u[j] = fd[octo_actuated[j]];
+  octo_residuals(x_prev + 2 * NX, x_prev + NX, x_prev, u, kin[2], kin[1], kin[0], p, q, r, w, iw);
+  for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
+  for (int row = 0; row < MROWS; ++row) {
+    double c = octo_coefficient(q, row);
+    if (c != 0.0) terms[octo_row_term(row)] += c * r[row] * r[row];
   }
 }
 
-void octo_evaluate(octo_task *t, int threads) {
-  octo_share(octo_evaluate_chunk, t, t->batch * t->chunks, threads);
+typedef struct { const octo_task *task; int failed; } octo_sweep;
+
+static void octo_evaluate_chunk(void *shared, int item) {
+  octo_sweep *sweep = shared;
+  const octo_task *t = sweep->task;
+  int member = item / t->chunks, first = t->chunk_step[item % t->chunks], last = t->chunk_step[item % t->chunks + 1];
+  octo_group *g = aligned_alloc(64, (sizeof(octo_group) + 63) / 64 * 64);
+  if (!g) { sweep->failed = 1; return; }
+  octo_group_begin(g, t, member, first, last);
+  for (int i = first; i < last; i += STEPS) {
+    int count = octo_group_count(i, last);
+    double *fd[STEPS];
+    octo_input in = octo_group_turn(g, t->p + (size_t)member * NP, 0);
+    octo_lanes_run(&g->lanes, &in);
+    for (int k = 0; k < count; ++k) fd[k] = t->fd + ((size_t)member * t->steps + i + k) * NX;
+    octo_spread(g->lanes.fd, NX, fd, count);
+    for (int k = 0; k < count; ++k) octo_evaluate_step(t, member, i + k, (const void *)(g->kin + k));
+  }
+  free(g);
+}
+
+int octo_evaluate(octo_task *t, int threads) {
+  octo_sweep sweep = {t, 0};
+  octo_share(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
+  return sweep.failed;
 }
 
 /* rows (count, LD) of d residual / d (x_next, x, x_prev), scaled; value of each row; lam (NX) gets dE/du. */
@@ -198,60 +235,85 @@ static void octo_gauss_newton(const octo_rows *rows, const double *curvature, in
 }
 
 typedef struct {
+  octo_group group;
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
-  double kin[3][KIN + 1], work[WORK + 1], w[COST_W + 1], u[NU + 1], lam[NX], fd[NX], jac[NX * W3], curvature[(CURVATURE * NX + 1) * NX + 8];
+  double jac[STEPS][(NX * W3 + 7) / 8 * 8] __attribute__((aligned(64)));
+  double curvature[STEPS][((CURVATURE * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
+  double w[COST_W + 1], u[NU + 1], lam[STEPS][NX];
   long long iw[COST_IW + 1];
-  octo_cost_values values;
+  octo_cost_values values[STEPS];
   octo_rows rows;
   octo_places places;
+  int zeros; /* what jac and curvature hold where a group writes nothing: 0 zeros, 1 what pairs wrote before, 2 anything */
 } octo_scratch;
 
-static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch *s, int member, int i) {
-  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *p = t->p + (size_t)member * NP;
-  const double *x_prev = nodes + i * NX, *x = x_prev + NX, *x_next = x + NX;
+/* Costs of step i, and lam (NX): the multipliers of its FD, ∂E/∂u on the rows of torques. */
+static void octo_derive_costs(const octo_task *t, octo_scratch *s, int ma, int member, int i, int k) {
+  const double *x_prev = t->nodes + ((size_t)member * (t->steps + 2) + i) * NX, *p = t->p + (size_t)member * NP;
   const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-  const double *row_scale = t->row_scale + (size_t)member * MU;
-  const double *kin[3] = {s->kin[(i + 2) % 3], s->kin[(i + 1) % 3], s->kin[i % 3]};
-  octo_kin(x_next, s->kin[(i + 2) % 3]);
-  if (!t->lam) octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, 0, 1, s->fd, s->jac, 0, s->work);
-  if (!t->lam && !t->terms) memcpy(t->fd + ((size_t)member * t->steps + i) * NX, s->fd, NX * sizeof(double));
+  const double *kin[3] = {s->group.kin[k + 2], s->group.kin[k + 1], s->group.kin[k]};
+  double *lam = s->lam[k];
   for (int j = 0; j < NU; ++j) s->u[j] = fd[octo_actuated[j]];
-  octo_cost_derivatives(x_next, x, x_prev, s->u, kin, p, q, &s->values, s->lam, s->w, s->iw);
-  if (t->lam) {
-    const double *lam = t->lam + (size_t)member * t->units * g->ma;
-    for (int k = 0; k < t->tests; ++k) {
-      int row = t->test_row[i * t->tests + k];
-      if (row < 0) continue;
-      double value = t->test_value[i * t->tests + k];
-      for (int r = 0; r < MU; ++r)
-        s->lam[octo_unactuated[r]] += value * row_scale[r] * lam[row * g->ma + t->test_part[i * t->tests + k] * MU + r];
-    }
-    octo_step(x_next, x, x_prev, kin[0], kin[1], kin[2], p, s->lam, 2, s->fd, s->jac, s->curvature, s->work);
+  octo_cost_derivatives(x_prev + 2 * NX, x_prev + NX, x_prev, s->u, kin, p, q, &s->values[k], lam, s->w, s->iw);
+  if (!t->lam) return;
+  const double *multipliers = t->lam + (size_t)member * t->units * ma, *row_scale = t->row_scale + (size_t)member * MU;
+  for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) {
+    if (t->test_row[test] < 0) continue;
+    const double *rows = multipliers + t->test_row[test] * ma + t->test_part[test] * MU;
+    for (int r = 0; r < MU; ++r) lam[octo_unactuated[r]] += t->test_value[test] * row_scale[r] * rows[r];
   }
-  octo_build_rows(&s->values, s->jac, kin, q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam ? s->curvature : 0, t->slots == 1, s->hess, s->gradient);
+}
+
+/* jac and curvature of ``count`` steps from i on. */
+static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int member, int i, int count) {
+  octo_lanes *lanes = &s->group.lanes;
+  const double *lam[STEPS];
+  double *fd[STEPS], *jac[STEPS], *curvature[STEPS];
+  octo_input in = octo_group_turn(&s->group, t->p + (size_t)member * NP, t->lam ? 2 : 1);
+  for (int k = 0; k < count; ++k) fd[k] = t->fd + ((size_t)member * t->steps + i + k) * NX;
+  if (!t->lam) octo_lanes_run(lanes, &in);
+  if (!t->lam && !t->terms) octo_spread(lanes->fd, NX, fd, count);
+  for (int k = 0; k < STEPS; ++k) {
+    if (k < count) octo_derive_costs(t, s, ma, member, i + k, k);
+    lam[k] = s->lam[k < count ? k : 0];
+    jac[k] = s->jac[k];
+    curvature[k] = s->curvature[k];
+  }
+  if (t->lam) {
+    octo_gather(lam, NX, lanes->lam);
+    octo_lanes_run(lanes, &in);
+  }
+  int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
+  octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
+  if (t->lam) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
+  s->zeros = lanes->touching;
+}
+
+static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch *s, int member, int i, int k) {
+  const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
+  const double *kin[3] = {s->group.kin[k + 2], s->group.kin[k + 1], s->group.kin[k]};
+  octo_build_rows(&s->values[k], s->jac[k], kin, q, &s->rows);
+  octo_gauss_newton(&s->rows, t->lam ? s->curvature[k] : 0, t->slots == 1, s->hess, s->gradient);
   octo_find_places(t, i, &s->places);
   int units = g->clear_unit, rows = g->clear_row;
   for (int l = 0; l < s->places.count; ++l) units = s->places.unit[l] >= units ? s->places.unit[l] + 1 : units;
-  for (int k = i * t->tests; k < (i + 1) * t->tests; ++k) rows = t->test_row[k] >= rows ? t->test_row[k] + 1 : rows;
+  for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
   int fresh = t->slots == 1 && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
   if (t->slots == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
-  octo_scatter_constraints(t, g, &s->places, i, row_scale, fd, s->jac);
+  octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
 
-typedef struct { const octo_task *task; int failed; } octo_linearization;
-
 static void octo_linearize_chunk(void *shared, int item) {
-  octo_linearization *l = shared;
-  const octo_task *t = l->task;
+  octo_sweep *sweep = shared;
+  const octo_task *t = sweep->task;
   int nc = t->parts * NX, ma = t->parts * MU;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc, halo_size = octo_halo_size(t);
   int member = item / t->chunks, chunk = item % t->chunks;
   size_t unit0 = (size_t)member * t->units;
   octo_scratch *s = aligned_alloc(64, (sizeof(octo_scratch) + 63) / 64 * 64);
-  if (!s) { l->failed = 1; return; }
+  if (!s) { sweep->failed = 1; return; }
   double *halo = t->halo + ((size_t)member * t->chunks + chunk) * halo_size;
   octo_target g = {t->h + unit0 * hs, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
                    halo, halo + 2 * hs, halo + 2 * hs + as, halo + 2 * hs + as + 2 * nc,
@@ -259,10 +321,13 @@ static void octo_linearize_chunk(void *shared, int item) {
   int unit_last = chunk + 1 < t->chunks ? t->chunk_unit[chunk + 1] : t->units, row_last = chunk + 1 < t->chunks ? t->chunk_row[chunk + 1] : t->units;
   memset(halo, 0, halo_size * sizeof(double));
   int first = t->chunk_step[chunk], last = t->chunk_step[chunk + 1];
-  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX;
-  octo_kin(nodes + first * NX, s->kin[first % 3]);
-  octo_kin(nodes + (first + 1) * NX, s->kin[(first + 1) % 3]);
-  for (int i = first; i < last; ++i) octo_linearize_step(t, &g, s, member, i);
+  octo_group_begin(&s->group, t, member, first, last);
+  s->zeros = 2;
+  for (int i = first; i < last; i += STEPS) {
+    int count = octo_group_count(i, last);
+    octo_derive_group(t, s, ma, member, i, count);
+    for (int k = 0; k < count; ++k) octo_linearize_step(t, &g, s, member, i + k, k);
+  }
   octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
   free(s);
 }
@@ -270,17 +335,17 @@ static void octo_linearize_chunk(void *shared, int item) {
 static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, member); }
 
 int octo_linearize(octo_task *t, int threads) {
-  octo_linearization l = {t, 0};
-  octo_share(octo_linearize_chunk, &l, t->batch * t->chunks, threads);
+  octo_sweep sweep = {t, 0};
+  octo_share(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
   octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
-  return l.failed;
+  return sweep.failed;
 }
 
 /* One chunk of a single problem, for a caller that has some steps' numbers before those of the others. */
 int octo_linearize_part(octo_task *t, int chunk) {
-  octo_linearization l = {t, 0};
-  octo_linearize_chunk(&l, chunk);
-  return l.failed;
+  octo_sweep sweep = {t, 0};
+  octo_linearize_chunk(&sweep, chunk);
+  return sweep.failed;
 }
 
 void octo_join_parts(octo_task *t) { octo_add_halo(t, 0); }

@@ -28,6 +28,7 @@ from octo.problem.neighbours import NeighbourTerms
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
+GROUP = 8  # steps that the dynamics take at a time, at most
 
 
 @dataclass(eq=False)
@@ -238,11 +239,7 @@ class CompiledProblem:
 
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
-        text = self.dynamics.text()
-        if not text:
-            return None
-        library = native.load(text + codegen.cost_text(self.functions, self.dynamics))
-        return library
+        return native.load(self.dynamics.lanes_text() + codegen.cost_text(self.functions, self.dynamics))
 
     @cached_property
     def _machine(self) -> Any:
@@ -254,9 +251,10 @@ class CompiledProblem:
     def _chunks(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """First own step, unit and row of each chunk of neighbouring steps (see assemble.c)."""
         q = self.basis.steps_per_segment if isinstance(self.basis, Hermite) else 1
-        pieces = self.steps // q
-        count = 1 if self.threads == 1 else max(1, min(4 * self.threads, pieces // 3))
-        first = np.array([pieces * c // count for c in range(count)], dtype=np.int32)
+        pieces, grain = self.steps // q, GROUP if q == 1 else 1
+        groups = -(-pieces // grain)
+        count = 1 if self.threads == 1 else max(1, min(4 * self.threads, groups // (3 if q > 1 else 1)))
+        first = np.array([groups * c // count * grain for c in range(count)], dtype=np.int32)
         row = first + (1 if q > 1 else 0)
         unit = first.copy()
         unit[0] = row[0] = 0
@@ -285,7 +283,8 @@ class CompiledProblem:
         assert self._library is not None
         task, _ = self._task
         task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
-        self._library.octo_evaluate(ctypes.byref(task), self.threads)
+        if self._library.octo_evaluate(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_evaluate could not allocate its work arrays")
 
     def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
         assert self._library is not None

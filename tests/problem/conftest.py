@@ -83,9 +83,9 @@ START = np.array([0.02, -0.01, 0.44, 0.1, 0.05, -0.04, 0.3, -0.4, 0.01])  # fron
 
 
 @lru_cache
-def _compiled(basis: str, threads: int = 1) -> CompiledProblem:
+def _compiled(basis: str, threads: int = 1, steps: int = STEPS) -> CompiledProblem:
     problem = Problem(
-        _robot(), steps=STEPS, dt=DT, costs=_every_cost(), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
+        _robot(), steps=steps, dt=DT, costs=_every_cost(steps), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
         parameters={"contact.onset": 0.004},
     )  # fmt: skip
     made = CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)], threads)

@@ -51,6 +51,19 @@ def test_native_equals_interpreted(compiled, wiggle, basis, exact):
         close(getattr(model, name), getattr(plain, name))
 
 
+@pytest.mark.parametrize("steps", [3, 7, 9, 25])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_any_number_of_steps(compiled, wiggle, steps, threads):
+    """More and less than fill a vector, cut in chunks of whole vectors but for the last."""
+    problem = compiled("nodes", threads, steps)
+    lam = random_lam(problem)
+    (at, model), (plain_at, plain) = (both(p, wiggle(problem), lam) for p in (problem, interpreted(problem)))
+    for name in ("fd", "terms", "energy", "C"):
+        close(getattr(at, name), getattr(plain_at, name))
+    for name in FIELDS:
+        close(getattr(model, name), getattr(plain, name))
+
+
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_threads_give_the_same_numbers(compiled, wiggle, basis):
     one, three = compiled(basis), compiled(basis, 3)
