@@ -111,7 +111,8 @@ def test_octo_s_own_simulation_is_a_plant(problem, robot):
     plant.reset_chart(problem.start)
     log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 0.6)
     assert log.report()["falls"] == 0 and plant.unsolved == 0
-    assert np.sum(log.force[-1, :, 2]) == pytest.approx(9.81 * robot.mass, rel=0.2)
+    standing = log.force[len(log.force) // 2]  # later it starts to step, at a moment that rounding decides
+    assert np.sum(standing[:, 2]) == pytest.approx(9.81 * robot.mass, rel=0.2)
 
 
 def test_simulator_plant_falls_freely(robot):
