@@ -1,4 +1,8 @@
-"""FD, its Jacobian and its curvature, a step; and the same as CasADi's whole expression."""
+"""FD, its Jacobian and its curvature, a step; and the same as CasADi's whole expression.
+
+All of them go through the steps in runs of ``RUN``, whose numbers one run after the other writes to the same place: as in a
+solve, where they are used while they are in the cache and never stored for all steps.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,7 @@ from octo.dynamics.evaluate import RobotDynamics
 Array = NDArray[np.float64]
 AGREE = 1e-11  # of the largest entry
 ORDERS = ("fd", "fd_jacobian", "curvature")  # the last one: all three
+RUN = 40  # steps
 
 
 class TreeSweep:
@@ -28,15 +33,21 @@ class TreeSweep:
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
         library = native.load(dynamics.text() + codegen.source("batch.c")) if single else dynamics._library
         assert library is not None
-        self.library, self.steps, n = library, len(nodes) - 2, dynamics.nx
-        lam = np.random.default_rng(0).standard_normal((self.steps, n))
-        self.fd, self.jac = np.zeros((self.steps, n)), np.zeros((self.steps, n, 3 * n))
-        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.steps, dynamics.curvature_blocks, n, n)))
-        self.written = sum(array.nbytes for array in self.held[3:])
-        self.pointers = [ctypes.c_void_p(array.ctypes.data) for array in self.held]
+        self.library, self.count, n = library, min(RUN, len(nodes) - 2), dynamics.nx
+        assert (len(nodes) - 2) % self.count == 0
+        lam = np.random.default_rng(0).standard_normal((self.count, n))
+        self.fd, self.jac = np.zeros((self.count, n)), np.zeros((self.count, n, 3 * n))
+        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.count, dynamics.curvature_blocks, n, n)))
+        self.written = sum(array.nbytes for array in self.held[3:]) / self.count  # bytes a step
+        self.firsts = [ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, self.count)]
+        self.others = [ctypes.c_void_p(array.ctypes.data) for array in self.held[1:]]
 
     def run(self, order: int) -> Callable[[], None]:
-        return lambda: self.library.octo_batch(1, self.steps, order, 1, *self.pointers)
+        def sweep() -> None:
+            for first in self.firsts:
+                self.library.octo_batch(1, self.count, order, 1, first, *self.others)
+
+        return sweep
 
 
 def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Array]:
@@ -65,7 +76,7 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
     for name, n in degrees.items():
         records.add(f"dynamics.{name}.dof", n, "")
         took = records[f"dynamics.{name}.curvature"] / MICRO  # s a step
-        records.add(f"dynamics.{name}.curvature.written", written[name] / plan.steps / took / 1e9, "GB/s")
+        records.add(f"dynamics.{name}.curvature.written", written[name] / took / 1e9, "GB/s")
         records.ratio(f"dynamics.{name}.curvature/fd_jacobian", f"dynamics.{name}.curvature", f"dynamics.{name}.fd_jacobian")
 
 
@@ -77,7 +88,7 @@ def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
         for label, plain in (("expression", False), ("plain", True)):
             say(f"{name}, {label}: minutes of gcc the first time")
             form = Monolithic(dynamics, plain)
-            fd, jac, runs[label] = form.sweep(nodes, p)
+            fd, jac, runs[label] = form.sweep(nodes, p, tree.count)
             forms[label] = (form, fd, jac)
         best = interleaved(runs, plan.rounds)
         for label, (form, fd, jac) in forms.items():

@@ -60,16 +60,17 @@ class Monolithic:
         text = generator.dump() + "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + SWEEP
         self.library = ctypes.CDLL(str(_compiled(text)))
 
-    def sweep(self, nodes: Array, p: Array) -> tuple[Array, Array, Callable[[], None]]:
-        """FD (N, n), the Jacobian's entries (N, entries), and the function that writes them."""
-        steps = len(nodes) - 2
-        fd, jac = np.zeros((steps, self.n)), np.zeros((steps, self.entries))
-        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (nodes, p, fd, jac)]
-        held = (nodes, p)
+    def sweep(self, nodes: Array, p: Array, count: int) -> tuple[Array, Array, Callable[[], None]]:
+        """FD (count, n), the Jacobian's entries (count, entries), and the function that writes them for ``count`` steps after
+        ``count`` steps."""
+        fd, jac = np.zeros((count, self.n)), np.zeros((count, self.entries))
+        held = (nodes, p, fd, jac)
+        firsts = [ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, count)]
+        others = [ctypes.c_void_p(array.ctypes.data) for array in held[1:]]
 
         def run() -> None:
-            assert held
-            self.library.sweep(steps, *pointers)
+            for first in firsts:
+                self.library.sweep(count, first, *others)
 
         return fd, jac, run
 
