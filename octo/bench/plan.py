@@ -38,7 +38,7 @@ class Plan:
     links: tuple[int, ...] = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12)
     symbolic: tuple[str, ...] = ("spider", "humanoid")
     motion_steps: int = 80
-    seeds: int = 5
+    seeds: int = 3
     cold: bool = True
 
     @property

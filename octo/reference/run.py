@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,14 +38,27 @@ class Run:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
+@functools.cache
+def _know_casadi_blas() -> None:
+    """Tell threadpoolctl of the BLAS in CasADi's wheel, which MUMPS calls and whose name it does not look for."""
+    import threadpoolctl
+
+    class CasadiBlas(threadpoolctl.OpenBLASController):
+        internal_api = "openblas_of_casadi"
+        filename_prefixes = ("libcasadi-tp-openblas",)
+
+    threadpoolctl.register(CasadiBlas)
+
+
 @contextlib.contextmanager
 def one_core() -> Any:
-    """Every thread pool that is loaded has one thread inside."""
+    """Every thread pool that is loaded has one thread inside, IPOPT's too."""
     try:
         from threadpoolctl import threadpool_limits
     except ImportError:
         yield
         return
+    _know_casadi_blas()
     with threadpool_limits(limits=1):
         yield
 

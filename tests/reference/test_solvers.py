@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
+from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -13,6 +16,7 @@ from octo.errors import ProblemError
 from octo.problem.basis import Hermite
 from octo.problem.problem import Problem
 from octo.reference import Fatrop, Ipopt, fatrop, ipopt
+from octo.reference.run import one_core
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Status
 
@@ -78,6 +82,20 @@ def test_ipopt_starts_warm(cart_pole: Callable[..., Problem]) -> None:
 def test_octos_rule_of_an_acceptable_point_stops_ipopt(cart_pole: Callable[..., Problem]) -> None:
     run = ipopt(cart_pole(x0=np.array([0.0, 1.5])), options=SqpOptions(dual_tolerance=1e-300, plateau=2, plateau_change=1e-2))
     assert run.solution.status is Status.ACCEPTABLE and "octo's rule" in run.said
+
+
+def test_one_core_is_one_core(cart_pole: Callable[..., Problem]) -> None:
+    """Asked of the library itself: MUMPS calls a BLAS of CasADi's own, as wide as the machine by default."""
+    Ipopt(cart_pole())  # loads it
+    found = list(Path(ca.__file__).parent.glob("libcasadi-tp-openblas.so*"))
+    if not found:
+        pytest.skip("this CasADi has another BLAS")
+    blas = ctypes.CDLL(str(found[0]))
+    blas.openblas_set_num_threads(2)
+    before = blas.openblas_get_num_threads()
+    with one_core():
+        assert blas.openblas_get_num_threads() == 1
+    assert blas.openblas_get_num_threads() == before
 
 
 def test_without_a_compiler_casadi_interprets(cart_pole: Callable[..., Problem], monkeypatch: pytest.MonkeyPatch) -> None:
