@@ -13,6 +13,7 @@ import json
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +25,7 @@ WALKS = {"mammal": ("mammal", 0.5), "go2": (str(Path(sysconfig.get_path("purelib
 STARTS = 5
 FRICTION = 0.8
 NEEDED = 0.8  # of the starts
+DOTS = 110  # an inch, of the picture
 Record = dict[str, Any]
 
 
@@ -65,6 +67,31 @@ def record(walk: str, seed: int, seconds: float, folder: Path) -> Record:
     return found
 
 
+def picture(walk: str, seed: int, seconds: float, folder: Path, path: Path) -> None:
+    """The plan above what MuJoCo made of its first perturbed start."""
+    import matplotlib.image as image
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from octo import Solution, filmstrip, replay
+
+    solved = Solution.load(plan(walk, seed, seconds, folder) / "solution.npz")
+    motion = replay(solved, friction=FRICTION, starts=1).motion
+    with tempfile.TemporaryDirectory() as scratch:
+        strips = []
+        for name, shown in (("plan", solved), ("MuJoCo", motion)):
+            filmstrip(shown, Path(scratch) / f"{name}.png")
+            strips.append((name, image.imread(Path(scratch) / f"{name}.png")))
+    height, width = (max(strip.shape[k] for _, strip in strips) for k in (0, 1))
+    figure = Figure(figsize=(width / DOTS, 2 * height / DOTS))
+    for k, (name, strip) in enumerate(strips):
+        axes = figure.add_axes((0.0, 0.5 - 0.5 * k, 1.0, 0.5))
+        axes.imshow(np.asarray(strip))
+        axes.set_title(name, loc="left", x=0.01, y=0.86, fontsize=11)
+        axes.axis("off")
+    figure.savefig(path, dpi=DOTS)
+
+
 def table(records: Sequence[Record]) -> str:
     lines = ["walk    seed  status       goal error  base          none          upright with base feedback, s"]
     for r in records:
@@ -84,6 +111,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--folder", type=Path, default=Path("build/replay"))
+    parser.add_argument("--picture", type=Path, help="of the first walk's first seed")
     parser.add_argument("--json", type=Path, help="where the records go")
     arguments = parser.parse_args()
     began = time.perf_counter()
@@ -93,6 +121,8 @@ def main() -> int:
         records = list(pool.map(lambda job: record(*job, arguments.seconds, arguments.folder), jobs))
     print(table(records))
     print(f"{time.perf_counter() - began:.0f} s")
+    if arguments.picture:
+        picture(arguments.walks[0], arguments.seeds[0], arguments.seconds, arguments.folder, arguments.picture)
     if arguments.json:
         arguments.json.write_text(json.dumps(records, indent=1) + "\n")
     stood, starts = (sum(r["base"][key] for r in records) for key in ("stood", "starts"))

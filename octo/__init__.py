@@ -53,7 +53,6 @@ _COSTS = (
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
-    "Overload",
     "PointPosition",
     "PointVelocity",
     "PoseTarget",
@@ -97,7 +96,6 @@ if TYPE_CHECKING:
     from octo.costs import JointVelocity as JointVelocity
     from octo.costs import LoadSharing as LoadSharing
     from octo.costs import NeighbourCost as NeighbourCost
-    from octo.costs import Overload as Overload
     from octo.costs import PointPosition as PointPosition
     from octo.costs import PointVelocity as PointVelocity
     from octo.costs import PoseTarget as PoseTarget

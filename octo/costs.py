@@ -7,7 +7,6 @@ from octo.problem.contact_costs import (
     ForceRate,
     FrictionCone,
     LoadSharing,
-    Overload,
     Slip,
 )
 from octo.problem.costs import (
@@ -48,7 +47,6 @@ __all__ = [
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
-    "Overload",
     "PointPosition",
     "PointVelocity",
     "PoseTarget",

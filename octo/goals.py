@@ -56,10 +56,16 @@ class Goal:
         if robot.base != "floating":
             raise ProblemError(f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
 
-    def costs(self, com: Array) -> list[Cost]:
-        """The terms of E; ``com`` (3,) m is the centre of mass at the start."""
+    def costs(self, com: Array, length: float = 0.3, times: Array | None = None) -> list[Cost]:
+        """The terms of E.
+
+        ``com`` (3,) m is the centre of mass at the start; ``length`` (m) and ``times`` (N,) s are those of
+        :func:`octo.costs.robot`.
+        """
         yaw_rate = self.speed if self.kind == "turn" else 0.0
-        terms = presets.robot(self.velocity, yaw_rate) if self.preset == "robot" else presets.paper(self.velocity)
+        terms = presets.paper(self.velocity)
+        if self.preset == "robot":
+            terms = presets.robot(self.velocity, yaw_rate, length=length, times=times)
         if self.kind == "turn" and self.preset == "paper":
             turn = BaseAngularVelocity(velocity=(0.0, 0.0, self.speed), axes=(0.0, 0.0, 1.0))
             terms = [turn, CenterOfMassVelocity(weight=0.01), Effort()]

@@ -58,7 +58,7 @@ def test_terms_compile_to_an_energy_of_about_one(kind, preset):
         turn = terms["BaseAngularVelocity"]
         assert tuple(turn.velocity) == (0.0, 0.0, 0.5) and tuple(turn.axes) == (0.0, 0.0, 1.0)
     elif kind in ("walk", "stride"):
-        expected = 1.0 if preset == "paper" else 4.0 * 0.25
+        expected = 1.0 if preset == "paper" else 1.5
         size = terms["CenterOfMassVelocity"].weight * (velocity @ velocity) / terms["CenterOfMassVelocity"].scale(setting)
         assert size == pytest.approx(expected)
 
@@ -75,3 +75,20 @@ def test_refused():
     with pytest.raises(ProblemError, match="goal 'walk' needs a floating base"):
         Goal().check(arm)
     Goal().check(gallery.biped())
+
+
+def test_a_walk_of_the_robot_preset_starts_from_rest():
+    times = 0.1 * np.arange(1, 11)
+    terms = {term.label: term for term in Goal("walk", 0.4, preset="robot").costs(np.zeros(3), times=times)}
+    expected = 0.4 * np.minimum(times / 0.5, 1.0)
+    np.testing.assert_allclose(terms["CenterOfMassVelocity"].velocity, np.stack([expected, 0 * times, 0 * times], axis=1))
+
+
+def test_the_robot_preset_holds_a_slow_walk_no_harder_than_a_stand():
+    """Per m²/s² of error; a fast one less, so that a tenth of the speed costs the same."""
+    weight = {}
+    for speed in (0.0, 0.1, 0.2, 0.6, 1.2):
+        term = Goal("walk", speed, preset="robot").costs(np.zeros(3))[0]
+        weight[speed] = term.weight / max(speed**2, 0.1**2)
+    assert weight[0.0] == pytest.approx(weight[0.1]) == pytest.approx(weight[0.2])
+    assert weight[0.6] == pytest.approx(4.0 * weight[1.2])

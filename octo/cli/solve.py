@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of, whole
 from octo.cli.output import OutputFolder, Writer
 from octo.goals import Goal
@@ -101,7 +103,8 @@ def described(robot: Character, goal: Goal, steps: int, arguments: argparse.Name
         law=law_of(arguments.friction),
         pose=pose_of(robot, arguments.pose),
     )
-    return problem.replace(costs=goal.costs(center_of_mass(robot, problem.start)))
+    times = arguments.dt * np.arange(1, steps + 1)
+    return problem.replace(costs=goal.costs(center_of_mass(robot, problem.start), problem.length, times))
 
 
 def report(solution: Solution, goal: Goal) -> dict[str, Any]:

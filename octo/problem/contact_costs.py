@@ -14,13 +14,11 @@ import casadi as ca
 import numpy as np
 
 from octo.model.character import Character
-from octo.model.kinematics import sphere_centers
 from octo.problem.costs import Cost
 
 if TYPE_CHECKING:
     from octo.problem.symbols import ContactSymbols, Setting
 
-SAME_HEIGHT = 0.02  # m, over the lowest contact at the start: the feet
 TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 
 
@@ -109,29 +107,6 @@ class LoadSharing(ContactCost):
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return contact.normal_force
-
-
-@dataclass(frozen=True, eq=False)
-class Overload(ContactCost):
-    """What a contact carries over ``share`` times its equal share of the weight, mean over the feet: a squared hinge.
-
-    Of n contacts that touch the ground at the start each has the share mg/n. With four feet and 1.4 three of them may carry
-    the robot for nothing and two may not.
-    """
-
-    share: float = 1.4
-
-    def references(self, setting: Setting) -> Mapping[str, Any]:
-        robot = setting.character
-        if robot is None:
-            return {"feet": np.array([1.0]), "share": np.array([self.share])}
-        touching = list(robot.terrain_contacts)
-        lowest = sphere_centers(robot, setting.x0)[touching, 2] - [robot.contacts[k].radius for k in touching]
-        feet = np.count_nonzero(lowest < lowest.min() + SAME_HEIGHT) if touching else 1
-        return {"feet": np.array([float(feet)]), "share": np.array([self.share])}
-
-    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
-        return ca.fmax(0, contact.normal_force * p["feet"] - p["share"]) / ca.sqrt(p["feet"])
 
 
 @dataclass(frozen=True, eq=False)

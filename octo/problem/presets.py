@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from octo.dynamics.balance import GRAVITY
+from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
 from octo.problem.contact_costs import Clearance, FootLift, ForceRate, FrictionCone, LoadSharing, Slip
@@ -29,38 +31,54 @@ if TYPE_CHECKING:
     from octo.problem.symbols import Setting
 
 
+TRACKING = 1.5  # of the squared error of the velocity, in parts of the velocity wanted
+SLOW = 0.03  # of g·ℓ, squared speed below which it is counted in these parts instead
+BEGIN = 0.5  # s
+
+
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
     """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
     return [CenterOfMassVelocity(velocity=tuple(velocity)), Effort()]
 
 
-def robot(speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0) -> list[Cost]:
-    """Terms for a plan that a plant should follow: base held level, feet that hold, lift little and share the load.
+def robot(
+    speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0, *, length: float = 0.3, times: Array | None = None
+) -> list[Cost]:
+    """Terms for a plan that a plant should follow: the base held level, and feet that share the load, hold and swing softly.
+
+    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What they were
+    tuned on, and what each is good for, is in docs/replay.md.
 
     Parameters
     ----------
     speed: m/s along x, or a velocity (3,).
     yaw_rate: rad/s.
+    length: m, ℓ, height of the base over the feet (``Problem.length``).
+    times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over half a second.
     """
     velocity = np.array([speed, 0.0, 0.0]) if np.isscalar(speed) else np.asarray(speed, dtype=float)
-    scale = max(float(velocity @ velocity), 0.1**2)  # CenterOfMassVelocity divides by it
+    fast = GRAVITY * length  # m²/s²
+    floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
+    begun = np.ones(1) if times is None else np.clip(np.asarray(times, dtype=float) / BEGIN, 0.0, 1.0)
     level = (1.0, 1.0, 0.5 if yaw_rate == 0.0 else 0.0)  # a turning base has no fixed heading
     terms: list[Cost] = [
-        CenterOfMassVelocity(velocity=tuple(velocity), weight=4.0 * scale),
+        CenterOfMassVelocity(velocity=np.squeeze(begun[:, None] * velocity), weight=TRACKING / floor),
         Effort(),
         BaseOrientation(weight=1.0, axes=level),
-        BaseHeight(weight=0.5),
-        FootLift(weight=10.0),
-        Clearance(weight=0.03),
-        FrictionCone(weight=0.3),
-        LoadSharing(weight=0.25),
+        BaseHeight(weight=0.2 / length**2),
+        LegPosture(weight=0.15, name="Posture"),
+        FootLift(weight=0.9 / length**2, height=0.067 * length),
+        Clearance(weight=0.09 / fast, length=0.067 * length),
+        FrictionCone(weight=3.0, mu=0.4),
+        LoadSharing(weight=1.2),
         ForceRate(weight=0.0075),
-        JointAcceleration(weight=7e-8),
+        JointAcceleration(weight=7.5e-4 * (length / GRAVITY) ** 2),
         TorqueLimit(weight=1.0),
     ]
     if yaw_rate != 0.0:
-        weight = 4.0 * max(yaw_rate**2, 0.1**2)
-        terms.append(BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=weight))
+        terms.append(
+            BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=4.0 * max(yaw_rate**2, 0.1**2))
+        )
     return terms
 
 

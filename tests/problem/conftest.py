@@ -74,7 +74,6 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.Clearance(length=0.05),
         costs.FrictionCone(mu=0.1, contacts=("foot",)),
         costs.LoadSharing(weight=per_step),
-        costs.Overload(share=0.3),
         costs.ForceRate(),
     ]
 
