@@ -7,7 +7,6 @@
 #define W3 (3 * NX)
 #define MROWS (NR + NFC * CR)
 #define TOUCH (NFC * CR * 18)
-#define SOURCES ((NR > 0) + NFC)
 
 static __device__ inline double octo_coefficient(const double *q, int row) {
 #if NFC > 0
@@ -52,27 +51,25 @@ static __device__ inline octo_place_of_step octo_place_at(int steps, size_t memb
   return at;
 }
 
-/* Residuals of one source (the state's terms, or one contact's), and with jac and touch their derivatives. */
-static __device__ inline void octo_source(const octo_place_of_step *at, int source, double *r, double *jac, double *touch) {
+/* Residuals r and, with jac and touch, their derivatives: a warp for each piece over the state, a thread for each contact. */
+static __device__ inline void octo_costs_of_step(const octo_place_of_step *at, double *r, double *jac, double *touch) {
   const double *arg[8];
   double *res[4], w[COST_W + 1];
-  int iw[COST_IW + 1];
-#if NR > 0
-  if (source == 0) {
-    arg[0] = at->x[0]; arg[1] = at->x[1]; arg[2] = at->x[2]; arg[3] = at->u; arg[4] = at->p; arg[5] = at->q;
-    res[0] = r; res[1] = jac;
-    if (jac) octo_state_cost_jac(arg, res, iw, w, 0);
-    else octo_state_cost(arg, res, iw, w, 0);
-    return;
-  }
-#endif
+  int iw[COST_IW + 1], pieces = jac ? PIECES : VALUES;
+  arg[0] = at->x[0]; arg[1] = at->x[1]; arg[2] = at->x[2]; arg[3] = at->u; arg[4] = at->p; arg[5] = at->q;
+  if (LANE % 32 == 0)
+    for (int k = LANE / 32; k < pieces; k += (LANES + 31) / 32) {
+      res[0] = (k < VALUES ? r : jac) + octo_piece_at[k];
+      octo_piece(k, arg, res, iw, w);
+    }
 #if NFC > 0
-  int k = source - (NR > 0), body = octo_cost_contact_body[k];
-  for (int node = 0; node < 3; ++node) arg[node] = at->kin[node] + 12 * body;
-  arg[3] = octo_cost_contact_data + 4 * k; arg[4] = at->p; arg[5] = at->q;
-  res[0] = r + NR + k * CR;
-  if (touch) { res[1] = touch + k * CR * 18; octo_contact_cost_jac(arg, res, iw, w, 0); }
-  else octo_contact_cost(arg, res, iw, w, 0);
+  EACH(k, NFC) {
+    for (int node = 0; node < 3; ++node) arg[node] = at->kin[node] + 12 * octo_cost_contact_body[k];
+    arg[3] = octo_cost_contact_data + 4 * k;
+    res[0] = r + NR + k * CR;
+    if (touch) { res[1] = touch + k * CR * 18; octo_contact_cost_jac(arg, res, iw, w, 0); }
+    else octo_contact_cost(arg, res, iw, w, 0);
+  }
 #endif
 }
 
@@ -85,7 +82,7 @@ extern "C" __global__ void octo_terms(int steps, const double *nodes, const doub
   octo_place_of_step at = octo_place_at(steps, blockIdx.y, blockIdx.x, nodes, kin, p, q, u);
   EACH(j, NU) u[j] = fd[item * NX + octo_actuated[j]];
   BARRIER;
-  EACH(k, SOURCES) octo_source(&at, k, r, 0, 0);
+  octo_costs_of_step(&at, r, 0, 0);
   BARRIER;
   EACH(k, NTERM) {
     double sum = 0.0;
@@ -137,12 +134,12 @@ extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests,
   r += item * MROWS; jac += item * NZ; touch += item * TOUCH; lam += item * NX;
   EACH(j, NU) u[j] = fd[item * NX + octo_actuated[j]];
   BARRIER;
-  EACH(k, SOURCES) octo_source(&at, k, r, jac, touch);
+  octo_costs_of_step(&at, r, jac, touch);
   BARRIER;
   EACH(j, NU) {
     double sum = 0.0;
 #if NR > 0
-    for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* entries are sorted by column */
+    for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* those of u are last */
       int row = octo_state_entry_row[z];
       double c = at.q[octo_state_row_term[row]];
       if (octo_state_entry_column[z] - W3 == j && c != 0.0) sum += 2.0 * c * r[row] * jac[z];

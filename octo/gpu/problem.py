@@ -9,11 +9,12 @@ import numpy as np
 
 from octo.errors import DeviceError
 from octo.gpu.device import Array, Device, Kernel, source
+from octo.gpu.pieces import Pieces
 from octo.gpu.tables import Gather, Tables
 from octo.problem import codegen
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 
-SMALL = 64  # threads of a block for a step's residuals and derivatives
+SMALL = 128  # threads of a block for a step
 WIDE = 256  # for sums over blocks
 PARTS = 128  # of common.cuh
 BATCHED = ("p", "q", "row_scale", "constant")
@@ -27,7 +28,9 @@ class Program:
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        parts = [text, codegen.residual_text(functions, dynamics), *map(source, ("common.cuh", "dynamics.cu", "model.cu"))]
+        pieces = Pieces.of(functions)
+        costs = [codegen.residual_text(functions, dynamics, pieces), pieces.text()]
+        parts = [text, *costs, *map(source, ("common.cuh", "dynamics.cu", "model.cu"))]
         self.text = "\n".join(parts)
         self.module = device.module(self.text)
         size = device.empty((2,), np.int32)

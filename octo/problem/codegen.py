@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -217,10 +217,13 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     return "\n".join([residual_text(functions, dynamics), *parts])
 
 
-def residual_text(functions: CostFunctions, dynamics: Dynamics) -> str:
-    """The generated functions of the costs and their tables, in C that is CUDA too; stands after the text of the dynamics."""
+def residual_text(functions: CostFunctions, dynamics: Dynamics, state: StateFunctions | None = None) -> str:
+    """The generated functions of the costs and their tables, in C that is CUDA too; stands after the text of the dynamics.
+
+    ``state``: other functions in the place of those over the state, whose entries are ordered in their own way.
+    """
     generator = ca.CodeGenerator("octo_costs.c", {"with_header": False, "include_math": False, "casadi_int": "int"})
-    made = [functions.state, functions.state_jac]
+    made = [functions.state, functions.state_jac] if state is None else [*state.functions]
     if functions.contact is not None:
         made += [functions.contact, functions.contact_jac]
     for function in made:
@@ -229,20 +232,35 @@ def residual_text(functions: CostFunctions, dynamics: Dynamics) -> str:
         "#undef CASADI_CODEGEN_PREFIX\n#undef CASADI_PREFIX\n#undef CASADI_NAMESPACE_CONCAT\n#undef _CASADI_NAMESPACE_CONCAT\n"
         "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
         generator.dump(),
-        _tables(functions, dynamics, made),
+        _tables(functions, dynamics, made, state),
     ]
     return "\n".join(text)
 
 
-def _tables(functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function]) -> str:
+class StateFunctions(Protocol):
+    """What else may stand for the functions over the state: see ``octo.gpu.pieces``."""
+
+    @property
+    def functions(self) -> list[ca.Function]: ...
+
+    @property
+    def rows(self) -> NDArray[np.intp]: ...
+
+    @property
+    def columns(self) -> NDArray[np.intp]: ...
+
+
+def _tables(functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function], state: StateFunctions | None) -> str:
     """Sizes as macros, index tables as constant arrays."""
     sparsity = functions.state_sparsity
     rows, columns = np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
+    if state is not None:
+        rows, columns = state.rows, state.columns
     sizes = {
         "MU": len(dynamics.unactuated), "NU": dynamics.nu, "NQ": max(functions.references.size, 1),
         "NTERM": len(functions.references.terms), "NR": len(functions.state_terms), "NZ": sparsity.nnz(),
         "CR": len(functions.contact_terms), "NFC": len(functions.contact_spheres),
-        "COST_W": max(f.sz_w() for f in made), "COST_IW": max(f.sz_iw() for f in made),
+        "COST_W": max((f.sz_w() for f in made), default=0), "COST_IW": max((f.sz_iw() for f in made), default=0),
     }  # fmt: skip
     lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     tables: dict[str, Any] = {

@@ -37,7 +37,8 @@ class Recorder:
 
 def _packed(kernel: Any, launch: Any, arguments: list[Any]) -> bytes:
     name = kernel.name.encode()
-    parts = [struct.pack("i", len(name)), name, struct.pack("=3IQ", *launch.grid, launch.shared), struct.pack("i", len(arguments))]
+    sizes = struct.pack("=3IQ", *launch.grid, launch.shared)
+    parts = [struct.pack("i", len(name)), name, sizes, struct.pack("i", len(arguments))]
     seen: dict[int, int] = {}
     for k, (letter, argument) in enumerate(zip(kernel.signature, arguments, strict=True)):
         if letter in "id":

@@ -1,0 +1,156 @@
+"""Every kernel compiles for GPUs without one; registers, spills and shared memory beside a committed table (nvrtc.json).
+
+``PYTHONPATH=. python tests/gpu/test_nvrtc.py`` prints the report and writes the table anew.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import octo
+from octo import native
+from octo.dynamics.evaluate import CustomDynamics
+from octo.dynamics.laws import Compliant
+from octo.errors import DeviceError, MissingExtraError
+from octo.gpu import emulator, nvrtc
+from octo.gpu.linear import CHOICES, PIVOT, Linear
+from octo.gpu.problem import Program
+from octo.problem.compiled import CompiledProblem
+
+TABLE = Path(__file__).parent / "nvrtc.json"
+ROBOTS = {"chain": "paper", "mammal": "robot", "humanoid": "robot"}  # 14, 18 and 35 degrees of freedom
+ARCHITECTURES = ("sm_80", "sm_90")
+MORE_REGISTERS = 1.1  # CasADi's text differs a little from version to version
+WORK = "\nint octo_work_bytes(void) { return 8 * WORK; }\n"
+
+
+class Dry:
+    """A device that compiles nothing and runs nothing: for the texts."""
+
+    xp, shared_limit = np, emulator.SHARED_LIMIT
+
+    def __init__(self, work: int = 0):
+        self.work, self.texts = work, []
+
+    def module(self, text: str) -> Any:
+        self.texts.append(text)
+        return self
+
+    def kernel(self, name: str) -> Any:
+        return lambda grid, threads, size, **_: size.fill(self.work // 8)
+
+    def empty(self, shape: tuple[int, ...], dtype: Any = float) -> np.ndarray:
+        return np.zeros(shape, dtype)
+
+    def host(self, array: np.ndarray) -> np.ndarray:
+        return array
+
+
+@functools.cache
+def program(dynamics_or_robot: Any, costs: str) -> Program:
+    terms = octo.costs.robot() if costs == "robot" else octo.costs.paper()
+    compiled = CompiledProblem([octo.Problem(dynamics_or_robot, steps=20, dt=0.025, costs=terms)])
+    library = native.load(compiled.dynamics.text() + WORK, ("-DLANE=0", "-DLANES=1", "-DBARRIER="))
+    assert library is not None
+    return Program(compiled, Dry(library.octo_work_bytes()))
+
+
+@functools.cache
+def robot(name: str) -> octo.Character:
+    return octo.gallery.CHARACTERS[name]()
+
+
+@functools.cache
+def report(name: str) -> dict[str, Any]:
+    """Registers, stack and spilled bytes of every kernel, and what a block needs of dynamic shared memory."""
+    made = program(robot(name), ROBOTS[name])
+    nx, mu = robot(name).nx, robot(name).nx - robot(name).nu
+    texts = (made.text, Linear(Dry(), nx, mu).text)
+    jobs = [(text, architecture) for text in texts for architecture in ARCHITECTURES]
+    with ThreadPoolExecutor() as pool:
+        binaries = dict(zip(jobs, pool.map(lambda job: nvrtc.compile_text(*job), jobs), strict=True))
+    block, out = 2 * (nx + mu), {}
+    for architecture in ARCHITECTURES:
+        kernels = {key: k for text in texts for key, k in binaries[text, architecture].kernels.items()}
+        out[architecture] = {key: [k.registers, k.stack, k.spill_stores, k.spill_loads] for key, k in sorted(kernels.items())}
+    shared = {"step": 8 * made.work, "rows": made.room, "pivot": 8 * (2 * block + 4 * PIVOT + 4 * CHOICES + block**2)}
+    return {"kernels": out, "shared": shared}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiler():
+    try:
+        nvrtc.compile_text('extern "C" __global__ void nothing() {}')
+    except MissingExtraError:
+        pytest.skip("nvidia-cuda-nvrtc is not installed")
+    if native.compiler() is None:
+        pytest.skip("no C compiler")
+
+
+@pytest.mark.parametrize("architecture", ARCHITECTURES)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_registers_spills_and_shared_memory(name, architecture):
+    found, table = report(name), json.loads(TABLE.read_text())
+    expected = table["report"][name]
+    own, other = found["kernels"][architecture], expected["kernels"][architecture]
+    assert set(own) == set(other)
+    for kernel, (registers, _, stores, loads) in own.items():
+        allowed, _, allowed_stores, allowed_loads = other[kernel]
+        assert registers <= max(allowed * MORE_REGISTERS, allowed + 8), kernel
+        if allowed_stores == 0:
+            assert (stores, loads) == (0, 0), f"{kernel} spills"
+        assert stores <= 1.2 * allowed_stores and loads <= 1.2 * allowed_loads, kernel
+        assert allowed_stores == 0 or kernel in table["reasons"], f"{kernel} spills without a reason"
+    assert found["shared"] == expected["shared"]
+
+
+def test_another_law_and_user_written_dynamics():
+    law = nvrtc.compile_text(program(octo.RobotDynamics(robot("chain"), Compliant()), "paper").text)
+    assert law.kernels["octo_jacobian"].spill_stores == 0
+    dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {})
+    problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
+    assert nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).text).cubin[:4] == b"\x7fELF"
+
+
+@pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])
+def test_other_blocks(nc, ma):
+    assert nvrtc.compile_text(Linear(Dry(), nc, ma).text).kernels["octo_kkt_pivots"].spill_stores == 0
+
+
+def test_wrong_text_is_refused_with_the_log():
+    with pytest.raises(DeviceError, match="nonsense"):
+        nvrtc.compile_text("nonsense")
+
+
+def test_machine_code_is_cached(tmp_path, monkeypatch):
+    from octo.gpu import cuda
+
+    monkeypatch.setenv("OCTO_CACHE", str(tmp_path))
+    text = 'extern "C" __global__ void nothing() {}'
+    paths = {cuda.cubin(text, "sm_90", "14.2.0"), cuda.cubin(text, "sm_80", "14.2.0"), cuda.cubin(text, "sm_90", "14.3.0")}
+    assert len(paths) == 3 and all(path.read_bytes()[:4] == b"\x7fELF" for path in paths)
+    monkeypatch.setattr(nvrtc, "compile_text", None)
+    assert cuda.cubin(text, "sm_90", "14.2.0") in paths
+
+
+if __name__ == "__main__":
+    reasons = json.loads(TABLE.read_text())["reasons"] if TABLE.exists() else {}
+    made = {name: report(name) for name in ROBOTS}
+    text = json.dumps({"nvrtc": nvrtc.version(), "reasons": reasons, "report": made}, indent=1)
+    TABLE.write_text(re.sub(r"\[\s+(\d+),\s+(\d+),\s+(\d+),\s+(\d+)\s+\]", r"[\1, \2, \3, \4]", text) + "\n")
+    for name, one in made.items():
+        print(f"{name}: shared memory {one['shared']}")
+        for architecture, kernels in one["kernels"].items():
+            for kernel, (registers, stack, stores, loads) in kernels.items():
+                print(
+                    f"  {architecture} {kernel:32s}{registers:4d} registers, {stack:4d} bytes of stack, {stores} + {loads} spilled"
+                )
