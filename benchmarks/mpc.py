@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import octo
-from octo.mpc import Controller, Push, VelocityCommand, run, walking_problem
+from octo.mpc import Controller, Push, VelocityCommand, animate, run, walking_problem
 from octo.mpc.log import memory_in_use
 from octo.plant import MujocoPlant
 from octo.problem.problem import Problem
@@ -91,11 +91,13 @@ def measure_latency(name: str, calls: int = 1000, warm: int = 200) -> dict[str, 
     plant.reset_chart(problem.start)
     controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
     controller.reset(plant.q, plant.v)
-    whole, ahead, low = [], [], []
+    whole, ahead, low, processor = [], [], [], []
     for k in range(warm + calls):
         t = 0.01 * k
         q, v = plant.q, plant.v
+        began_processor = time.thread_time()
         command = controller.step(t, q, v)
+        processor.append(time.thread_time() - began_processor)
         whole.append(command.seconds)
         ahead.append(command.prepare)
         for j in range(5):
@@ -106,7 +108,7 @@ def measure_latency(name: str, calls: int = 1000, warm: int = 200) -> dict[str, 
             plant.step(u)
     whole, ahead = whole[warm:], ahead[warm:]
     after = np.array(whole) - np.array(ahead)
-    parts = {"step": whole, "prepare": ahead, "feedback": after, "command": low[5 * warm :]}
+    parts = {"step": whole, "processor": processor[warm:], "prepare": ahead, "feedback": after, "command": low[5 * warm :]}
     stages = split(controller)
     return {
         **{part: {f"p{p}": 1e3 * float(np.percentile(v, p)) for p in (50, 95, 99, 100)} for part, v in parts.items()},
@@ -237,7 +239,8 @@ def iterate(controller: Controller, start: Any, x: Any, before: Any, cap: int) -
     horizon.nodes[:] = start
     horizon.nodes[0], horizon.nodes[1] = before, x
     for count in range(1, cap + 1):
-        if not controller._iterate():
+        controller._iteration.prepare()
+        if not controller._iteration.whole():
             return cap, float("nan")
         if np.abs(horizon.C).max() <= 1e-3 and np.abs(horizon.step).max() <= 1e-2:
             return count, horizon.energy
@@ -301,8 +304,82 @@ def allocations(calls: int = 1000) -> dict[str, Any]:
     return {"bytes": int(sum(d.size_diff for d in difference)), "blocks": int(sum(d.count_diff for d in difference))}
 
 
+def chain() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    yield "40 s by horizons of 1 s", animate_chain
+    yield "40 s as one problem", solve_chain
+
+
+def chain_problem(steps: int, basis: str) -> Problem:
+    costs = [octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort()]
+    return octo.Problem(octo.gallery.chain(), steps=steps, dt=0.025, costs=costs, basis=basis)
+
+
+def animate_chain() -> dict[str, Any]:
+    motion = animate(chain_problem(40, "nodes"), 40.0)
+    return {**chain_report(motion), "plans": len(motion.history["energy"])}
+
+
+def solve_chain() -> dict[str, Any]:
+    return chain_report(octo.solve(chain_problem(1600, "hermite"), passes=1, device="cpu"))
+
+
+def chain_report(motion: octo.Solution) -> dict[str, Any]:
+    return {
+        "distance": float(motion.com[-1, 0] - motion.com[0, 0]), "seconds": motion.seconds,
+        "processor_seconds": motion.processor_seconds, "energy": motion.energy, "iterations": motion.iterations,
+        "violation_mg": motion.violation / motion.weight, "torque_excess": motion.torque_excess, "status": motion.status.label,
+    }  # fmt: skip
+
+
+def stand_up() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    from examples.mpc_stand_up import rise, stand_up_problem
+
+    problem = stand_up_problem(octo.gallery.mammal())
+    for seed in range(10):
+        yield f"seed {seed}", lambda s=seed: rise(problem, s)
+
+
+def faults() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    yield "go2 walks through faults", faulty_walk
+
+
+def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
+    """Every 20th measurement NaN, every 23rd the one before again, now and then a budget of 1 ms for half a second."""
+    problem = problem_of("go2")
+    robot = problem.character
+    assert robot is not None
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
+    controller.reset(plant.q, plant.v)
+    counts: dict[str, int] = {}
+    outside, wrong = 0, 0
+    q, v = plant.q.copy(), plant.v.copy()
+    for k in range(round(100 * seconds)):
+        t = 0.01 * k
+        if k % 23 or not k:
+            q, v = plant.q.copy(), plant.v.copy()
+        broken = q.copy()
+        if k % 20 == 19:
+            broken[7 + k % robot.nu] = np.nan
+        controller.budget = 1e-3 if 400 <= k % 1000 < 450 else None
+        command = controller.step(t, broken, v)
+        name = command.status.label
+        counts[name] = counts.get(name, 0) + 1
+        wrong += int((k % 20 == 19) != (name == "invalid")) + int(k % 20 != 19 and k % 23 == 0 and k > 0 and name != "stale")
+        for j in range(5):
+            u = controller.command(t + 0.002 * j, plant.q, plant.v)
+            outside += int(not (np.isfinite(u).all() and (np.abs(u) <= robot.torque_limit + 1e-12).all()))
+            plant.step(u)
+    return {
+        "statuses": counts, "commands_outside": outside, "statuses_wrong": wrong, "height": plant.height,
+        "upright": float(plant.base_rotation[2, 2]),
+    }  # fmt: skip
+
+
 SECTIONS: Sections = {
     "latency": latency, "walks": walks, "pushes": pushes, "stress": stress, "robots": robots, "warm": warm, "memory": memory,
+    "chain": chain, "stand_up": stand_up, "faults": faults,
 }  # fmt: skip
 
 

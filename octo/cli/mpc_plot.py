@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from octo.errors import MissingExtraError
 from octo.mpc.log import Log
@@ -53,7 +54,7 @@ def _velocity(log: Log, axes: Axes) -> None:
 
 def _smooth(values: np.ndarray, tick: float) -> np.ndarray:
     width = max(1, round(0.2 / tick))
-    return np.convolve(values, np.ones(width) / width, mode="same")
+    return np.asarray(uniform_filter1d(values, width, mode="nearest"))
 
 
 def _base(log: Log, axes: Axes) -> None:

@@ -1,5 +1,6 @@
 """Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop around both."""
 
+from octo.mpc.animation import animate
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.controller import Controller
 from octo.mpc.convention import Convention
@@ -18,6 +19,7 @@ __all__ = [
     "Plan",
     "Push",
     "VelocityCommand",
+    "animate",
     "foot_law",
     "run",
     "stance",

@@ -48,8 +48,6 @@ class Command:
     """
 
     u: Array
-    x: Array
-    v: Array
     valid_until: float
     status: CommandStatus
     seconds: float
@@ -59,6 +57,19 @@ class Command:
     energy: float
     violation: float
     _gains: Callable[[], Array]
+    _goal: Callable[[], tuple[Array, Array]]
+
+    @cached_property
+    def _state(self) -> tuple[Array, Array]:
+        return self._goal()
+
+    @property
+    def x(self) -> Array:
+        return self._state[0]
+
+    @property
+    def v(self) -> Array:
+        return self._state[1]
 
     @cached_property
     def K(self) -> Array:

@@ -16,6 +16,7 @@ from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError,
 from octo.model.mass_matrix import mass_matrix
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.convention import Convention
+from octo.mpc.iteration import Iteration
 from octo.mpc.plan import Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
@@ -28,10 +29,7 @@ Guide = Callable[["Controller", float, Array], None]
 
 CURVATURES = ("gauss-newton", "exact")
 SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
-CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
 SETTLE = 40  # iterations at a reset, from the pose held still
-HARDER, EASIER = 10.0, 3.0  # of sigma, after a call without a step and after one with it
-HARDEST = 1e3
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 STIFFNESS = 1.1  # of mg·ℓ a rad, the low level's kp
@@ -90,15 +88,16 @@ class Controller:
         self.convention = Convention(self.robot, convention)
         self.compiled = CompiledProblem([problem])
         self.compiled.prepare()
+        self._views: dict[tuple[str, str], Array] = {}
         self.horizon = RecedingHorizon(self.compiled, positive("sigma", sigma))
-        self.sigma, self.dt, self.guide = sigma, float(problem.dt), guide
+        self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
         kp = STIFFNESS * problem.weight * problem.length if stiffness is None else stiffness
         kd = self._default_damping(kp) if damping is None else damping
         self.kp, self.kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)).copy() for k in (kp, kd))
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
-        self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
+        self._iteration = Iteration(self.horizon, hinge, sigma, self.exact)
         size = (problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._plans = [Plan(*size) for _ in range(3)]
         self._first_joint = self.convention.actuated_q
@@ -114,7 +113,13 @@ class Controller:
 
     def reference(self, label: str, name: str) -> Array:
         """(N, size) of a term's references, to be written in place: the next plan follows it. Nothing is recompiled."""
-        return self.compiled.q[0][:, self._place(label)[1][name]] if self._knows(label, name) else np.empty(0)
+        view = self._views.get((label, name))
+        if view is None:
+            places = self._place(label)[1]
+            if name not in places:
+                raise UnknownNameError(f"reference of {label}", name, places)
+            view = self._views[label, name] = self.compiled.q[0][:, places[name]]
+        return view
 
     def _place(self, label: str) -> tuple[int, dict[str, slice]]:
         table = self.compiled.functions.references
@@ -123,12 +128,6 @@ class Controller:
             raise UnknownNameError("term", label, labels)
         k = labels.index(label)
         return k, table.places[k]
-
-    def _knows(self, label: str, name: str) -> bool:
-        places = self._place(label)[1]
-        if name not in places:
-            raise UnknownNameError(f"reference of {label}", name, places)
-        return True
 
     def update(self, label: str, **values: Any) -> None:
         """Change a term's fields: ``update("BaseHeight", height=0.3, weight=40.0)``. Its scale stays that of the problem.
@@ -179,8 +178,11 @@ class Controller:
         if self.guide is not None:
             self.guide(self, t, x)
         good = True
+        self.horizon.evaluate()
         for _ in range(SETTLE):
-            good = self._iterate() and self._accept(t)
+            self._iteration.prepare()
+            good = (self._iteration.better() if self.iterations > 1 else self._iteration.whole()) and self._accept(t)
+            self._iteration.learn(good)
             if not good or np.max(np.abs(self.horizon.step)) < 1e-3:
                 break
         if not good:  # stand still
@@ -189,12 +191,11 @@ class Controller:
             self._accept(t, anyway=True)
 
     def _forget(self, x: Array) -> None:
-        self.horizon.sigma[0] = self.sigma
-        self.horizon.guess[:] = 0.0
+        self._iteration.forget()
         self._plan, self._next = self._plans[0], 1
         self._last_time, self._tick = -np.inf, self.dt
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
-        self._near, self._prepared, self._usable = x.copy(), np.nan, True
+        self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
         self._gain_nodes, self._gain = np.zeros((3, self.robot.nx)), np.zeros((self.robot.nx, 2 * self.robot.nx))
 
@@ -247,7 +248,7 @@ class Controller:
             self._failures = 0
         elif self.exact:
             self._shift_multipliers(t)
-        self._usable = self.horizon.prepare(self.exact)
+        self._iteration.prepare()
         self._prepared = t
 
     def feedback(self, t: float, q: Array, v: Array) -> Command:
@@ -282,70 +283,38 @@ class Controller:
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x
             status, done = self._improve(t, x, before, began)
-            self._learn(status)
+            self._failures = 0 if status is CommandStatus.SOLVED else self._failures + (status is not CommandStatus.BUDGET)
             if status is CommandStatus.SOLVED and late:
                 status = CommandStatus.LATE
             self._prepared = np.nan
         return self._command(t, status, began, ahead, done)
 
-    def _learn(self, status: CommandStatus) -> None:
-        """A larger weight after a step that could not be taken, a smaller one after one that could."""
-        sigma = self.horizon.sigma
-        if status in (CommandStatus.FAILED, CommandStatus.DIVERGED):
-            self._failures += 1
-            sigma[0] = min(HARDER * sigma[0], HARDEST)
-        elif status is CommandStatus.SOLVED:
-            self._failures = 0
-            sigma[0] = max(self.sigma, sigma[0] / EASIER)
-
     def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
         """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
-        horizon, done, best = self.horizon, 0, np.inf
+        horizon, iteration, done = self.horizon, self._iteration, 0
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
             return CommandStatus.BUDGET, 0
-        while done < self.iterations and not (done and self._spent(began, (time.perf_counter() - began) / done)):
-            if done:
-                self._usable = horizon.prepare(self.exact)
-            if not self._move():
-                return (CommandStatus.SOLVED, done) if done else (CommandStatus.FAILED, 0)
-            if self._spent(began):
-                return (CommandStatus.SOLVED, done) if done else (CommandStatus.BUDGET, 0)
-            merit = self._merit()
-            if merit < best or not done:
+        if self.iterations > 1:
+            horizon.evaluate()
+        for k in range(self.iterations):
+            if k:
+                if self._spent(began, (time.perf_counter() - began) / k):
+                    break
+                iteration.prepare()
+            good = iteration.better() if self.iterations > 1 else iteration.whole()
+            iteration.learn(good)
+            if self._spent(began) and not done:
+                return CommandStatus.BUDGET, 0
+            if good:
                 if not self._accept(t):
+                    iteration.learn(False)
                     return (CommandStatus.SOLVED, done) if done else (CommandStatus.DIVERGED, 0)
-                best = merit
-            done += 1
-        return CommandStatus.SOLVED, done
+                done += 1
+        return (CommandStatus.SOLVED, done) if done else (CommandStatus.FAILED, 0)
 
     def _spent(self, began: float, needed: float = 0.0) -> bool:
         return self.budget is not None and time.perf_counter() - began + needed > self.budget
-
-    def _merit(self) -> float:
-        """E and the l1 norm of C, weighed by its multipliers."""
-        if self.iterations == 1:
-            return 0.0
-        return self.horizon.energy + 2.0 * float(np.abs(self.horizon.lam).max(initial=0.0) * np.abs(self.horizon.C).sum())
-
-    def _iterate(self) -> bool:
-        self._usable = self.horizon.prepare(self.exact)
-        return self._move()
-
-    def _move(self) -> bool:
-        """One step, shortened to the cap, and the torques at its end; False where there is none."""
-        horizon = self.horizon
-        if not horizon.feedback(self.exact, self._usable):
-            return False
-        step = horizon.step
-        length = 1.0 / max(1.0, float((np.abs(step) * self._inverse_cap).max()))
-        if not np.isfinite(length) or length <= 0.0:
-            return False
-        horizon.nodes[2:] += length * step
-        if self.exact:
-            horizon.guess[2:] += length * (horizon.lam - horizon.guess[2:])
-        horizon.evaluate()
-        return True
 
     def _accept(self, t: float, anyway: bool = False) -> bool:
         """Make the horizon's nodes the plan, unless they are no motion."""
@@ -359,7 +328,7 @@ class Controller:
         ratio = np.abs(u[:, self._has_limit]) / self.limit[self._has_limit]
         self._worst, self._energy, self._violation = float(ratio.max(initial=0.0)), energy, violation
         plan = self._plans[self._next]
-        plan.store(t, horizon.nodes, np.clip(u, -self.limit, self.limit))
+        plan.store(t, horizon.nodes, self._limited(u))
         self._plan, self._next = plan, (self._next + 1) % len(self._plans)
         self._gain_nodes[:] = horizon.nodes[:3]
         if not anyway:
@@ -373,11 +342,10 @@ class Controller:
         when = t if np.isfinite(t) else plan.time
         u = plan.at(when)[2]
         x, rate, _ = plan.at(when + self._tick)
-        q, v = self.convention.from_octo(x, rate)
         gain, nodes = self._gain.copy(), self._gain_nodes.copy()
         return Command(
-            np.clip(u, -self.limit, self.limit), q, v, plan.end, status, time.perf_counter() - began, ahead, done, self._worst,
-            self._energy, self._violation, lambda: self._gains(gain, nodes),
+            self._limited(u), plan.end, status, time.perf_counter() - began, ahead, done, self._worst, self._energy,
+            self._violation, lambda: self._gains(gain, nodes), lambda: self.convention.from_octo(x, rate),
         )  # fmt: skip
 
     def _gains(self, gain: Array, nodes: Array) -> Array:
@@ -400,7 +368,10 @@ class Controller:
         u = u + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[actuated])
         if not np.isfinite(u).all():  # a joint that is not measured follows the plan's torque
             u = np.where(np.isfinite(u), u, self._plan.joints(t)[2])
-        return np.minimum(np.maximum(u, -self.limit), self.limit)
+        return self._limited(u)
+
+    def _limited(self, u: Array) -> Array:
+        return np.asarray(np.minimum(np.maximum(u, -self.limit), self.limit))
 
     def _check_shapes(self, q: Array, v: Array) -> None:
         for name, value, size in (("q", q, self.convention.nq), ("v", v, self.convention.nv)):

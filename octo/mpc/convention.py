@@ -7,6 +7,7 @@ ever, and fall through the chart's singularity.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,8 @@ class Convention:
 
 def rotation_from(q: Array, real_first: bool) -> Array:
     """(3, 3) of a quaternion (4,) of any length."""
-    w, x, y, z = q if real_first else (q[3], q[0], q[1], q[2])
+    numbers = q.tolist()  # Python's own numbers: a third of the time
+    w, x, y, z = numbers if real_first else (numbers[3], *numbers[:3])
     s = 2.0 / (w * w + x * x + y * y + z * z)
     return np.array([
         [1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
@@ -100,7 +102,8 @@ def rotation_from(q: Array, real_first: bool) -> Array:
 
 def rotation_of(angles: Array, chart: str) -> Array:
     """(3, 3) of the chart's three angles, outermost (yaw) first."""
-    (ca, cb, cc), (sa, sb, sc) = map(math.cos, angles), map(math.sin, angles)
+    numbers = np.asarray(angles).tolist()
+    (ca, cb, cc), (sa, sb, sc) = map(math.cos, numbers), map(math.sin, numbers)
     if chart == "zyx":
         return np.array([
             [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
@@ -114,28 +117,29 @@ def rotation_of(angles: Array, chart: str) -> Array:
     ])  # fmt: skip
 
 
-def angles_of(rotation: Array, chart: str, near: Array) -> tuple[float, float, float]:
+def angles_of(rotation: Array, chart: str, near: Any) -> tuple[float, float, float]:
     """The chart's angles of a rotation (3, 3) that are nearest to ``near`` (3,)."""
-    R = rotation
-    middle, across = (-R[2, 0], R[1, 0]) if chart == "zyx" else (R[2, 1], -R[0, 1])
-    along = R[0, 0] if chart == "zyx" else R[1, 1]
+    R, near = rotation.tolist(), np.asarray(near).tolist()
+    middle, across = (-R[2][0], R[1][0]) if chart == "zyx" else (R[2][1], -R[0][1])
+    along = R[0][0] if chart == "zyx" else R[1][1]
     cosine = math.hypot(across, along)
     b = math.atan2(middle, cosine)
     if cosine > SINGULAR:
         a = math.atan2(across, along)
-        c = math.atan2(R[2, 1], R[2, 2]) if chart == "zyx" else math.atan2(-R[2, 0], R[2, 2])
+        c = math.atan2(R[2][1], R[2][2]) if chart == "zyx" else math.atan2(-R[2][0], R[2][2])
     else:  # only a ± c is known: the outer angle stays
-        a = float(near[0])
+        a = near[0]
         ca, sa = math.cos(a), math.sin(a)
-        c = math.atan2(sa * R[0, 2] - ca * R[1, 2], ca * R[1, 1] - sa * R[0, 1]) if chart == "zyx" else math.atan2(
-            ca * R[0, 2] + sa * R[1, 2], ca * R[0, 0] + sa * R[1, 0]
-        )
+        if chart == "zyx":
+            c = math.atan2(sa * R[0][2] - ca * R[1][2], ca * R[1][1] - sa * R[0][1])
+        else:
+            c = math.atan2(ca * R[0][2] + sa * R[1][2], ca * R[0][0] + sa * R[1][0])
     choices = [_near((a, b, c), near), _near((a + math.pi, math.pi - b, c + math.pi), near)]
     distance = [sum((value - aim) ** 2 for value, aim in zip(choice, near, strict=True)) for choice in choices]
     return choices[0] if distance[0] <= distance[1] else choices[1]
 
 
-def _near(angles: tuple[float, float, float], near: Array) -> tuple[float, float, float]:
+def _near(angles: tuple[float, float, float], near: list[float]) -> tuple[float, float, float]:
     a, b, c = (value + 2.0 * math.pi * round((aim - value) / (2.0 * math.pi)) for value, aim in zip(angles, near, strict=True))
     return a, b, c
 
@@ -151,12 +155,15 @@ def body_axes(angles: Array, chart: str) -> Array:
 
 def turned_by(vector: Array) -> Array:
     """(3, 3) the rotation about a vector (3,) rad (Rodrigues' formula)."""
-    x, y, z = vector
+    x, y, z = vector.tolist()
     angle = math.sqrt(x * x + y * y + z * z)
     s = math.sin(angle) / angle if angle > 1e-8 else 1.0
     c = (1.0 - math.cos(angle)) / angle**2 if angle > 1e-8 else 0.5
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + s * cross + c * (cross @ cross))
+    return np.array([
+        [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+        [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
+        [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
+    ])  # fmt: skip
 
 
 def quaternion_of(rotation: Array) -> Array:

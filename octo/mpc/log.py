@@ -72,7 +72,7 @@ class Log:
         k = self.count
         near = self.columns["x"][k - 1] if k else self.controller.problem.start
         x = self.controller.convention.to_octo(plant.q, plant.v, 1.0, near)[0]
-        row = {
+        row: dict[str, Any] = {
             "t": t + self.tick, "q": plant.q, "v": plant.v, "x": x, "u": self.torque,
             "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "seconds": command.seconds,
             "prepare": command.prepare, "energy": command.energy, "violation": command.violation,
@@ -217,7 +217,8 @@ class Log:
     def save(self, path: str | os.PathLike[str]) -> None:
         try:
             with Path(path).open("wb") as file:
-                np.savez_compressed(file, statuses=np.array(self.statuses), falls=np.array(self.falls), **self.columns)
+                arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
+                np.savez_compressed(file, **arrays)
         except OSError as error:
             raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 

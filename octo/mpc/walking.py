@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import numbers
+from octo.checks import number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
@@ -24,6 +24,7 @@ NEAR = 0.1  # of ℓ: feet are no higher than that over the lowest one in the po
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
+ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
 LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
@@ -80,11 +81,16 @@ class VelocityCommand:
     Attributes
     ----------
     velocity: (2,) m/s, ahead and to the left. yaw_rate: rad/s. May be changed at any time.
+    acceleration: m/s² and rad/s², with which the command that is followed goes there.
     """
 
-    def __init__(self, velocity: Sequence[float] = (0.3, 0.0), yaw_rate: float = 0.0):
+    def __init__(
+        self, velocity: Sequence[float] = (0.3, 0.0), yaw_rate: float = 0.0, acceleration: tuple[float, float] = ACCELERATION
+    ):
         self.velocity = numbers("velocity", tuple(velocity)[:2], (2,))
-        self.yaw_rate = float(yaw_rate)
+        self.yaw_rate = number("yaw_rate", yaw_rate)
+        self.acceleration = (positive("acceleration", acceleration[0]), positive("acceleration", acceleration[1]))
+        self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
 
@@ -94,20 +100,33 @@ class VelocityCommand:
         ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
         if not t >= self._time or t - self._time > 1.0:  # the first call, or after a reset
             self._place, self._yaw = origin[:2].copy(), ahead
+            self._now, self._rate = np.zeros(2), 0.0
         else:
-            self._place = self._place + (t - self._time) * _turned(self.velocity, self._yaw)
-            self._yaw += (t - self._time) * self.yaw_rate
+            self._advance(t - self._time)
         self._time = t
         apart = self._place - origin[:2]
         self._place = origin[:2] + apart * min(1.0, LEASH[0] / max(float(np.hypot(*apart)), 1e-9))
         turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
         self._yaw = ahead + min(max(turn, -LEASH[1]), LEASH[1])
-        yaw = self._yaw + self.yaw_rate * dt * np.arange(1, N + 1)
-        velocity = _turned(self.velocity, yaw)
+        yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)
+        velocity = _turned(self._now, yaw)
         controller.reference("CenterOfMassVelocity", "velocity")[:, :2] = velocity
-        controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self.yaw_rate
+        controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self._rate
         controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 2] = yaw
         controller.reference("Position", "target")[:, :2] = self._place + dt * np.cumsum(velocity, axis=0)
+
+    def _advance(self, seconds: float) -> None:
+        """The command that is followed, and where it has led."""
+        self._now = _toward(self._now, self.velocity - self._now, self.acceleration[0] * seconds)
+        most = self.acceleration[1] * seconds
+        self._rate += min(max(self.yaw_rate - self._rate, -most), most)
+        self._place = self._place + seconds * _turned(self._now, self._yaw)
+        self._yaw += seconds * self._rate
+
+
+def _toward(value: Array, change: Array, most: float) -> Array:
+    """``value`` + ``change``, no further than ``most``."""
+    return np.asarray(value + change * min(1.0, most / max(float(np.hypot(*change)), 1e-12)))
 
 
 def _turned(velocity: Array, yaw: Any) -> Array:

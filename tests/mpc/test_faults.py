@@ -99,7 +99,7 @@ def test_more_iterations_never_return_a_worse_plan(running, plant):
         many = running.step(0.21, plant.q + 1e-9, plant.v)
     finally:
         running.iterations = 1
-    assert many.iterations == 6
+    assert 1 <= many.iterations <= 6
     assert many.violation <= one.violation + 1e-2
 
 

@@ -1,0 +1,106 @@
+"""A long motion by short horizons: each is solved, its first steps are kept, the rest starts the next."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from octo.checks import positive, whole
+from octo.errors import ProblemError
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Array, Problem
+from octo.solve import smooth_noise
+from octo.solver import sqp
+from octo.solver.measure import measured
+from octo.solver.options import SqpOptions
+from octo.solver.solution import HISTORY, Solution, Status
+
+FIRST = 300  # iterations of the first horizon, which starts from a pose held still
+LEFT = 1e-2  # of the weight, what a plan may leave of it in the steps that are kept
+TOLERANCE = 1e-5  # of the weight, ‖C‖∞ of a horizon
+
+
+def animate(
+    problem: Problem,
+    seconds: float,
+    *,
+    advance: int = 4,
+    iterations: int = 40,
+    seed: int = 0,
+    options: SqpOptions | None = None,
+) -> Solution:
+    """A motion of ``seconds`` in which each step was planned over the problem's horizon from where the one before led.
+
+    Parameters
+    ----------
+    problem: its N steps are the horizon, in the basis "nodes"; its start is the motion's.
+    advance: steps of each plan that are kept. iterations: of each plan (the first has more). seed: of the first start's noise.
+    options: of the solver; by default exact curvature, ‖C‖∞ ≤ 1e-5 mg.
+
+    Returns
+    -------
+    The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are those of all plans together,
+    ``history`` has one row a plan. Converged if no plan left more than 1e-2 mg.
+
+    Raises
+    ------
+    ProblemError: the basis is not nodes, or a term or the start has values of its own for each step.
+    """
+    if problem.basis_object.name != "nodes" or problem.x_end is not None:
+        raise ProblemError("animate needs the basis 'nodes' and a free end")
+    N, dt = int(problem.steps), float(problem.dt)
+    advance = min(whole("advance", advance), N)
+    total = round(positive("seconds", seconds, "s") / dt)
+    settings = options or SqpOptions(tolerance=TOLERANCE)
+    began = time.perf_counter()
+    compiled = CompiledProblem([problem])
+    compiled.prepare()
+    setup = time.perf_counter() - began
+    nodes = np.repeat(problem.start[None], N + 2, axis=0)
+    nodes[0] -= dt * problem.start_velocity
+    nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+    kept = [nodes[0].copy(), nodes[1].copy()]
+    rows: list[tuple[float, ...]] = []
+    lam, worst, counted = None, 0.0, 0
+    began, processor = time.perf_counter(), time.process_time()
+    for place in range(0, total, advance):
+        compiled.constant[0, :2] = nodes[:2]
+        most = FIRST if place == 0 else iterations
+        result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, _limited(settings, most))
+        plan, lam = result.at.nodes[0], result.lam.copy()
+        violation = float(np.abs(result.at.C[0, :advance]).max(initial=0.0)) * problem.weight
+        worst, counted = max(worst, violation), counted + int(result.iterations[0])
+        row = dict.fromkeys(HISTORY, 0.0)
+        row.update(iteration=len(rows), energy=float(result.at.energy[0]), violation=violation)
+        row["seconds"] = time.perf_counter() - began
+        rows.append(tuple(row.values()))
+        kept += list(plan[2 : 2 + advance])
+        nodes = np.concatenate([plan[advance:], np.repeat(plan[-1:], advance, axis=0)])
+        lam[:, :-advance], lam[:, -advance:] = lam[:, advance:].copy(), 0.0
+    spent = (setup, time.perf_counter() - began, time.process_time() - processor)
+    return _whole(problem, compiled, np.array(kept)[: total + 2], rows, (worst, counted), spent)
+
+
+def _limited(options: SqpOptions, iterations: int) -> SqpOptions:
+    return replace(options, max_iterations=iterations)
+
+
+def _whole(
+    problem: Problem, like: CompiledProblem, nodes: Array, rows: list[tuple[float, ...]], done: tuple[float, int],
+    spent: tuple[float, float, float],
+) -> Solution:  # fmt: skip
+    """The motion as one problem of all its steps, which nobody solved as a whole."""
+    worst, counted = done
+    setup, seconds, processor = spent
+    long = problem.replace(steps=len(nodes) - 2)
+    compiled = CompiledProblem([long], like=like)
+    at = compiled.evaluate(compiled.unknowns(nodes[None]))
+    table = np.array(rows, dtype=float)
+    return Solution(
+        **measured(compiled, at, 0), multipliers=np.zeros((compiled.K, compiled.ma)),
+        status=Status.ACCEPTABLE if worst <= LEFT * problem.weight else Status.ITERATION_LIMIT, iterations=counted,
+        factorizations=counted, history={name: table[:, k] for k, name in enumerate(HISTORY)}, seconds=seconds,
+        setup_seconds=setup, processor_seconds=processor,
+    )  # fmt: skip
