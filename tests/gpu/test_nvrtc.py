@@ -18,7 +18,7 @@ import pytest
 
 import octo
 from octo import native
-from octo.dynamics.evaluate import CustomDynamics
+from octo.dynamics.evaluate import CustomDynamics, RobotDynamics
 from octo.dynamics.laws import Compliant
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import emulator, nvrtc
@@ -114,7 +114,7 @@ def test_registers_spills_and_shared_memory(name, architecture):
 
 
 def test_another_law_and_user_written_dynamics():
-    law = nvrtc.compile_text(program(octo.RobotDynamics(robot("chain"), Compliant()), "paper").text)
+    law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").text)
     assert law.kernels["octo_jacobian"].spill_stores == 0
     dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {})
     problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
@@ -151,6 +151,5 @@ if __name__ == "__main__":
         print(f"{name}: shared memory {one['shared']}")
         for architecture, kernels in one["kernels"].items():
             for kernel, (registers, stack, stores, loads) in kernels.items():
-                print(
-                    f"  {architecture} {kernel:32s}{registers:4d} registers, {stack:4d} bytes of stack, {stores} + {loads} spilled"
-                )
+                spilled = f"{stack:4d} bytes of stack, {stores} + {loads} spilled"
+                print(f"  {architecture} {kernel:32s}{registers:4d} registers, {spilled}")

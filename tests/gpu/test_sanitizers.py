@@ -19,7 +19,7 @@ from octo.solver.options import SqpOptions
 
 RACE = "data race"
 FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
-    "race in a sum": ("thread", "octo_largest", "octo_block_max(double *part) {\n  BARRIER;", "octo_block_max(double *part) {", RACE),
+    "race in a sum": ("thread", "octo_largest", "_block_max(double *part) {\n  BARRIER;", "_block_max(double *part) {", RACE),
     "race in a pivot": ("thread", "octo_kkt_pivots", "order[r] = t; }\n  BARRIER;", "order[r] = t; }", RACE),
     "overrun of shared memory": (
         "address", "octo_kkt_fold", "*product = w + 2 * size;", "*product = w + 2 * size + 1;", "heap-buffer-overflow",
