@@ -109,7 +109,7 @@ def _solve(
     began = time.perf_counter()
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)
-    nodes = np.stack([_first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
+    nodes = np.stack([first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
     _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress() if progress else None)
@@ -250,7 +250,7 @@ def _solution(
     )  # fmt: skip
 
 
-def _first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
+def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
     """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates, or what the user gave."""
     before = problem.start - problem.dt * problem.start_velocity
     if start is None:

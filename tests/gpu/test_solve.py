@@ -13,7 +13,7 @@ from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
-from octo.solve import _first_nodes
+from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
@@ -23,7 +23,7 @@ SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)
 
 def batch_of(robot: str, basis: str, steps: int = 40, seeds: tuple[int, ...] = (0, 1)):
     problem = octo.Problem(octo.gallery.CHARACTERS[robot](), steps=steps, dt=0.025, costs=octo.costs.paper(), basis=basis)
-    return CompiledProblem([problem] * len(seeds)), np.stack([_first_nodes(problem, seed, None) for seed in seeds])
+    return CompiledProblem([problem] * len(seeds)), np.stack([first_nodes(problem, seed, None) for seed in seeds])
 
 
 def both(problem, nodes, options, device=None):

@@ -1,0 +1,52 @@
+"""The paper's §8.4 table on this machine: one walk solved by IPOPT, by octo on one core, on all cores, and on the GPU.
+
+Run ``python examples/compare_ipopt_gpu.py``; ``--short`` solves one second instead of ten. What this machine has not got
+is left out, and said.
+"""
+
+import os
+import sys
+
+import octo
+from octo import reference
+from octo.gpu import cuda
+from octo.passes import schedule
+from octo.solve import first_nodes
+
+SECONDS, DT = (1.0 if "--short" in sys.argv else 10.0), 0.025
+CORES = len(os.sched_getaffinity(0))
+
+robot = octo.gallery.mammal()
+problem = octo.Problem(
+    robot, steps=round(SECONDS / DT), dt=DT, basis="nodes",
+    costs=[octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort()],
+)  # fmt: skip
+stage = schedule(problem, 1)[0]
+assert stage is not None
+problem = problem.replace(parameters=stage.parameters(problem.weight))  # the stiffness of octo's first pass, for all
+nodes = first_nodes(problem, 0, None)  # and the same start
+options = octo.SqpOptions(max_iterations=1500)
+
+runs = {"octo, one core": octo.solve(problem, start=nodes[1:], options=options, device="cpu")}
+if CORES > 1:
+    runs[f"octo, {CORES} cores"] = octo.solve(problem, start=nodes[1:], options=options, device="cpu", threads=CORES)
+else:
+    print("left out: octo on all cores, there is one")
+reason = cuda.reason()
+if reason is None:
+    octo.solve(problem, start=nodes[1:], options=octo.SqpOptions(max_iterations=2), device="cuda")  # compiles
+    runs["octo, GPU"] = octo.solve(problem, start=nodes[1:], options=options, device="cuda")
+else:
+    print(f"left out: octo on the GPU: {reason}")
+runs["IPOPT"] = reference.Ipopt(problem, options=options).solve(nodes, None, 0).solution
+
+print(f"\n{problem.steps} steps of {DT} s, {robot.nx} degrees of freedom, nodes basis")
+print(f"{'':20s}{'time':>10s}{'iterations':>12s}{'an iteration':>14s}{'E':>10s}{'‖C‖∞':>12s}  end")
+for name, run in runs.items():
+    each = 1e3 * run.seconds / max(1, run.iterations)
+    numbers = f"{run.seconds:8.2f} s{run.iterations:12d}{each:11.2f} ms{run.energy:10.5f}{run.violation:10.1e} N"
+    print(f"{name:20s}{numbers}  {run.status.label}")
+total = runs["IPOPT"].seconds
+print(", ".join(f"{name}: {total / run.seconds:.1f} times IPOPT's speed" for name, run in runs.items() if name != "IPOPT"))
+
+assert all(run.converged for run in runs.values())

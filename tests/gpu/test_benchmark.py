@@ -1,0 +1,38 @@
+"""benchmarks/gpu.py works on a machine without a GPU, where it measures nothing."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from octo.gpu import cuda
+
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "gpu.py"
+
+
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, str(SCRIPT), *words], capture_output=True, text=True, check=False)
+
+
+def test_every_part_of_it(tmp_path):
+    done = run("--emulate", "--short", "--out", str(tmp_path / "gpu.json"))
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "gpu.json").read_text())
+    assert {"hardware", "date", "iteration_ms", "stages", "batch", "steps", "dof", "plans", "ipopt"} <= set(found)
+    assert set(found["iteration_ms"]) == {"hermite", "nodes"}
+    assert all(value > 0.0 for stages in found["stages"].values() for value in stages.values())
+
+
+def test_what_is_no_measurement_is_not_written():
+    done = run("--emulate", "--short")
+    assert done.returncode == 2 and "no measurement" in done.stderr
+
+
+@pytest.mark.skipif(cuda.reason() is None, reason="there is a GPU")
+def test_without_a_gpu_it_says_why():
+    done = run()
+    assert done.returncode == 2 and "--emulate" in done.stderr
