@@ -2,7 +2,10 @@
 
     python -m benchmarks.acceptance [--only TEXT] [--workers 2] [--out acceptance]
 
-Solves go through the command line, one process and one thread each; several starts are tried one after another.
+Lines that begin with S are of "from a robot file to a solved motion", with C of the comparison with other solvers and plants.
+Solves go through the command line, one process and one thread each; several starts are tried one after another. A row says
+*live* where it was measured now, on fewer starts, and *committed* where it reads the records in benchmarks/results, whose
+runs take longer than this table may.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from benchmarks import compare
+
 PACKAGES = Path(sysconfig.get_path("purelib"))
 DATA = PACKAGES / "cmeel.prefix/share/example-robot-data/robots"
 GYM = PACKAGES / "gymnasium/envs/mujoco/assets"
@@ -31,7 +36,7 @@ Test = Callable[[Report], str]  # "" when met, else what is wrong
 class Case:
     """One solve: met when ``needed`` of at most ``starts`` starts pass every test."""
 
-    line: int
+    line: str
     name: str
     words: str
     starts: int = 5
@@ -59,7 +64,7 @@ class Case:
 class Suite:
     """One line that tests hold: met when they pass."""
 
-    line: int
+    line: str
     name: str
     words: str
 
@@ -81,9 +86,9 @@ SPEED = {  # the largest value of a record of octo bench
 
 @dataclass(frozen=True)
 class Speed:
-    """Line 3: met when every limit holds in a run of octo bench; what does not is listed."""
+    """Lines S3 and C4: met when every limit holds in a run of octo bench; what does not is listed."""
 
-    line: int = 3
+    line: str = "S3 C4"
     name: str = "speed"
 
     def run(self, out: Path) -> Row:
@@ -99,8 +104,61 @@ class Speed:
 
 
 @dataclass(frozen=True)
+class Compared:
+    """Line C1: met when octo compare runs every solver to an end from one start, within ``limits`` of octo over IPOPT."""
+
+    case: compare.Case
+    limits: dict[str, float]
+    line: str = "C1"
+
+    @property
+    def name(self) -> str:
+        return f"{self.case.robot} {self.case.basis} live"
+
+    def run(self, out: Path) -> Row:
+        began = time.perf_counter()
+        folder = out / self.name.replace(" ", "-")
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            records = compare.compared(self.case.words(count=1), folder, quiet=True)
+        except subprocess.CalledProcessError as error:
+            return Row(self.line, self.name, False, f"exit code {error.returncode}", time.perf_counter() - began)
+        ends = ", ".join(f"{record['solver']} {record['status']}" for record in records)
+        wrong, found = judged(compare.ratios(records, self.case), self.limits)
+        return Row(self.line, self.name, not wrong, f"1 start: {ends}; {found}", time.perf_counter() - began)
+
+
+@dataclass(frozen=True)
+class Committed:
+    """Line C2: met when octo converges on as many of the five starts as IPOPT, its medians within ``limits`` of IPOPT's."""
+
+    case: compare.Case
+    limits: dict[str, float]
+    line: str = "C2"
+
+    @property
+    def name(self) -> str:
+        return f"{self.case.name} committed"
+
+    def run(self, out: Path) -> Row:
+        records = compare.read()
+        count = {s: sum(r["converged"] for r in found.values()) for s, found in compare.by_solver(records, self.case).items()}
+        wrong, found = judged(compare.ratios(records, self.case), self.limits)
+        converged = ", ".join(f"{solver} {done}" for solver, done in count.items())
+        return Row(self.line, self.name, not wrong and count["octo"] >= count["ipopt"], f"converged: {converged}; {found}", 0.0)
+
+
+def judged(ratios: dict[str, float], limits: dict[str, float]) -> tuple[list[str], str]:
+    """What is over its limit, and all of it in words."""
+    wrong = [name for name, most in limits.items() if not ratios.get(name, float("inf")) <= most]
+    said = [f"{name} {value:.2f}" for name, value in ratios.items() if name != "starts"]
+    short = "".join(f", {name} over {limits[name]:g}" for name in wrong)
+    return wrong, f"octo/ipopt: {', '.join(said) or 'no start where both converged'}{short}"
+
+
+@dataclass(frozen=True)
 class Row:
-    line: int
+    line: str
     name: str
     met: bool
     found: str
@@ -118,7 +176,7 @@ def solved(words: str, seed: int, out: Path) -> Report:
 
 
 def convergence(report: Report) -> str:
-    """Line 4: converged, ‖C‖∞ and, in nodes, the pointwise residual within what the weight allows, goal_error ≤ 0.10."""
+    """Line S4: converged, ‖C‖∞ and, in nodes, the pointwise residual within what the weight allows, goal_error ≤ 0.10."""
     if not report.get("converged"):
         return str(report["status"])
     share = max(1.0, report["weight"] / 49.0)
@@ -130,7 +188,7 @@ def convergence(report: Report) -> str:
 
 
 def feet(penetration: float) -> Test:
-    """Line 5: slip ≤ 0.02 m/s, mean penetration (m) after the fourth pass; the fifth halves it in ≤ 100 iterations."""
+    """Line S5: slip ≤ 0.02 m/s, mean penetration (m) after the fourth pass; the fifth halves it in ≤ 100 iterations."""
 
     def test(report: Report) -> str:
         records = report.get("passes", [])
@@ -159,7 +217,19 @@ def summary(report: Report) -> str:
     )
 
 
-def cases() -> list[Case | Suite | Speed]:
+def comparisons() -> list[Compared | Committed]:
+    """Live: what one start can tell. The chain in nodes is reported; for it, and for the chain in Hermite, nothing is wanted."""
+    wanted = {"iterations": 1.0, "E": 1.10, "time an iteration": 0.2, "time": 0.2}
+    limits = {("mammal", "nodes"): wanted, ("mammal", "hermite"): {**wanted, "time an iteration": 0.35}}
+    rows: list[Compared | Committed] = []
+    for case in compare.CASES:
+        own = limits.get((case.robot, case.basis), {})
+        rows.append(Compared(case, {name: most for name, most in own.items() if name == "time an iteration"}))
+        rows.append(Committed(case, own, "C2" if own or case.basis == "nodes" else "C1"))
+    return rows
+
+
+def cases() -> list[Case | Suite | Speed | Compared | Committed]:
     go2 = DATA / "go2_description/urdf/go2.urdf"
     robots = {
         "ant": GYM / "ant.xml",
@@ -171,28 +241,31 @@ def cases() -> list[Case | Suite | Speed]:
     chain = "chain --goal walk --speed 0.5 --dt 0.05"
     turn = "mammal --goal turn --speed"
     return [
-        Suite(1, "motion.html in a browser", "tests/pictures/test_motion_html.py"),
+        Suite("S1", "motion.html in a browser", "tests/pictures/test_motion_html.py"),
         Speed(),
-        Suite(2, "derivatives against the oracle", "tests/dynamics tests/problem tests/model"),
-        Case(4, "mammal walk nodes", "mammal --goal walk --speed 0.5 --seconds 10"),
-        Case(4, "mammal walk hermite", "mammal --goal walk --speed 0.5 --seconds 10 --basis hermite"),
-        Case(4, "chain 10 s hermite", f"{chain} --seconds 10 --basis hermite", needed=5),
-        Case(4, "chain 10 s nodes", f"{chain} --seconds 10", needed=2),
-        Case(4, "chain 40 s hermite", f"{chain} --seconds 40 --basis hermite"),
-        Case(4, "biped walk", "biped --goal walk --seconds 10"),
-        Case(4, "biped stride", "biped --goal stride --seconds 10"),
-        Case(4, "bird walk", "bird --goal walk --seconds 5"),
-        Case(4, "spider walk", "spider --goal walk --seconds 5"),
-        Case(4, "mammal jump", "mammal --goal jump --seconds 2"),
-        Case(4, "spider jump", "spider --goal jump --seconds 2"),
-        Case(4, "mammal turn left", f"{turn} 0.5 --seconds 5"),
-        Case(4, "mammal turn right", f"{turn} -0.5 --seconds 5"),
-        Case(4, "humanoid walk", "humanoid --goal walk --speed 0.3 --seconds 3"),
-        Case(5, "feet mammal", "mammal --goal walk --seconds 4 --passes 5", tests=(feet(0.005),)),
-        Case(5, "feet go2", f"{go2} --goal walk --speed 0.4 --seconds 4 --passes 5", tests=(feet(0.0035),)),
-        *(Case(6, name, f"{path} --goal walk --speed 0.4 --seconds 4") for name, path in robots.items()),
-        Suite(7, "physics", "tests/dynamics/test_physics.py"),
-        Suite(8, "bad input", "tests/test_bad_input.py tests/test_bad_values.py"),
+        Suite("S2", "derivatives against the oracle", "tests/dynamics tests/problem tests/model"),
+        Case("S4", "mammal walk nodes", "mammal --goal walk --speed 0.5 --seconds 10"),
+        Case("S4", "mammal walk hermite", "mammal --goal walk --speed 0.5 --seconds 10 --basis hermite"),
+        Case("S4", "chain 10 s hermite", f"{chain} --seconds 10 --basis hermite", needed=5),
+        Case("S4", "chain 10 s nodes", f"{chain} --seconds 10", needed=2),
+        Case("S4", "chain 40 s hermite", f"{chain} --seconds 40 --basis hermite"),
+        Case("S4", "biped walk", "biped --goal walk --seconds 10"),
+        Case("S4", "biped stride", "biped --goal stride --seconds 10"),
+        Case("S4", "bird walk", "bird --goal walk --seconds 5"),
+        Case("S4", "spider walk", "spider --goal walk --seconds 5"),
+        Case("S4", "mammal jump", "mammal --goal jump --seconds 2"),
+        Case("S4", "spider jump", "spider --goal jump --seconds 2"),
+        Case("S4", "mammal turn left", f"{turn} 0.5 --seconds 5"),
+        Case("S4", "mammal turn right", f"{turn} -0.5 --seconds 5"),
+        Case("S4", "humanoid walk", "humanoid --goal walk --speed 0.3 --seconds 3"),
+        Case("S5", "feet mammal", "mammal --goal walk --seconds 4 --passes 5", tests=(feet(0.005),)),
+        Case("S5", "feet go2", f"{go2} --goal walk --speed 0.4 --seconds 4 --passes 5", tests=(feet(0.0035),)),
+        *(Case("S6", name, f"{path} --goal walk --speed 0.4 --seconds 4") for name, path in robots.items()),
+        Suite("S7", "physics", "tests/dynamics/test_physics.py"),
+        Suite("S8", "bad input", "tests/test_bad_input.py tests/test_bad_values.py"),
+        Suite("C1", "one optimum, one E", "tests/reference/test_solvers.py"),
+        *comparisons(),
+        Suite("C4", "README quotes octo bench", "tests/bench/test_quoted.py"),
     ]
 
 
@@ -209,7 +282,7 @@ def main(words: Sequence[str] | None = None) -> int:
     with ThreadPoolExecutor(arguments.workers) as pool:
         for row in pool.map(lambda case: case.run(arguments.out), chosen):
             rows.append(row)
-            print(f"{row.line}  {row.name:32s}{'met  ' if row.met else 'SHORT'}  {row.seconds:5.0f} s  {row.found}", flush=True)
+            print(f"{row.line:6s}{row.name:36s}{'met  ' if row.met else 'SHORT'}  {row.seconds:5.0f} s  {row.found}", flush=True)
     met = sum(row.met for row in rows)
     print(f"{met} of {len(rows)} met in {(time.perf_counter() - began) / 60:.1f} minutes")
     return 0 if met == len(rows) else 1
