@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks import compare
+from benchmarks import compare, replay
 
 PACKAGES = Path(sysconfig.get_path("purelib"))
 DATA = PACKAGES / "cmeel.prefix/share/example-robot-data/robots"
@@ -45,7 +45,8 @@ class Case:
 
     def run(self, out: Path) -> Row:
         began = time.perf_counter()
-        passed, tried, best = 0, [], {}
+        passed, tried = 0, []
+        best: Report = {}
         for seed in range(self.starts):
             report = solved(self.words, seed, out / self.name.replace(" ", "-") / str(seed))
             wrong = [text for test in (*self.tests, convergence) if (text := test(report))]
@@ -148,6 +149,32 @@ class Committed:
         return Row(self.line, self.name, not wrong and count["octo"] >= count["ipopt"], f"converged: {converged}; {found}", 0.0)
 
 
+@dataclass(frozen=True)
+class Replayed:
+    """Line C3: met when enough perturbed starts of a walk's five plans stand for 5 s in MuJoCo with base feedback."""
+
+    walk: str
+    line: str = "C3"
+    seconds: float = 5.0
+
+    @property
+    def name(self) -> str:
+        return f"{self.walk} replayed live"
+
+    def run(self, out: Path) -> Row:
+        began = time.perf_counter()
+        folder = out / "replay"
+        folder.mkdir(exist_ok=True)
+        try:
+            records = [replay.record(self.walk, seed, self.seconds, folder) for seed in range(5)]
+        except RuntimeError as error:
+            return Row(self.line, self.name, False, str(error), time.perf_counter() - began)
+        stood = {name: sum(r[name]["stood"] for r in records) for name in ("base", "none")}
+        starts = sum(r["base"]["starts"] for r in records)
+        found = f"{stood['base']} of {starts} stand with base feedback, {stood['none']} without"
+        return Row(self.line, self.name, stood["base"] >= replay.NEEDED * starts, found, time.perf_counter() - began)
+
+
 def judged(ratios: dict[str, float], limits: dict[str, float]) -> tuple[list[str], str]:
     """What is over its limit, and all of it in words."""
     wrong = [name for name, most in limits.items() if not ratios.get(name, float("inf")) <= most]
@@ -229,7 +256,7 @@ def comparisons() -> list[Compared | Committed]:
     return rows
 
 
-def cases() -> list[Case | Suite | Speed | Compared | Committed]:
+def cases() -> list[Case | Suite | Speed | Compared | Committed | Replayed]:
     go2 = DATA / "go2_description/urdf/go2.urdf"
     robots = {
         "ant": GYM / "ant.xml",
@@ -265,6 +292,7 @@ def cases() -> list[Case | Suite | Speed | Compared | Committed]:
         Suite("S8", "bad input", "tests/test_bad_input.py tests/test_bad_values.py"),
         Suite("C1", "one optimum, one E", "tests/reference/test_solvers.py"),
         *comparisons(),
+        *(Replayed(walk) for walk in replay.WALKS),
         Suite("C4", "README quotes octo bench", "tests/bench/test_quoted.py"),
     ]
 
