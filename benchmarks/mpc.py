@@ -344,7 +344,10 @@ def faults() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
-    """Every 20th measurement NaN, every 23rd the one before again (stale, unless that one was never seen), now and then a budget of 1 ms for half a second."""
+    """Every 20th measurement NaN, every 23rd the one before again, now and then a budget of 1 ms for half a second.
+
+    The one before is stale, unless it was never seen whole.
+    """
     problem = problem_of("go2")
     robot = problem.character
     assert robot is not None
