@@ -1,0 +1,66 @@
+"""``octo mpc``: the four files, the numbers of report.json, and what is refused in one line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from octo.cli.main import main
+
+
+def test_a_run_writes_four_files(tmp_path, capsys):
+    code = main([
+        "mpc", "mammal", "--goal", "walk", "--speed", "0.2", "--seconds", "6", "--horizon", "20", "--push", "10,0.2,90",
+        "--noise", "1", "--delay", "1", "--payload", "0.1", "--bumps", "0.01", "--out", str(tmp_path / "walk"),
+    ])  # fmt: skip
+    assert code == 0
+    assert sorted(path.name for path in (tmp_path / "walk").iterdir()) == ["log.npz", "motion.html", "plot.png", "report.json"]
+    report = json.loads((tmp_path / "walk" / "report.json").read_text())
+    assert set(report["latency"]) == {"p50", "p95", "p99", "max"} and 0.0 < report["latency"]["p50"] < 1.0
+    assert report["rate"] == 100.0 and report["falls"] == 0
+    assert report["pushes"] == [pytest.approx(2.0)]
+    assert sum(report["statuses"].values()) == 600
+    assert report["memory_end"] >= 0 and report["memory_start"] >= 0
+    assert report["velocity"][0] == pytest.approx(0.2, abs=0.06)
+    assert "0 falls" in capsys.readouterr().out
+
+
+def test_octo_s_own_simulation_and_a_turn(tmp_path):
+    words = ["mpc", "mammal", "--goal", "turn", "--speed", "0.3", "--seconds", "0.5", "--plant", "octo", "--horizon", "12"]
+    assert main([*words, "--out", str(tmp_path / "turn")]) == 0
+    report = json.loads((tmp_path / "turn" / "report.json").read_text())
+    assert report["plant"] == "octo" and report["command"][2] == pytest.approx(0.3)
+
+
+def test_falls_are_no_failure(tmp_path):
+    """A push of 400 N knocks a robot of 5 kg over: exit code 0, and the fall is in the report."""
+    words = ["mpc", "mammal", "--goal", "stand", "--seconds", "6", "--horizon", "12", "--push", "400,0.2,90"]
+    assert main([*words, "--out", str(tmp_path / "fall")]) == 0
+    assert json.loads((tmp_path / "fall" / "report.json").read_text())["falls"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--goal", "jump"], "goal 'jump' is not known"),
+        (["--push", "50,0.2"], "push is '50,0.2', must be newtons, positive seconds and degrees"),
+        (["--push", "50,-1,0"], "push is '50,-1,0'"),
+        (["--plant", "gazebo"], "plant 'gazebo' is not known"),
+        (["--basis", "hermite"], "basis 'hermite' is not known"),
+        (["--noise", "-1"], "noise is -1.0, must not be negative"),
+        (["--bumps", "0.02", "--plant", "octo"], "bumps need --plant mujoco"),
+        (["--rate", "300"], "rate is 300.0 Hz"),
+        (["--horizon", "2"], "'2', must be a whole number of at least 3"),
+        (["--dt", "0"], "'0', must be positive"),
+        (["--plan-friction", "-1"], "must be positive"),
+        (["--device", "gpu"], "device 'gpu' is not known"),
+        (["--terrain", "slope:100"], "slope must be a number of degrees"),
+        (["--base", "fixed"], "base is 'fixed'"),
+    ],
+)
+def test_refused_in_one_line(words, said, tmp_path, capsys):
+    assert main(["mpc", "mammal", "--horizon", "4", *words, "--out", str(tmp_path / "none")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and error.startswith("octo: error: ") and said in error
+    assert not (tmp_path / "none").exists()
