@@ -37,7 +37,7 @@ GROUPS = {  # kernels by what they do
     "products": "step_model gather_hessian gather_constraints",
     "factorisation": "kkt_blocks kkt_equilibrate kkt_scale kkt_pivots kkt_couple kkt_complement",
     "solution": "kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual largest",
-    "trial": "nodes value terms energy constraints",
+    "trial": "nodes value terms summary constraints",
 }
 
 

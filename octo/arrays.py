@@ -36,6 +36,12 @@ def inner(a: Array, b: Array) -> Numbers:
     return host((a * b).reshape(len(a), -1).sum(axis=1))
 
 
+def inners(*pairs: tuple[Array, Array]) -> list[Numbers]:
+    """The inner products of several pairs, in one copy."""
+    xp = array_module(pairs[0][0])
+    return list(host(xp.stack([(a * b).reshape(len(a), -1).sum(axis=1) for a, b in pairs])))
+
+
 def largest(v: Array) -> Numbers:
     """(batch,) ‖·‖∞ of v (batch, …), 0 where it has no entries."""
     return host(abs(v).reshape(len(v), -1).max(axis=1)) if v.size else np.zeros(len(v))

@@ -13,6 +13,7 @@ from octo.gpu.linear import DeviceBlocks, DeviceFactor, DeviceNormal, Linear
 from octo.gpu.problem import DeviceProblem, bytes_of
 from octo.problem.compiled import CompiledProblem, Model
 from octo.solver.backend import Backend
+from octo.solver.blocks import KKTBlocks
 from octo.solver.options import SqpOptions
 
 
@@ -69,6 +70,10 @@ class DeviceBackend(Backend):
 
     def blocks(self, model: Model) -> DeviceBlocks:
         return DeviceBlocks(model.H, model.A, model.b, model.C, self._of(model.A))
+
+    def step_numbers(self, blocks: KKTBlocks, delta: Array, lam: Array) -> tuple[Any, Any, Any]:
+        units = self.device.host(self._of(blocks.A).step_numbers(blocks.A, blocks.b, delta, lam))
+        return units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
 
     def factorize(self, H: Array, A: Array, sigma: Any, options: SqpOptions, threads: int) -> DeviceFactor:
         return DeviceFactor(self._of(A), H, A, self.device.array(sigma))

@@ -26,7 +26,7 @@ def reason() -> str | None:
     """Why this machine cannot solve on a GPU, in a few words; None where it can."""
     try:
         cupy = importlib.import_module("cupy")
-    except ImportError as error:
+    except Exception as error:  # besides ImportError, whatever a half-installed CUDA makes it raise
         return f"CuPy cannot be imported ({_first_line(error)}): pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
     try:
         count = int(cupy.cuda.runtime.getDeviceCount())
@@ -35,9 +35,12 @@ def reason() -> str | None:
     if count == 0:
         return "there is no CUDA GPU"
     try:
-        nvrtc.version()
+        compiler = nvrtc.version()
     except MissingExtraError:
         return "NVRTC is missing: pip install nvidia-cuda-nvrtc (CUDA 13) or nvidia-cuda-nvrtc-cu12"
+    driver = int(cupy.cuda.runtime.driverGetVersion()) // 1000
+    if int(compiler.split(".")[0]) > driver:
+        return f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not load"
     return None
 
 

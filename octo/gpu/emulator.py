@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.arrays import host
 from octo.errors import DeviceError
 from octo.gpu.device import source
 
@@ -159,7 +160,7 @@ class EmulatedDevice:
         return self.memory
 
     def host(self, array: Any) -> NDArray[Any]:
-        return np.array(self.plain(array))
+        return host(array)
 
     @staticmethod
     def plain(array: Any) -> NDArray[Any]:

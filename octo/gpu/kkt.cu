@@ -193,3 +193,24 @@ extern "C" __global__ void octo_largest(int units, const double *v, const double
   double most = octo_block_max(part);
   if (LANE == 0) top[member * columns + c] = most;
 }
+
+/* Of each unit: the largest |delta|, the largest |b + Aᵀ lam| and b delta; grid (units, batch); shared: 3 PARTS doubles. */
+extern "C" __global__ void octo_step_numbers(const double *a, const double *b, const double *delta, const double *lam, double *numbers) {
+  SHARED(moved);
+  double *dual = moved + PARTS, *slope = dual + PARTS;
+  const int columns = 1;
+  AT_UNIT;
+  EACH(p, PARTS) {
+    double most = 0.0, steepest = 0.0, sum = 0.0;
+    for (int i = p; i < NCV; i += PARTS) {
+      double gradient = b[own_v + i], column = octo_column_times(units, k, i, 0, 1, a + member * units * 3 * MAV * NCV, lam + c_at);
+      most = octo_larger(fabs(delta[own_v + i]), most);
+      steepest = octo_larger(fabs(gradient + column), steepest);
+      sum += gradient * delta[own_v + i];
+    }
+    moved[p] = most, dual[p] = steepest, slope[p] = sum;
+  }
+  double most = octo_block_max(moved), steepest = octo_block_max(dual), sum = octo_block_sum(slope);
+  double *out = numbers + (member * units + k) * 3;
+  if (LANE == 0) out[0] = most, out[1] = steepest, out[2] = sum;
+}

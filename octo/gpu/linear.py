@@ -55,6 +55,12 @@ class Linear:
         self.each("octo_rows_transposed_times", (lam.shape[1], lam.shape[0]), _columns(lam), float(factor), A, base, lam, out)
         return out
 
+    def step_numbers(self, A: Array, b: Array, delta: Array, lam: Array) -> Array:
+        """(batch, K, 3) of each unit: ‖Δ‖∞, ‖b + Aᵀlam‖∞, bᵀΔ."""
+        out = self.device.empty((*b.shape[:2], 3))
+        self.each("octo_step_numbers", (b.shape[1], b.shape[0]), A, b, delta, lam, out, threads=PARTS, shared=24 * PARTS)
+        return out
+
     def largest(self, v: Array, lam: Array | None) -> Array:
         """(batch, count) largest entry of each column."""
         top = self.device.empty((v.shape[0], _columns(v)))

@@ -95,17 +95,24 @@ extern "C" __global__ void octo_terms(int steps, const double *nodes, const doub
   }
 }
 
-/* E of each member: grid (batch); shared: PARTS doubles. */
-extern "C" __global__ void octo_energy(int steps, const double *terms, double *energy) {
+/* E, ‖C‖₁, ‖C‖∞ and ‖C‖₂² of each member; rows are the entries of C; grid (batch); shared: 4 PARTS doubles. */
+extern "C" __global__ void octo_summary(int steps, int rows, const double *terms, const double *c, double *summary) {
   SHARED(part);
-  const double *own = terms + (size_t)blockIdx.x * steps * NTERM;
+  double *size = part + PARTS, *most = size + PARTS, *square = most + PARTS;
+  const double *own = terms + (size_t)blockIdx.x * steps * NTERM, *residual = c + (size_t)blockIdx.x * rows;
   EACH(k, PARTS) {
-    double sum = 0.0;
+    double sum = 0.0, all = 0.0, top = 0.0, squares = 0.0;
     for (int e = k; e < steps * NTERM; e += PARTS) sum += own[e];
-    part[k] = sum;
+    for (int e = k; e < rows; e += PARTS) {
+      all += fabs(residual[e]);
+      squares += residual[e] * residual[e];
+      top = octo_larger(fabs(residual[e]), top);
+    }
+    part[k] = sum, size[k] = all, most[k] = top, square[k] = squares;
   }
-  double sum = octo_block_sum(part);
-  if (LANE == 0) energy[blockIdx.x] = sum;
+  double sum = octo_block_sum(part), all = octo_block_sum(size), top = octo_block_max(most), squares = octo_block_sum(square);
+  double *out = summary + 4 * (size_t)blockIdx.x;
+  if (LANE == 0) out[0] = sum, out[1] = all, out[2] = top, out[3] = squares;
 }
 
 /* C = (Sᵀ ⊗ U_/) FD over count = batch units parts MU numbers; first (units parts + 1) are the tests of each part of a unit. */

@@ -121,16 +121,17 @@ class DeviceProblem:
         steps, batch, n = self.steps, self.batch, self.n
         nodes = device.empty((batch, steps + 2, n))
         fd, terms = device.empty((batch, steps, n)), device.empty((batch, steps, program.terms))
-        energy, C = device.empty((batch,)), device.empty((batch, self.K, self.ma))
+        summary, C = device.empty((batch, 4)), device.empty((batch, self.K, self.ma))
         sizes = (steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
         self._flat("octo_nodes", nodes.size, *sizes, *slots, self.constant, unknowns, nodes)
         kin = self._kin(nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, nodes, kin, self.p, fd)
         self._each_step("octo_terms", SMALL, 8 * (program.rows + self.dynamics.nu), nodes, kin, self.p, self.q, fd, terms)
-        program.kernel("octo_energy")((batch,), device.threads(PARTS), steps, terms, energy, shared=8 * PARTS)
         self._reduce(fd, C)
-        return Evaluation(unknowns, nodes, fd, terms, energy, C)
+        rows = self.K * self.ma
+        program.kernel("octo_summary")((batch,), device.threads(PARTS), steps, rows, terms, C, summary, shared=32 * PARTS)
+        return Evaluation(unknowns, nodes, fd, terms, C, summary)
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
         """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""

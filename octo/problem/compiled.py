@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.arrays import array_module, host, like
+from octo.arrays import host, like
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
@@ -39,24 +39,62 @@ class Evaluation:
     nodes: Array  # (batch, N+2, n)
     fd: Array  # (batch, N, n), N m or N
     terms: Array  # (batch, N, terms), each step's share of each term
-    energy: Array  # (batch,)
     C: Array  # (batch, K, ma), scaled
+    summary: Array  # (batch, 4): E, ‖C‖₁, ‖C‖∞, ‖C‖₂²
+
+    @classmethod
+    def of(cls, unknowns: Array, nodes: Array, fd: Array, terms: Array, energy: Array, C: Array) -> Evaluation:
+        """With the summary of E (batch,) and C, in NumPy."""
+        size = np.abs(C).reshape(len(C), -1)
+        norms = [size.sum(axis=1), size.max(axis=1, initial=0.0), (size**2).sum(axis=1)]
+        return cls(unknowns, nodes, fd, terms, C, np.stack([energy, *norms], axis=1))
+
+    @cached_property
+    def numbers(self) -> Array:
+        """(batch, 4) the summary on the host: one copy of an iterate, whoever asks."""
+        return host(self.summary)
+
+    @property
+    def energy(self) -> Array:
+        """(batch,) E, on the host."""
+        return self.numbers[:, 0]
+
+    @property
+    def size(self) -> Array:
+        """(batch,) ‖C‖₁, on the host."""
+        return self.numbers[:, 1]
+
+    @property
+    def largest(self) -> Array:
+        """(batch,) ‖C‖∞, on the host."""
+        return self.numbers[:, 2]
+
+    @property
+    def square(self) -> Array:
+        """(batch,) ‖C‖₂², on the host."""
+        return self.numbers[:, 3]
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        xp = array_module(self.C)
-        return host(xp.isfinite(self.energy) & xp.isfinite(self.C).all(axis=(1, 2)))
+        """(batch,) where E and C are; on the host."""
+        return np.asarray(np.isfinite(self.numbers[:, :2]).all(axis=1))
 
     def take(self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]) -> Evaluation:
         """Some members, by index or by a mask."""
         chosen = like(np.asarray(members), self.C)
-        return Evaluation(**{name: value[chosen] for name, value in self.__dict__.items()})
+        made = Evaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        if "numbers" in self.__dict__:
+            made.__dict__["numbers"] = self.numbers[np.asarray(members)]
+        return made
 
     def put(self, members: NDArray, other: Evaluation) -> None:
         """Overwrite some members with those of ``other``."""
         chosen = like(np.asarray(members), self.C)
-        for name, value in self.__dict__.items():
-            value[chosen] = getattr(other, name)
+        for field in fields(self):
+            getattr(self, field.name)[chosen] = getattr(other, field.name)
+        if "numbers" in self.__dict__:
+            self.__dict__["numbers"] = self.numbers.copy()
+            self.numbers[members] = other.numbers
 
     def replaced(self, members: NDArray[np.bool_], other: Evaluation) -> Evaluation:
         """Members of ``other`` where the mask is set, of this one elsewhere; neither is changed."""
@@ -69,7 +107,7 @@ class Evaluation:
 
     def on_host(self) -> Evaluation:
         """The same in NumPy arrays."""
-        return Evaluation(**{name: host(value) for name, value in self.__dict__.items()})
+        return Evaluation(*(host(getattr(self, field.name)) for field in fields(self)))
 
 
 @dataclass(eq=False)
@@ -194,7 +232,7 @@ class CompiledProblem:
         energy = terms.sum(axis=(1, 2))
         if self.neighbours is not None:
             energy = energy + self.neighbours.energy(self, unknowns).sum(axis=1)
-        return Evaluation(unknowns, nodes, fd, terms, energy, C)
+        return Evaluation.of(unknowns, nodes, fd, terms, energy, C)
 
     def reduce(self, fd: Array) -> Array:
         """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""

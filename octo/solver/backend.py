@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array
+from octo.arrays import Array, Numbers, host, inner, largest
 from octo.problem.compiled import CompiledProblem, Model
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
@@ -40,6 +40,11 @@ class Backend:
     def blocks(self, model: Model) -> KKTBlocks:
         """Eq. 12 with its products."""
         return KKTBlocks(model.H, model.A, model.b, model.C)
+
+    def step_numbers(self, blocks: KKTBlocks, delta: Array, lam: Array) -> tuple[Numbers, Numbers, Numbers]:
+        """‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) and bᵀΔ (batch,), on the host."""
+        dual = largest(blocks.b + blocks.constraints_transposed_times(lam))
+        return host(abs(delta).max(axis=2)), dual, inner(blocks.b, delta)
 
     def factorize(self, H: Array, A: Array, sigma: Array, options: SqpOptions, threads: int) -> KKTFactor:
         """[[H + diag(sigma), Aᵀ], [A, 0]] factored, sigma (batch, K) in NumPy."""

@@ -6,10 +6,12 @@ the constraints alone are restored by Newton steps of least norm.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like, scaled, size
+from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like, scaled
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.blocks import KKTBlocks
@@ -29,12 +31,21 @@ RESTORATIONS = 8  # of one member, before it counts as stalled
 RESTORATION_STEPS = 10
 
 
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """Where the line goes: Δ (batch, K, nc), and of it ‖Δ‖∞ and bᵀΔ (batch,)."""
+
+    delta: Array
+    largest: Numbers
+    slope: Numbers
+
+
 class LineSearch:
     """The rule of SqpOptions(step="line_search")."""
 
     def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
-        self.filter = Filter(size(at.C))
+        self.filter = Filter(at.size)
         self.regularisation = Regularisation(problem.batch, options, backend)
         self.restorations = np.zeros(problem.batch, dtype=int)
         self.flat = np.zeros(problem.batch, dtype=int)  # iterations in a row without a change of E
@@ -49,10 +60,8 @@ class LineSearch:
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
         blocks = self.backend.blocks(model)
-        factors, sigma, has, delta, multipliers, units = self._step(blocks)
-        full = np.where(has, units.max(axis=1), np.inf)
-        violation = largest(model.C)
-        dual = largest(model.b + blocks.constraints_transposed_times(lam))
+        factors, sigma, has, delta, multipliers, full, (dual, slope) = self._step(blocks, lam)
+        violation = at.largest
         o = self.options
         converged = (full <= o.step_tolerance) & (violation <= o.tolerance) & (dual <= o.dual_tolerance)
         settled = (self.flat >= o.plateau) | ((dual <= o.dual_tolerance) & (full <= POLISH * o.step_tolerance))
@@ -61,17 +70,21 @@ class LineSearch:
             with self.clock("solve"):
                 still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
             delta = choose(polish & has, still, delta)
-        accepted, length, new, correction = self._search(at, model, factors, delta, has & ~converged)
-        new, correction = self._stretch(at, delta, accepted & (sigma > 0.0) & (length == 1.0) & ~polish, new, correction)
+            slope, full_taken = np.where(has, inner(model.b, choose(has, delta, 0.0)), 0.0), largest(choose(has, delta, 0.0))
+        else:
+            full_taken = full
+        direction = _Direction(delta, np.where(has, full_taken, 0.0), slope)
+        accepted, length, new, step, corrected = self._search(at, model, factors, direction, has & ~converged)
+        growing = accepted & ~corrected & (sigma > 0.0) & (length == 1.0) & ~polish
+        new, step = self._stretch(at, direction, growing, new, step)
         failed = ~accepted & ~converged
-        step = np.where(accepted, largest(correction), 0.0)
+        step = np.where(accepted, step, 0.0)
         after = at.replaced(accepted, new)
         lam = choose(accepted & ~polish, lam + scaled(length, multipliers - lam), lam)
         if failed.any():
             lam = lam.copy()
             failed = self._restore(after, lam, failed)
-        before, energy = host(at.energy), host(after.energy)
-        change = np.abs(energy - before) <= o.plateau_change / o.plateau * np.abs(before)
+        change = np.abs(after.energy - at.energy) <= o.plateau_change / o.plateau * np.abs(at.energy)
         self.flat = np.where(change, self.flat + 1, 0)
         return Move(
             at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=step, ratio=length,
@@ -79,8 +92,10 @@ class LineSearch:
             converged=converged,
         )  # fmt: skip
 
-    def _step(self, blocks: KKTBlocks) -> tuple[Factors, Numbers, Mask, Array, Array, Numbers]:
-        """The KKT step, and ‖·‖∞ of each unit of it (batch, K).
+    def _step(
+        self, blocks: KKTBlocks, lam: Array
+    ) -> tuple[Factors, Numbers, Mask, Array, Array, Numbers, tuple[Numbers, Numbers]]:
+        """The KKT step and its multipliers, ‖Δ‖∞, and of the iterate ‖∇E + Aᵀlam‖∞ and bᵀΔ.
 
         Where single units would move beyond the cap, their own weights are raised first.
         """
@@ -92,37 +107,40 @@ class LineSearch:
                 factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
             with self.clock("solve"):
                 delta, multipliers = factors.solve(-blocks.b, -blocks.C)
-            units = host(abs(delta).max(axis=2))
+            units, dual, slope = self.backend.step_numbers(blocks, delta, lam)
             has &= np.isfinite(units).all(axis=1)
             units = np.where(has[:, None], units, 0.0)
             beyond = units > HELD
             few = (beyond.sum(axis=1) <= max(1, HELD_PART * blocks.units)) & beyond.any(axis=1)
             if attempt == HOLDS or not few.any():
-                return factors, sigma, has, delta, multipliers, units
+                full = np.where(has, units.max(axis=1), np.inf)
+                return factors, sigma, has, delta, multipliers, full, (dual, np.where(has, slope, 0.0))
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
         raise AssertionError("unreachable")
 
-    def _stretch(self, at: Evaluation, delta: Array, growing: Mask, new: Evaluation, step: Array) -> tuple[Evaluation, Array]:
+    def _stretch(
+        self, at: Evaluation, direction: _Direction, growing: Mask, new: Evaluation, step: Numbers
+    ) -> tuple[Evaluation, Numbers]:
         """Double a regularised full step while E falls faster: sigma shortens steps along directions of negative curvature."""
-        if not growing.any():
-            return new, step
-        before = host(at.energy)
-        growing = growing & host((step == delta).all(axis=(1, 2))) & (host(new.energy) < before)
+        growing = growing & (new.energy < at.energy)
         for attempt in range(STRETCHES):
-            trial_step = 2.0 ** (attempt + 1) * delta
-            growing &= largest(trial_step) <= STRETCHED
+            factor = 2.0 ** (attempt + 1)
+            growing &= factor * direction.largest <= STRETCHED
             if not growing.any():
                 break
-            trial = self._evaluate(at, choose(growing, trial_step, 0.0), growing)
-            growing &= trial.finite & (host(trial.energy) - before <= GAIN * (host(new.energy) - before))
-            growing &= size(trial.C) <= np.maximum(self.filter.small, size(at.C))
-            new, step = new.replaced(growing, trial), choose(growing, trial_step, step)
+            trial = self._evaluate(at, choose(growing, factor * direction.delta, 0.0), growing)
+            growing &= trial.finite & (trial.energy - at.energy <= GAIN * (new.energy - at.energy))
+            growing &= trial.size <= np.maximum(self.filter.small, at.size)
+            new, step = new.replaced(growing, trial), np.where(growing, factor * direction.largest, step)
         return new, step
 
     def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
         """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
         local = self.regularisation.local
+        if not refused.any():
+            local *= FORGET
+            return
         worse = host(abs(trial.C).sum(axis=2)) - host(abs(at.C).sum(axis=2))
         worse = np.where(np.isfinite(worse), worse, 1e9)
         for lag in (1, 2):
@@ -132,37 +150,38 @@ class LineSearch:
         local[:] = np.where(blamed, raised, FORGET * local)
 
     def _search(
-        self, at: Evaluation, model: Model, factors: Factors, delta: Array, pending: Mask
-    ) -> tuple[Mask, Numbers, Evaluation, Array]:
-        """Halve the length until the filter accepts: accepted (batch,), lengths, the new evaluation, the steps taken."""
-        here = (size(at.C), host(at.energy))
-        wanted = choose(pending, delta, 0.0)
-        slope = np.where(pending, inner(model.b, wanted), 0.0)
-        length = np.minimum(1.0, self.options.cap / np.maximum(largest(wanted), 1e-300))
-        accepted, pending = np.zeros(len(slope), dtype=bool), pending.copy()
-        taken, result = wanted, at
+        self, at: Evaluation, model: Model, factors: Factors, direction: _Direction, pending: Mask
+    ) -> tuple[Mask, Numbers, Evaluation, Numbers, Mask]:
+        """Halve the length until the filter accepts: accepted (batch,), lengths, the new evaluation, ‖·‖∞ of the steps
+        taken, and which of them are second-order corrections."""
+        here = (at.size, at.energy)
+        wanted = choose(pending, direction.delta, 0.0)
+        slope, most = np.where(pending, direction.slope, 0.0), np.where(pending, direction.largest, 0.0)
+        length = np.minimum(1.0, self.options.cap / np.maximum(most, 1e-300))
+        accepted, corrected, pending = np.zeros(len(slope), dtype=bool), np.zeros(len(slope), dtype=bool), pending.copy()
+        taken, result = np.zeros(len(slope)), at
         for attempt in range(HALVINGS):
             if not pending.any():
                 break
-            step = choose(pending, scaled(length, wanted), 0.0)
+            step, moved = choose(pending, scaled(length, wanted), 0.0), length * most
             trial = self._evaluate(at, step, pending)
-            there = (size(trial.C), host(trial.energy))
-            finite = trial.finite
-            good = pending & finite & self.filter.accepts(here, there, slope, length)
+            there = (trial.size, trial.energy)
+            good = pending & trial.finite & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
                 self._blame(at, trial, pending & ~good)
-                worse = pending & ~good & finite & (there[0] >= here[0])
+                worse = pending & ~good & trial.finite & (there[0] >= here[0])
                 if worse.any():
-                    found, step, trial = self._correct(at, model, factors, step, trial, (here, slope, length), worse)
-                    good |= found
+                    corrected, step, trial = self._correct(at, model, factors, step, trial, (here, slope, length), worse)
+                    good |= corrected
+                    moved = np.where(corrected, largest(step), moved) if corrected.any() else moved
             if good.any():
-                result, taken = result.replaced(good, trial), choose(good, step, taken)
+                result, taken = result.replaced(good, trial), np.where(good, moved, taken)
                 accepted |= good
                 pending &= ~good
             length = np.where(pending, 0.5 * length, length)
-        descends = self.filter.descends(slope, length, here[0]) & (host(result.energy) <= here[1] + ARMIJO * length * slope)
+        descends = self.filter.descends(slope, length, here[0]) & (result.energy <= here[1] + ARMIJO * length * slope)
         self.filter.add(here[0], here[1], accepted & ~descends)
-        return accepted, length, result, taken
+        return accepted, length, result, taken, corrected
 
     def _evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
         """The batch at ``at`` + ``step``; only ``members`` are computed."""
@@ -183,14 +202,14 @@ class LineSearch:
         here, slope, length = search
         found, pending = np.zeros(len(slope), dtype=bool), pending.copy()
         residual = scaled(length, model.C) + trial.C
-        before = size(trial.C)
+        before = trial.size
         for _ in range(CORRECTIONS):
             with self.clock("solve"):
                 delta, _ = factors.solve(-model.b, choose(pending, -residual, 0.0))
             delta = choose(pending, scaled(length, delta), 0.0)
             corrected = self._evaluate(at, delta, pending)
-            after, finite = size(corrected.C), corrected.finite
-            good = pending & finite & self.filter.accepts(here, (after, host(corrected.energy)), slope, length)
+            after, finite = corrected.size, corrected.finite
+            good = pending & finite & self.filter.accepts(here, (after, corrected.energy), slope, length)
             if good.any():
                 trial, step = trial.replaced(good, corrected), choose(good, delta, step)
                 found |= good
@@ -209,12 +228,12 @@ class LineSearch:
         for k in np.flatnonzero(tried):
             one = self.problem.take(np.array([k]))
             now = at.take([k])
-            start = size(now.C)[0]
+            start = now.size[0]
             for _ in range(RESTORATION_STEPS):
                 now, better = self._least_norm(one, now)
-                if not better or size(now.C)[0] <= 0.1 * start:
+                if not better or now.size[0] <= 0.1 * start:
                     break
-            if size(now.C)[0] < 0.99 * start:
+            if now.size[0] < 0.99 * start:
                 at.put(np.array([k]), now)
                 lam[k] = 0.0
                 self.filter.clear(np.array([k]))
@@ -232,7 +251,7 @@ class LineSearch:
         while length > 1e-4:
             with self.clock("evaluate"):
                 trial = one.evaluate(now.unknowns + length * step)
-            if trial.finite[0] and size(trial.C)[0] < (1.0 - 1e-3 * length) * size(now.C)[0]:
+            if trial.finite[0] and trial.size[0] < (1.0 - 1e-3 * length) * now.size[0]:
                 return trial, True
             length *= 0.5
         return now, False

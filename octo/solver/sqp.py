@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, array_module, choose, host, largest, like
+from octo.arrays import Array, array_module, choose, host, like
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.line_search import LineSearch
@@ -60,7 +60,7 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(self.number, self.passes, iteration, host(at.energy), violation, host(at.nodes))
+        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, host(at.nodes))
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
@@ -194,7 +194,7 @@ class _Run:
     @property
     def violation(self) -> Array:
         """(batch,) N."""
-        return largest(self.at.C) * self.problem.weight
+        return self.at.largest * self.problem.weight
 
     @property
     def tolerance(self) -> float:
@@ -203,7 +203,7 @@ class _Run:
 
     def _record(self, iteration: int, before: Evaluation, violation: Array, move: Move) -> None:
         seconds = time.perf_counter() - self.began
-        energies = host(before.energy)
+        energies = before.energy
         self._remember(before, energies + 100.0 * violation / self.problem.weight)
         for place, k in enumerate(self.active):
             member = self.members[k]
@@ -231,7 +231,7 @@ class _Run:
             if not mask.any():
                 continue
             gone |= mask
-            score = host(self.at.energy) + 100.0 * self.violation / self.problem.weight
+            score = self.at.energy + 100.0 * self.violation / self.problem.weight
             for place in np.flatnonzero(mask):
                 better = status.converged or score[place] <= self.best_score[place] or not np.isfinite(self.best_score[place])
                 at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
@@ -252,7 +252,7 @@ class _Run:
     def _result(self) -> Result:
         order = range(self.whole.batch)
         ends = [self.done[k] for k in order]
-        at = Evaluation(**{name: np.concatenate([getattr(e[1], name) for e in ends]) for name in ends[0][1].__dict__})
+        at = Evaluation(*(np.concatenate([getattr(e[1], field.name) for e in ends]) for field in fields(Evaluation)))
         return Result(
             at=at,
             lam=np.concatenate([e[2] for e in ends]),

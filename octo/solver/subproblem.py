@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.arrays import Array, Numbers, inner, scaled
+from octo.arrays import Array, Numbers, inner, inners, scaled
 from octo.solver.blocks import KKTBlocks
 
 RELAXATION = 0.8  # of the radius: how much of it the normal step may use (Nocedal and Wright, §18.5)
@@ -49,13 +49,13 @@ def minimize(blocks: KKTBlocks, at: Directions, project: Any, radius: Numbers) -
     second = _unit(second - scaled(inner(first, second), first))  # twice is enough (Kahan)
     room = np.sqrt(np.maximum(radius**2 - inner(v, v), 0.0))  # v is orthogonal to the null space
     h1, h2 = blocks.hessian_times(first), blocks.hessian_times(second)
-    z1, z2 = _two_by_two(
-        (inner(first, h1), inner(first, h2), inner(second, h2)), (inner(first, gradient), inner(second, gradient)), room
-    )
+    pairs = ((first, h1), (first, h2), (second, h2), (first, gradient), (second, gradient))
+    a, b, c, g1, g2 = inners(*pairs)
+    z1, z2 = _two_by_two((a, b, c), (g1, g2), room)
     delta = v + scaled(z1, first) + scaled(z2, second)
-    energy = 0.5 * inner(delta, blocks.hessian_times(delta)) + inner(blocks.b, delta)
     left = blocks.constraints_times(delta) + blocks.C
-    return Step(delta, energy, np.sqrt(inner(left, left)))
+    curvature, slope = inners((delta, blocks.hessian_times(delta)), (blocks.b, delta))
+    return Step(delta, 0.5 * curvature + slope, np.sqrt(inner(left, left)))
 
 
 def _unit(w: Array) -> Array:

@@ -69,16 +69,16 @@ class TrustRegion:
         with self.clock("evaluate"):
             trial = self.problem.evaluate(at.unknowns + step.delta)
         weight = self.problem.weight
-        violation = largest(trial.C) * weight
+        violation = trial.largest * weight
         ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))  # length 0: nothing is left to do
-        ok &= (violation < self.options.c_max) | (violation < largest(at.C) * weight)
+        ok &= (violation < self.options.c_max) | (violation < at.largest * weight)
         reduction = self._merit(at) - self._merit(trial)
         self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
         after = at.replaced(ok, trial)
         lam = choose(ok, multipliers, lam)
         moved = largest(step.delta)
         self.refused = np.where(ok, 0, self.refused + 1)
-        left = largest(after.C) * weight
+        left = after.largest * weight
         return Move(
             at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
             dual=dual, step=largest(full), taken=np.where(ok, moved, 0.0),
@@ -88,7 +88,7 @@ class TrustRegion:
         )  # fmt: skip
 
     def _merit(self, at: Evaluation) -> Numbers:
-        return host(at.energy) + 0.5 * self.mu * inner(at.C, at.C)
+        return at.energy + 0.5 * self.mu * at.square
 
     def _raise_penalty(self, C: Array, energy: Numbers, residual: Numbers) -> None:
         """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0: monotone."""

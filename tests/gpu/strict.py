@@ -129,8 +129,12 @@ def _function(name: str) -> Any:
     return apply
 
 
-for _name in (
-    "full", "zeros", "ones", "zeros_like", "where", "isfinite", "argmax", "ascontiguousarray", "concatenate", "stack",
-):  # fmt: skip
+for _name in ("full", "zeros", "ones", "zeros_like", "where", "isfinite", "argmax", "ascontiguousarray"):
     globals()[_name] = _function(_name)
+
+
+def stack(arrays: Any) -> ndarray:
+    return _made(np.stack([_bare(array) for array in arrays]))
+
+
 nan = np.nan

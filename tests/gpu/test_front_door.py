@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 
 import numpy as np
@@ -11,7 +12,7 @@ import strict
 
 import octo
 from octo.cli.main import main
-from octo.errors import DeviceError
+from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
@@ -86,3 +87,47 @@ def test_what_only_the_cpu_can_do(emulated, capsys):
         octo.solve(problem, device="cuda")
     assert octo.solve(problem, device="auto", max_iterations=1).device == "cpu"
     assert "octo: using the CPU: terms over neighbouring" in capsys.readouterr().err
+
+
+class Cupy:
+    """What ``cuda.reason`` asks of CuPy."""
+
+    class cuda:
+        class runtime:
+            CUDARuntimeError = RuntimeError
+            count, driver = 1, 13000
+
+            @classmethod
+            def getDeviceCount(cls):
+                if cls.count is None:
+                    raise RuntimeError("cudaErrorNoDevice: no CUDA-capable device is detected")
+                return cls.count
+
+            @classmethod
+            def driverGetVersion(cls):
+                return cls.driver
+
+
+@pytest.mark.parametrize(
+    ("count", "driver", "nvrtc", "said"),
+    [
+        (None, 13000, "13.0", "no CUDA GPU or its driver is too old \\(cudaErrorNoDevice"),
+        (0, 13000, "13.0", "there is no CUDA GPU"),
+        (1, 13000, None, "NVRTC is missing: pip install"),
+        (1, 12080, "13.0", "driver is for CUDA 12 and NVRTC is 13.0"),
+        (1, 13000, "12.8", None),
+    ],
+)
+def test_the_reasons(monkeypatch, count, driver, nvrtc, said):
+    monkeypatch.setitem(sys.modules, "cupy", Cupy)
+    monkeypatch.setattr(Cupy.cuda.runtime, "count", count)
+    monkeypatch.setattr(Cupy.cuda.runtime, "driver", driver)
+
+    def version():
+        if nvrtc is None:
+            raise MissingExtraError("compiling for the GPU", "gpu")
+        return nvrtc
+
+    monkeypatch.setattr(cuda.nvrtc, "version", version)
+    found = cuda.reason.__wrapped__()
+    assert found is None if said is None else re.search(said, found)
