@@ -42,7 +42,11 @@ def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
 
 
 def robot(
-    speed: float | Sequence[float] = 0.5, yaw_rate: float = 0.0, *, length: float = 0.3, times: Array | None = None
+    speed: float | Sequence[float] = 0.5,
+    yaw_rate: float = 0.0,
+    *,
+    length: float = 0.3,
+    times: Sequence[float] | Array | None = None,
 ) -> list[Cost]:
     """Terms for a plan that a plant should follow: the base held level, and feet that share the load, hold and swing softly.
 
