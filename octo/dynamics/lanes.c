@@ -45,11 +45,16 @@ static inline real octo_sign(real x) { return WHERE(x > 0.0, ZERO + 1.0) - WHERE
 #define OCTO_OF_ONE(name) static inline real octo_##name(real x) { for (int k = 0; k < STEPS; ++k) x[k] = name(x[k]); return x; }
 #define OCTO_OF_TWO(name) \
   static inline real octo_##name(real x, real y) { for (int k = 0; k < STEPS; ++k) x[k] = name(x[k], y[k]); return x; }
-OCTO_OF_ONE(sqrt) OCTO_OF_ONE(sin) OCTO_OF_ONE(cos) OCTO_OF_ONE(tan) OCTO_OF_ONE(asin) OCTO_OF_ONE(acos) OCTO_OF_ONE(atan)
+OCTO_OF_ONE(sqrt) OCTO_OF_ONE(tan) OCTO_OF_ONE(asin) OCTO_OF_ONE(acos) OCTO_OF_ONE(atan)
 OCTO_OF_ONE(sinh) OCTO_OF_ONE(cosh) OCTO_OF_ONE(tanh) OCTO_OF_ONE(asinh) OCTO_OF_ONE(acosh) OCTO_OF_ONE(atanh)
 OCTO_OF_ONE(exp) OCTO_OF_ONE(expm1) OCTO_OF_ONE(log) OCTO_OF_ONE(log1p) OCTO_OF_ONE(erf)
 OCTO_OF_ONE(floor) OCTO_OF_ONE(ceil)
 OCTO_OF_TWO(pow) OCTO_OF_TWO(atan2) OCTO_OF_TWO(fmod) OCTO_OF_TWO(copysign) OCTO_OF_TWO(hypot)
+
+static __attribute__((noinline)) void octo_sincos_beyond(const real *angle, const octo_mask *beyond, real *sine, real *cosine) {
+  for (int k = 0; k < STEPS; ++k)
+    if ((*beyond)[k]) { (*sine)[k] = sin((*angle)[k]); (*cosine)[k] = cos((*angle)[k]); }
+}
 
 /* Sine and cosine as in fdlibm, after a reduction by multiples of π/2; lanes of large angles are libm's. */
 static inline void octo_sincos(real angle, real *sine, real *cosine) {
@@ -68,10 +73,11 @@ static inline void octo_sincos(real angle, real *sine, real *cosine) {
   *sine = (real)((octo_mask)octo_pick(odd, c, s) ^ ((quarter & 2) << 62));
   *cosine = (real)((octo_mask)octo_pick(odd, s, c) ^ (((quarter + 1) & 2) << 62));
   octo_mask beyond = ~(octo_fabs(angle) < large);
-  if (octo_any(beyond))
-    for (int k = 0; k < STEPS; ++k)
-      if (beyond[k]) { (*sine)[k] = sin(angle[k]); (*cosine)[k] = cos(angle[k]); }
+  if (octo_any(beyond)) octo_sincos_beyond(&angle, &beyond, sine, cosine);
 }
+
+static inline real octo_sin(real angle) { real sine, cosine; octo_sincos(angle, &sine, &cosine); return sine; }
+static inline real octo_cos(real angle) { real sine, cosine; octo_sincos(angle, &sine, &cosine); return cosine; }
 
 /* STEPS numbers of each of STEPS steps, to STEPS vectors, or back. */
 #define OCTO_LOWER(k, s) ((k) & (s) ? (k) - (s) + STEPS : (k))

@@ -3,26 +3,10 @@
  * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
  * A step's rows (residuals scaled by the root of twice their coefficient) are stacked, so that the Gauss-Newton block
- * is rowsᵀ rows; to it comes the curvature of lambdaᵀFD. The dynamics go STEPS steps at a time, all else step by step. */
+ * is rowsᵀ rows; to it comes the curvature of lambdaᵀFD. Dynamics and costs go STEPS steps at a time, all else step by step. */
 
 #define MROWS (NR + NFC * CR)
-/* Residuals of the costs of one step, unscaled: r (MROWS). */
-static void octo_residuals(const double *x_next, const double *x, const double *x_prev, const double *u, const double *kin_next,
-                           const double *kin, const double *kin_prev, const double *p, const double *q, double *r, double *w, long long *iw) {
-  const double *arg[8]; double *res[4];
-#if NR > 0
-  arg[0] = x_next; arg[1] = x; arg[2] = x_prev; arg[3] = u; arg[4] = p; arg[5] = q; res[0] = r;
-  octo_state_cost(arg, res, (void *)iw, w, 0);
-#endif
-#if NFC > 0
-  for (int k = 0; k < NFC; ++k) {
-    int body = octo_cost_contact_body[k];
-    arg[0] = kin_next + 12 * body; arg[1] = kin + 12 * body; arg[2] = kin_prev + 12 * body;
-    arg[3] = octo_cost_contact_data + 4 * k; arg[4] = p; arg[5] = q; res[0] = r + NR + k * CR;
-    octo_contact_cost(arg, res, (void *)iw, w, 0);
-  }
-#endif
-}
+#define SLOPES (NZ + NFC * CR * 18) /* of the state's rows the entries that are not zero, of a contact's rows those to three twists */
 
 static double octo_coefficient(const double *q, int row) {
 #if NFC > 0
@@ -41,10 +25,10 @@ static int octo_row_term(int row) {
   return octo_state_row_term[row];
 }
 
-/* Steps first … last of a member, STEPS at a time, and the kinematics of their nodes one by one for costs over contacts. */
+/* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {
   octo_lanes lanes;
-  double kin[STEPS + 2][NFC > 0 ? KIN : 1]; /* of the previous node of the first step, and the nodes after it */
+  real q[NQ], u[NU + 1], r[MROWS + 1], slopes[SLOPES + 1];
 } octo_group;
 
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
@@ -52,26 +36,32 @@ static void octo_group_begin(octo_group *g, const octo_task *t, int member, int 
   octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
 }
 
-static octo_input octo_group_turn(octo_group *g, const double *p, int order) {
-  octo_input in = octo_lanes_turn(&g->lanes, p, order);
-#if NFC > 0
-  double *previous[STEPS], *next[STEPS];
-  for (int k = 0; k < STEPS; ++k) { previous[k] = g->kin[k]; next[k] = g->kin[k + 2]; }
-  octo_spread(in.kin[2], KIN, previous, STEPS < 2 ? STEPS : 2);
-  octo_spread(in.kin[0], KIN, next, STEPS);
+/* Residuals r, with ``derive`` their slopes too, of ``count`` steps from i on; the lanes have their FD. */
+static void octo_group_costs(octo_group *g, const octo_task *t, const octo_input *in, int member, int i, int count, int derive) {
+  const double *q[STEPS];
+  for (int k = 0; k < STEPS; ++k) q[k] = t->q + ((size_t)member * t->steps + i + (k < count ? k : 0)) * NQ;
+  octo_gather(q, NQ, g->q);
+  for (int j = 0; j < NU; ++j) g->u[j] = g->lanes.fd[octo_actuated[j]];
+#if NR > 0
+  const void *state[6] = {in->x[0], in->x[1], in->x[2], g->u, in->p, g->q};
+  real *made[2] = {g->r, g->slopes};
+  if (derive) octo_state_cost_jac(state, made);
+  else octo_state_cost(state, made);
 #endif
-  return in;
+#if NFC > 0
+  for (int c = 0; c < NFC; ++c) {
+    int at = 12 * octo_cost_contact_body[c];
+    const void *contact[6] = {in->kin[0] + at, in->kin[1] + at, in->kin[2] + at, octo_cost_contact_data + 4 * c, in->p, g->q};
+    real *res[2] = {g->r + NR + c * CR, g->slopes + NZ + c * CR * 18};
+    if (derive) octo_contact_cost_jac(contact, res);
+    else octo_contact_cost(contact, res);
+  }
+#endif
 }
 
 static int octo_group_count(int i, int last) { return last - i < STEPS ? last - i : STEPS; }
 
-static void octo_evaluate_step(const octo_task *t, int member, int i, const double (*kin)[NFC > 0 ? KIN : 1]) {
-  double w[COST_W + 1], r[MROWS + 1], u[NU + 1]; long long iw[COST_IW + 1];
-  const double *x_prev = t->nodes + ((size_t)member * (t->steps + 2) + i) * NX, *p = t->p + (size_t)member * NP;
-  const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-  double *terms = t->terms + ((size_t)member * t->steps + i) * NTERM;
-  for (int j = 0; j < NU; ++j) u[j] = fd[octo_actuated[j]];
-  octo_residuals(x_prev + 2 * NX, x_prev + NX, x_prev, u, kin[2], kin[1], kin[0], p, q, r, w, iw);
+static void octo_sum_terms(const double *q, const double *r, double *terms) {
   for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
   for (int row = 0; row < MROWS; ++row) {
     double c = octo_coefficient(q, row);
@@ -90,12 +80,15 @@ static void octo_evaluate_chunk(void *shared, int item) {
   octo_group_begin(g, t, member, first, last);
   for (int i = first; i < last; i += STEPS) {
     int count = octo_group_count(i, last);
-    double *fd[STEPS];
-    octo_input in = octo_group_turn(g, t->p + (size_t)member * NP, 0);
+    size_t step = (size_t)member * t->steps + i;
+    double r[STEPS][MROWS + 1], *rows[STEPS], *fd[STEPS];
+    octo_input in = octo_lanes_turn(&g->lanes, t->p + (size_t)member * NP, 0);
     octo_lanes_run(&g->lanes, &in);
-    for (int k = 0; k < count; ++k) fd[k] = t->fd + ((size_t)member * t->steps + i + k) * NX;
+    octo_group_costs(g, t, &in, member, i, count, 0);
+    for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; rows[k] = r[k]; }
     octo_spread(g->lanes.fd, NX, fd, count);
-    for (int k = 0; k < count; ++k) octo_evaluate_step(t, member, i + k, (const void *)(g->kin + k));
+    octo_spread(g->r, MROWS, rows, count);
+    for (int k = 0; k < count; ++k) octo_sum_terms(t->q + (step + k) * NQ, r[k], t->terms + (step + k) * NTERM);
   }
   free(g);
 }
@@ -110,30 +103,16 @@ int octo_evaluate(octo_task *t, int threads) {
 /* rows (count, LD) of d residual / d (x_next, x, x_prev), scaled; value of each row; lam (NX) gets dE/du. */
 typedef struct { double row[MROWS + 1][LD] __attribute__((aligned(64))); double value[MROWS + 1]; int count; } octo_rows;
 
-typedef struct { double r[MROWS + 1], jac[NZ + 1], contact[(NFC * CR + 1) * 18]; } octo_cost_values;
+typedef struct { double r[MROWS + 1], slopes[SLOPES + 1]; } octo_cost_values;
 
-static void octo_cost_derivatives(const double *x_next, const double *x, const double *x_prev, const double *u, const double *const kin[3],
-                                  const double *p, const double *q, octo_cost_values *v, double *lam, double *w, long long *iw) {
-  const double *arg[8]; double *res[4];
-#if NR > 0
-  arg[0] = x_next; arg[1] = x; arg[2] = x_prev; arg[3] = u; arg[4] = p; arg[5] = q; res[0] = v->r; res[1] = v->jac;
-  octo_state_cost_jac(arg, res, (void *)iw, w, 0);
-#endif
-#if NFC > 0
-  for (int k = 0; k < NFC; ++k) {
-    int body = octo_cost_contact_body[k];
-    for (int node = 0; node < 3; ++node) arg[node] = kin[node] + 12 * body;
-    arg[3] = octo_cost_contact_data + 4 * k; arg[4] = p; arg[5] = q;
-    res[0] = v->r + NR + k * CR; res[1] = v->contact + k * CR * 18;
-    octo_contact_cost_jac(arg, res, (void *)iw, w, 0);
-  }
-#endif
+/* ∂E/∂u of a step, by rows of FD. */
+static void octo_pull_torques(const octo_cost_values *v, const double *q, double *lam) {
   for (int j = 0; j < NX; ++j) lam[j] = 0.0;
 #if NR > 0
   for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* entries are sorted by column */
     int row = octo_state_entry_row[z];
     if (q[octo_state_row_term[row]] == 0.0) continue; /* a step that a term leaves out may have no finite residual */
-    lam[octo_actuated[octo_state_entry_column[z] - W3]] += 2.0 * q[octo_state_row_term[row]] * v->r[row] * v->jac[z];
+    lam[octo_actuated[octo_state_entry_column[z] - W3]] += 2.0 * q[octo_state_row_term[row]] * v->r[row] * v->slopes[z];
   }
 #endif
 }
@@ -154,7 +133,7 @@ static void octo_build_rows(const octo_cost_values *v, const double *jac, const 
   for (int z = 0; z < NZ; ++z) {
     int row = octo_state_entry_row[z], column = octo_state_entry_column[z];
     if (place[row] < 0) continue;
-    double value = scale[row] * v->jac[z], *out = rows->row[place[row]];
+    double value = scale[row] * v->slopes[z], *out = rows->row[place[row]];
     if (column < W3) out[column] += value;
     else {
       const double *source = jac + octo_actuated[column - W3] * W3;
@@ -166,7 +145,7 @@ static void octo_build_rows(const octo_cost_values *v, const double *jac, const 
   for (int row = NR; row < MROWS; ++row) {
     if (place[row] < 0) continue;
     int body = octo_cost_contact_body[(row - NR) / CR];
-    const double *d = v->contact + (row - NR) * 18;
+    const double *d = v->slopes + NZ + (row - NR) * 18;
     double *out = rows->row[place[row]];
     for (int node = 0; node < 3; ++node)
       for (int z = octo_cost_path_start[body]; z < octo_cost_path_start[body + 1]; ++z) {
@@ -239,23 +218,16 @@ typedef struct {
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
   double jac[STEPS][(NX * W3 + 7) / 8 * 8] __attribute__((aligned(64)));
   double curvature[STEPS][((CURVATURE * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
-  double w[COST_W + 1], u[NU + 1], lam[STEPS][NX];
-  long long iw[COST_IW + 1];
+  double lam[STEPS][NX], kin[STEPS + 2][NFC > 0 ? KIN : 1]; /* of the previous node of the first step, and the nodes after it */
   octo_cost_values values[STEPS];
   octo_rows rows;
   octo_places places;
   int zeros; /* what jac and curvature hold where a group writes nothing: 0 zeros, 1 what pairs wrote before, 2 anything */
 } octo_scratch;
 
-/* Costs of step i, and lam (NX): the multipliers of its FD, ∂E/∂u on the rows of torques. */
-static void octo_derive_costs(const octo_task *t, octo_scratch *s, int ma, int member, int i, int k) {
-  const double *x_prev = t->nodes + ((size_t)member * (t->steps + 2) + i) * NX, *p = t->p + (size_t)member * NP;
-  const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-  const double *kin[3] = {s->group.kin[k + 2], s->group.kin[k + 1], s->group.kin[k]};
-  double *lam = s->lam[k];
-  for (int j = 0; j < NU; ++j) s->u[j] = fd[octo_actuated[j]];
-  octo_cost_derivatives(x_prev + 2 * NX, x_prev + NX, x_prev, s->u, kin, p, q, &s->values[k], lam, s->w, s->iw);
-  if (!t->lam) return;
+/* The multipliers of the FD of step i: ∂E/∂u on the rows of torques, lam of C on the others. */
+static void octo_pull(const octo_task *t, int ma, int member, int i, const octo_cost_values *values, double *lam) {
+  octo_pull_torques(values, t->q + ((size_t)member * t->steps + i) * NQ, lam);
   const double *multipliers = t->lam + (size_t)member * t->units * ma, *row_scale = t->row_scale + (size_t)member * MU;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) {
     if (t->test_row[test] < 0) continue;
@@ -264,17 +236,39 @@ static void octo_derive_costs(const octo_task *t, octo_scratch *s, int ma, int m
   }
 }
 
+/* Costs of ``count`` steps from i on, and FD where it is not known yet. */
+static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int member, int i, int count) {
+  octo_lanes *lanes = &s->group.lanes;
+  double *fd[STEPS], *r[STEPS], *slopes[STEPS];
+  octo_input in = octo_lanes_turn(lanes, t->p + (size_t)member * NP, t->lam ? 2 : 1);
+  for (int k = 0; k < STEPS; ++k) {
+    fd[k] = t->fd + ((size_t)member * t->steps + i + (k < count ? k : 0)) * NX;
+    r[k] = s->values[k].r;
+    slopes[k] = s->values[k].slopes;
+  }
+  if (t->lam) octo_gather((const double *const *)fd, NX, lanes->fd);
+  else octo_lanes_run(lanes, &in);
+  if (!t->lam && !t->terms) octo_spread(lanes->fd, NX, fd, count);
+  octo_group_costs(&s->group, t, &in, member, i, count, 1);
+  octo_spread(s->group.r, MROWS, r, STEPS);
+  octo_spread(s->group.slopes, SLOPES, slopes, STEPS);
+#if NFC > 0
+  double *previous[STEPS], *next[STEPS];
+  for (int k = 0; k < STEPS; ++k) { previous[k] = s->kin[k]; next[k] = s->kin[k + 2]; }
+  octo_spread(in.kin[2], KIN, previous, 2);
+  octo_spread(in.kin[0], KIN, next, STEPS);
+#endif
+  return in;
+}
+
 /* jac and curvature of ``count`` steps from i on. */
 static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int member, int i, int count) {
   octo_lanes *lanes = &s->group.lanes;
   const double *lam[STEPS];
-  double *fd[STEPS], *jac[STEPS], *curvature[STEPS];
-  octo_input in = octo_group_turn(&s->group, t->p + (size_t)member * NP, t->lam ? 2 : 1);
-  for (int k = 0; k < count; ++k) fd[k] = t->fd + ((size_t)member * t->steps + i + k) * NX;
-  if (!t->lam) octo_lanes_run(lanes, &in);
-  if (!t->lam && !t->terms) octo_spread(lanes->fd, NX, fd, count);
+  double *jac[STEPS], *curvature[STEPS];
+  octo_input in = octo_derive_costs(t, s, member, i, count);
   for (int k = 0; k < STEPS; ++k) {
-    if (k < count) octo_derive_costs(t, s, ma, member, i + k, k);
+    if (t->lam && k < count) octo_pull(t, ma, member, i + k, &s->values[k], s->lam[k]);
     lam[k] = s->lam[k < count ? k : 0];
     jac[k] = s->jac[k];
     curvature[k] = s->curvature[k];
@@ -291,7 +285,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
 
 static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch *s, int member, int i, int k) {
   const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-  const double *kin[3] = {s->group.kin[k + 2], s->group.kin[k + 1], s->group.kin[k]};
+  const double *kin[3] = {s->kin[k + 2], s->kin[k + 1], s->kin[k]};
   octo_build_rows(&s->values[k], s->jac[k], kin, q, &s->rows);
   octo_gauss_newton(&s->rows, t->lam ? s->curvature[k] : 0, t->slots == 1, s->hess, s->gradient);
   octo_find_places(t, i, &s->places);

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.dynamics import symbolic
+from octo.dynamics.emit import function_in_lanes
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.model.kinematics import sphere_centers
@@ -212,9 +213,12 @@ def _perturbed(pose: symbolic.Pose, twist: ca.SX) -> symbolic.Pose:
 
 
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
-    """C text of the costs, then assemble.c."""
+    """C text of the costs with a time step in every lane, then assemble.c; stands after the dynamics' text in lanes."""
+    text = [function_in_lanes(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
+    if functions.contact is not None:  # sphere and p
+        text += [function_in_lanes(function, {3, 4}) for function in (functions.contact, functions.contact_jac)]
     parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "scatter.c", "assemble.c"))
-    return "\n".join([residual_text(functions, dynamics), *parts])
+    return "\n".join([*text, _tables(functions, dynamics, [], None), *parts])
 
 
 def residual_text(functions: CostFunctions, dynamics: Dynamics, state: StateFunctions | None = None) -> str:
