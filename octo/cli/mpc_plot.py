@@ -48,7 +48,8 @@ def _velocity(log: Log, axes: Axes) -> None:
     for k, name in enumerate(("ahead (m/s)", "left (m/s)", "yaw rate (rad/s)")):
         axes.plot(log.t, _smooth(log.velocity[:, k], log.tick), color=COLORS[k], lw=1.2, label=name)
         axes.plot(log.t, log.wanted[:, k], color=COLORS[k], lw=0.8, ls=":")
-    axes.set_title("velocity of the centre of mass, mean over 0.2 s; command dotted")
+    reach = 0.3 + 1.5 * float(np.abs(log.wanted).max(initial=0.0))  # being put back after a fall is no motion
+    axes.set(ylim=(-reach, reach), title="velocity of the centre of mass, mean over 0.2 s; command dotted")
     axes.legend(ncols=3, loc="lower right")
 
 

@@ -113,8 +113,8 @@ class Log:
 
     @property
     def feet(self) -> NDArray[np.intp]:
-        """Columns of ``force`` that ever carry a twentieth of the weight at the start."""
-        early = np.abs(self.force[: max(1, len(self.t) // 4), :, 2]).max(axis=0)
+        """Columns of ``force`` that carry a twentieth of the weight some time in the first second."""
+        early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
         return np.flatnonzero(early > 0.05 * self.robot.mass * 9.81)
 
     @property
