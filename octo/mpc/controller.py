@@ -89,6 +89,8 @@ class Controller:
         self.compiled = CompiledProblem([problem])
         self.compiled.prepare()
         self._views: dict[tuple[str, str], Array] = {}
+        names = problem.dynamics.layout.names
+        self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
         self.horizon = RecedingHorizon(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit

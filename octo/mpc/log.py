@@ -119,10 +119,15 @@ class Log:
 
     @property
     def foot_height(self) -> Array:
-        """(k, feet) m of the spheres' lowest points."""
+        """(k, feet) m of the spheres' nearest points over the plane that the controller knows, over the world's level if none."""
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
-        return np.asarray(sphere_centers(self.robot, self.x)[:, chosen, 2] - radius)
+        names, p = self.controller.problem.dynamics.layout.names, self.controller.compiled.p[0]
+        normal, height = np.array([0.0, 0.0, 1.0]), 0.0
+        if "terrain.normal_x" in names:
+            first = names.index("terrain.normal_x")
+            normal, height = p[first : first + 3], p[names.index("terrain.height")]
+        return np.asarray((sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]) @ normal - radius)
 
     @property
     def foot_lift(self) -> float:

@@ -110,10 +110,28 @@ class VelocityCommand:
         self._yaw = ahead + min(max(turn, -LEASH[1]), LEASH[1])
         yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)
         velocity = _turned(self._now, yaw)
+        target = self._place + dt * np.cumsum(velocity, axis=0)
         controller.reference("CenterOfMassVelocity", "velocity")[:, :2] = velocity
+        self._follow_the_ground(controller, velocity, target)
         controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self._rate
         controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 2] = yaw
-        controller.reference("Position", "target")[:, :2] = self._place + dt * np.cumsum(velocity, axis=0)
+        controller.reference("Position", "target")[:, :2] = target
+
+    @staticmethod
+    def _follow_the_ground(controller: Controller, velocity: Array, target: Array) -> None:
+        """On a slope, height and vertical speed are those of the ground under the places (N, 2) that the command leads to."""
+        names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
+        if "terrain.normal_z" not in names:
+            return
+        first = names.index("terrain.normal_x")
+        normal, height = p[first : first + 3], p[names.index("terrain.height")]
+        rise = -normal[:2] / normal[2]
+        if not rise.any():
+            return
+        start = controller.convention.base(controller.problem.start)[0]
+        above = start[2] - (controller.first_ground + rise @ start[:2])
+        controller.reference("BaseHeight", "height")[:, 0] = height + target @ rise + above
+        controller.reference("CenterOfMassVelocity", "velocity")[:, 2] = velocity @ rise
 
     def _advance(self, seconds: float) -> None:
         """The command that is followed, and where it has led."""

@@ -7,7 +7,7 @@ import pytest
 
 import octo
 from octo.errors import ValueRangeError
-from octo.mpc import Controller, Push, VelocityCommand, run
+from octo.mpc import Controller, Push, VelocityCommand, run, walking_problem
 from octo.mpc.loop import Sensors
 from octo.plant import MujocoPlant, SimulatorPlant
 
@@ -133,6 +133,19 @@ def test_real_time(problem, robot):
     log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.0, realtime=True)
     assert len(log.t) == 100 and log.report()["falls"] == 0
     assert {"solved"} <= set(log.statuses)
+
+
+def test_it_climbs_a_slope_that_it_knows(robot):
+    """8° up for four seconds: the height that is held is that over the ground ahead."""
+    slope = octo.Plane(slope=np.radians(8.0))
+    problem = walking_problem(robot, 20, terrain=slope)
+    plant = MujocoPlant(robot, terrain=slope)
+    plant.reset_chart(problem.start)
+    log = run(Controller(problem, guide=VelocityCommand((0.2, 0.0))), plant, 4.0)
+    assert log.report()["falls"] == 0
+    gone = log.x[-1, :3] - log.x[0, :3]
+    assert gone[0] > 0.5 and gone[2] == pytest.approx(np.tan(np.radians(8.0)) * gone[0], abs=0.02)
+    assert 0.02 < log.foot_lift < 0.12  # over the slope, not over the level
 
 
 @pytest.mark.parametrize("values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}])
