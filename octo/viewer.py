@@ -88,7 +88,7 @@ def view(
 
     Raises
     ------
-    MissingExtraError: viser is not installed. ModelError: user-written dynamics have no bodies.
+    MissingExtraError: viser, or what it needs, is not installed. ModelError: user-written dynamics have no bodies.
     ShapeError: no solution. OutputError: the file cannot be written.
     """
     try:
@@ -257,7 +257,10 @@ def _server(viser: Any) -> Iterator[Any]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        try:
+            server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        except ImportError as error:  # viser imports some of what it needs only now
+            raise MissingExtraError(f"a moving picture ({error})", "view") from error
     try:
         yield server
     finally:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import octo
 from octo.bench import plan
 from octo.bench.timing import Records, processor, read
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.errors import UnknownNameError
 
 COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.json"  # of a clone; a wheel has none
@@ -65,7 +64,5 @@ def write(path: Path, records: Records, chosen: plan.Plan) -> None:
         path.name: records.write,
         f"{path.stem}.png": lambda scratch: draw(records, chosen, f"octo bench on {processor()}", scratch),
     }
-    missing, reason = OutputFolder(path.parent).write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from octo.cli.arguments import steps_of
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, described, finite, report
 from octo.errors import ProblemError, UnknownNameError
 from octo.goals import Goal
@@ -158,9 +157,7 @@ def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]])
         s = entries[0].solution
         title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
         writers[f"{path.stem}.png"] = lambda scratch: draw(entries, title, scratch)
-    missing, reason = OutputFolder(path.parent).write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from octo.cli.arguments import add_base_arguments, number, pose_of, positive, terrain_of, whole
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import write_json
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
@@ -145,6 +144,4 @@ def _write(folder: OutputFolder, log: Any, report: dict[str, Any]) -> None:
         "plot.png": lambda path: plot_log(log, path),
         "motion.html": lambda path: view(log.solution(), path),
     }
-    missing, reason = folder.write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(folder.write(writers))

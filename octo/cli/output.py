@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from octo.errors import MissingExtraError, OutputError
+from octo.errors import MissingExtraError, OctoError, OutputError
 
 Writer = Callable[[Path], None]
+PICTURES = (".png", ".html", ".pdf", ".svg")  # that cost no numbers when they fail
 
 
 class OutputFolder:
@@ -41,27 +43,42 @@ class OutputFolder:
             if (self.path / name).is_dir():
                 raise OutputError(f"out is {str(self.path)!r}, where {name} is a folder and not a file")
 
-    def write(self, writers: Mapping[str, Writer]) -> tuple[list[str], MissingExtraError | None]:
-        """Write the files by name. A picture whose optional dependency is missing is left out.
+    def write(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
+        """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever reason, is left out.
 
         Returns
         -------
-        the names left out, and why.
+        the pictures left out, and why.
+
+        Raises
+        ------
+        OutputError: another file cannot be written; none is.
         """
-        missing: list[str] = []
-        reason: MissingExtraError | None = None
+        failed: dict[str, Exception] = {}
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.path, prefix=".octo-") as scratch:
                 for name, writer in writers.items():
                     try:
                         writer(Path(scratch) / name)
-                    except MissingExtraError as error:
-                        missing.append(name)
-                        reason = error
+                    except Exception as error:  # a drawing library may raise anything
+                        if Path(name).suffix not in PICTURES:
+                            raise
+                        failed[name] = error
                 for name in writers:
-                    if name not in missing:
+                    if name not in failed:
                         os.replace(Path(scratch) / name, self.path / name)
         except OSError as error:
             raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {error.strerror or error}") from error
-        return missing, reason
+        return failed
+
+
+def say_left_out(failed: Mapping[str, Exception]) -> None:
+    """One line on stderr for each picture left out, one for all whose optional dependency is missing."""
+    missing = [name for name, error in failed.items() if isinstance(error, MissingExtraError)]
+    if missing:
+        print(f"octo: {' and '.join(missing)} left out: {failed[missing[-1]]}", file=sys.stderr)
+    for name, error in failed.items():
+        if name not in missing:
+            kind = "" if isinstance(error, OctoError) else f"{type(error).__name__}: "
+            print(f"octo: {name} left out: {' '.join(f'{kind}{error}'.split())}", file=sys.stderr)

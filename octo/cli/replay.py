@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from octo.cli.arguments import positive, whole
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import write_json
 from octo.errors import UnknownNameError
 from octo.replay import Replay, replay
@@ -66,6 +66,4 @@ def write(folder: OutputFolder, done: Replay) -> None:
         "report.json": lambda path: write_json(path, done.report()),
         "motion.html": lambda path: view([done.plan, done.motion], path),
     }
-    missing, reason = folder.write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(folder.write(writers))

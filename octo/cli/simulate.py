@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
 from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import write_json
 from octo.dynamics.balance import GRAVITY, Balance
 from octo.dynamics.evaluate import RobotDynamics
@@ -116,6 +115,4 @@ def write(folder: OutputFolder, solution: Solution) -> None:
         "report.json": lambda path: write_json(path, solution.report()),
         "motion.html": lambda path: view(solution, path),
     }
-    missing, reason = folder.write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(folder.write(writers))

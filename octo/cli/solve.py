@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of, whole
-from octo.cli.output import OutputFolder, Writer
+from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.kinematics import center_of_mass
@@ -118,7 +117,7 @@ def report(solution: Solution, goal: Goal) -> dict[str, Any]:
 
 
 def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any]) -> None:
-    """The four files; without the extra 'view' the two pictures are left out."""
+    """The four files; a picture that cannot be drawn, as without the extra 'view', is left out."""
     from octo.plot import plot
     from octo.viewer import view
 
@@ -128,9 +127,7 @@ def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any]) -
         "plot.png": lambda path: plot(solution, path),
         "motion.html": lambda path: view(solution, path),
     }
-    missing, reason = folder.write(writers)
-    if missing:
-        print(f"octo: {' and '.join(missing)} left out: {reason}", file=sys.stderr)
+    say_left_out(folder.write(writers))
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:

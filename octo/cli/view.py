@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from octo.cli.output import OutputFolder
-from octo.errors import OutputError
+from octo.errors import OctoError, OutputError
 from octo.solver.solution import Solution
 
 PLOTS = (".png", ".pdf", ".svg")
@@ -28,9 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
     solution = Solution.load(arguments.solution)
-    missing, reason = folder.write({out.name: lambda path: picture(solution, path)})
-    if missing and reason is not None:
-        raise reason
+    for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
+        raise error if isinstance(error, OctoError) else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
     print(f"written to {out}")
     return 0
 

@@ -102,6 +102,29 @@ def test_without_pictures_one_line_says_so(
     assert len(said) == 1 and "plot.png and motion.html" in said[0] and "'view'" in said[0]
 
 
+def test_a_picture_that_fails_costs_no_numbers(
+    solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(solution: Solution, path: Path) -> None:
+        path.write_text("half a picture")
+        raise RuntimeError("no font\nat all")
+
+    def full(solution: Solution, path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    solver()
+    monkeypatch.setitem(sys.modules, "octo.plot", types.SimpleNamespace(plot=broken))
+    monkeypatch.setitem(sys.modules, "octo.viewer", types.SimpleNamespace(view=full))
+    assert walk(tmp_path) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.json", "solution.npz"]
+    said = [line for line in capsys.readouterr().err.splitlines() if "left out" in line]
+    assert len(said) == 2 and said[0] == "octo: plot.png left out: RuntimeError: no font at all"
+    assert "motion.html left out: OSError" in said[1]
+    assert main(["view", str(tmp_path / "solution.npz"), "--out", str(tmp_path / "again.svg")]) == 2
+    assert "again.svg cannot be drawn: RuntimeError: no font at all" in capsys.readouterr().err
+    assert not (tmp_path / "again.svg").exists()
+
+
 def test_interrupted_before_there_is_an_iterate(
     solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,6 +88,13 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(OutputError, match="cannot be written"):
         view(chain, tmp_path / "nowhere" / "motion.html")
     assert not list(tmp_path.iterdir())
+
+    def server(**options: object) -> None:
+        raise ModuleNotFoundError("No module named 'websockets'")
+
+    with monkeypatch.context() as patch, pytest.raises(MissingExtraError, match=r"websockets.*'view'"):
+        patch.setattr("viser.ViserServer", server)
+        view(chain, tmp_path / "motion.html")
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match="'view'"):
         view(chain, tmp_path / "motion.html")
