@@ -68,9 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     terrain = terrain_of(arguments.terrain)
     from octo.mpc import Controller, VelocityCommand, walking_problem
     from octo.mpc import run as close_the_loop
-    from octo.solve import resolve_device
+    from octo.mpc.controller import check_device
 
-    resolve_device(arguments.device)
+    check_device(arguments.device)
     problem = walking_problem(
         robot, arguments.horizon, arguments.dt, friction=arguments.plan_friction, pose=pose_of(robot, arguments.pose),
         terrain=terrain,
@@ -99,10 +99,13 @@ def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, argumen
     if arguments.plant == "octo":
         if arguments.bumps > 0.0:
             raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
+        from octo.mpc.controller import LOW_PERIOD  # longer steps than it expects are unstable
         from octo.plant import SimulatorPlant
 
         parameters = {"contact.mu": arguments.friction}
-        return SimulatorPlant(robot, law=problem.law, terrain=terrain, parameters=parameters, payload=arguments.payload)
+        return SimulatorPlant(
+            robot, law=problem.law, terrain=terrain, parameters=parameters, timestep=LOW_PERIOD, payload=arguments.payload
+        )
     if not isinstance(terrain, Plane):
         raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
     from octo.plant import MujocoPlant

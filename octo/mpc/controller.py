@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ from octo.mpc.iteration import Iteration
 from octo.mpc.plan import Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
-from octo.solve import resolve_device
+from octo.solve import DEVICES
 from octo.solver.receding import RecedingHorizon
 from octo.solver.solution import Solution
 
@@ -48,7 +50,7 @@ class Controller:
     problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
-    device: "cpu" (or "auto").
+    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
     convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.mpc.convention.Convention`).
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
     stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
@@ -74,8 +76,7 @@ class Controller:
         damping: float | Array | None = None,
         guide: Guide | None = None,
     ):
-        if resolve_device(device) != "cpu":
-            raise DeviceError(f"device is {device!r}: one problem of one second is solved on the CPU, use device 'cpu'")
+        check_device(device)
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
         if problem.basis_object.name != "nodes" or problem.x_end is not None:
@@ -379,3 +380,18 @@ class Controller:
         for name, value, size in (("q", q, self.convention.nq), ("v", v, self.convention.nv)):
             if value.shape != (size,):
                 raise ShapeError(name, value.shape, (size,))
+
+
+def check_device(device: str) -> None:
+    """Raises DeviceError for "cuda", UnknownNameError for no device."""
+    if device not in DEVICES:
+        raise UnknownNameError("device", device, DEVICES)
+    if device == "cuda":
+        raise DeviceError("device is 'cuda': this version has no control loop on a GPU, use device 'cpu'")
+    if device == "auto":
+        _say_cpu()
+
+
+@cache
+def _say_cpu() -> None:
+    print("octo: using the CPU: this version has no control loop on a GPU", file=sys.stderr)

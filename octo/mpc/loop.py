@@ -22,7 +22,7 @@ from octo.mpc.log import Log, memory_in_use
 Array = NDArray[np.float64]
 FALLEN = 0.5  # of the start height of the base
 TILTED = np.cos(np.radians(60.0))
-# Standard deviations of noise 1, each tick (FACTS: the noise a robot's estimator has).
+# Standard deviations of noise 1, each tick (about that of a robot's state estimator).
 PLACE, TURN, JOINT = 1.5e-3, 3e-3, 3e-3  # m, rad, rad
 SPEED, SPIN, JOINT_SPEED = 0.015, 0.03, 0.09  # m/s, rad/s, rad/s
 

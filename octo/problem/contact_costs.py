@@ -1,4 +1,4 @@
-"""Terms over one contact's height, velocity, force and previous force, mapped over the contacts (FACTS of robots' feet).
+"""Terms over one contact's height, velocity, force and previous force, mapped over the contacts.
 
 A term's residual is written for one contact; E sums it over the contacts chosen (all that touch the terrain, or
 ``contacts`` by name) and averages over the steps. Forces are in units of the weight mg.

@@ -33,6 +33,12 @@ def test_octo_s_own_simulation_and_a_turn(tmp_path):
     assert report["plant"] == "octo" and report["command"][2] == pytest.approx(0.3)
 
 
+def test_it_walks_in_octo_s_own_simulation_at_the_defaults(tmp_path):
+    assert main(["mpc", "mammal", "--seconds", "2", "--plant", "octo", "--out", str(tmp_path / "walk")]) == 0
+    report = json.loads((tmp_path / "walk" / "report.json").read_text())
+    assert report["falls"] == 0 and report["velocity"][0] == pytest.approx(0.5, abs=0.15)
+
+
 def test_falls_are_no_failure(tmp_path):
     """A push of 400 N knocks a robot of 5 kg over: exit code 0, and the fall is in the report."""
     words = ["mpc", "mammal", "--goal", "stand", "--seconds", "6", "--horizon", "12", "--push", "400,0.2,90"]
@@ -55,6 +61,7 @@ def test_falls_are_no_failure(tmp_path):
         (["--dt", "0"], "'0', must be positive"),
         (["--plan-friction", "-1"], "must be positive"),
         (["--device", "gpu"], "device 'gpu' is not known"),
+        (["--device", "cuda"], "no control loop on a GPU, use device 'cpu'"),
         (["--terrain", "slope:100"], "slope must be a number of degrees"),
         (["--base", "fixed"], "base is 'fixed'"),
     ],

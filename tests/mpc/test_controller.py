@@ -13,6 +13,7 @@ import octo
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.kinematics import sphere_centers
 from octo.mpc import CommandStatus, Controller
+from octo.mpc.controller import _say_cpu
 from octo.mpc.stance import STRAIGHT, _feet, _stretch, stance
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
@@ -183,3 +184,11 @@ def test_the_shifted_plan_is_the_plan(controller, plant, stand):
     nodes = np.empty_like(controller.horizon.nodes)
     plan.shift(plan.time + plan.dt, nodes)
     np.testing.assert_allclose(nodes[:-1], plan.x[1 : plan.steps + 2], atol=1e-12)
+
+
+def test_auto_is_the_cpu_whatever_the_machine_has(problem, monkeypatch, capsys):
+    monkeypatch.setattr("octo.gpu.cuda.reason", lambda: None)  # a machine with a GPU
+    _say_cpu.cache_clear()
+    for _ in range(2):
+        Controller(problem, device="auto")
+    assert capsys.readouterr().err == "octo: using the CPU: this version has no control loop on a GPU\n"
