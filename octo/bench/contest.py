@@ -46,7 +46,7 @@ class Contest:
     options: SqpOptions
     passes: int = 1
     threads: int = 1
-    device: str = "auto"
+    device: str = "cpu"
     start: Solution | None = None
 
     def __post_init__(self) -> None:

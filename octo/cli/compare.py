@@ -26,7 +26,7 @@ SOLVERS = ("ipopt", "fatrop")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_goal_arguments(parser)
+    add_goal_arguments(parser, device="cpu")  # one core each
     parser.add_argument(
         "--with", dest="others", metavar="SOLVERS", help="ipopt, fatrop or both with a comma (default: all that the basis allows)"
     )

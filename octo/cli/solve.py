@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
 
 
-def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
+def add_goal_arguments(parser: argparse.ArgumentParser, device: str = "auto") -> None:
     """What is solved and how, without where it is written."""
     add_robot_arguments(parser)
     parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)")
@@ -50,7 +50,7 @@ def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
     parser.add_argument("--time-limit", type=positive, help="s, of all passes")
     parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
-    parser.add_argument("--device", default="auto", help="auto, cpu or cuda (default auto)")
+    parser.add_argument("--device", default=device, help=f"auto, cpu or cuda (default {device})")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -43,13 +44,15 @@ def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 @needs_compiler
-def test_hermite_and_seeds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_hermite_and_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys.modules["octo.solve"].cuda, "reason", lambda: None)  # as where there is a GPU
     file = tmp_path / "list.json"
     assert main([*TINY, "--basis", "hermite", "--seeds", "2", "--seed", "3", "--max-iterations", "3", "--json", str(file)]) == 0
     records = json.loads(file.read_text())
     assert [(r["solver"], r["seed"], r["status"]) for r in records] == [
         (name, seed, "iteration_limit") for seed in (3, 4) for name in ("octo", "ipopt")
     ]
+    assert all(r["device"] == "cpu" for r in records if r["solver"] == "octo")
     assert "octo 0, ipopt 0" in capsys.readouterr().out
 
 
