@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 GROUPS = ("machine", "dynamics", "iteration", "degrees", "threads", "solvers", "compile", "symbolic")
+SIZES = {  # what the number depends on and its name does not say, by how the name begins; the last that fits counts
+    "dynamics.": ("steps",), "threads.": ("steps",), "symbolic.": ("steps",), "solvers.": ("motion_steps", "seeds"),
+    "degrees.": ("steps",), "degrees.power": ("steps", "links"), "degrees.longest/shortest": ("steps", "links"),
+    **{f"iteration.{basis}.{name}": (basis,) for basis in ("nodes", "hermite")
+       for name in ("slope", "constant", "largest_error_of_fit")},
+}  # fmt: skip
 
 
 def cores() -> int:
@@ -45,6 +53,16 @@ class Plan:
     def threads(self) -> tuple[int, ...]:
         """Counts beside one thread: 2, 4, … up to the cores."""
         return tuple(2**k for k in range(1, 6) if 2**k <= cores())
+
+    def record(self) -> dict[str, Any]:
+        """As JSON keeps it."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    def compares(self, name: str, other: Mapping[str, Any]) -> bool:
+        """Whether a record of this name is of the same sizes in the plan that ``other`` is the record of."""
+        fields = [fields for begin, fields in SIZES.items() if name.startswith(begin)]
+        mine = self.record()
+        return not fields or all(mine[field] == other[field] for field in fields[-1])
 
 
 FULL = Plan()

@@ -50,7 +50,7 @@ def run(plan: Plan, groups: Sequence[str], baseline: Mapping[str, float]) -> Rec
     ------
     DeviceError: there is no C compiler.
     """
-    records = Records(baseline)
+    records = Records(baseline, plan)
     if native.compiler() is None:
         raise DeviceError("octo bench needs a C compiler: gcc, cc, clang or the one that CC names")
     progress = Progress()

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import octo
+from octo.bench.plan import FULL, Plan
 from octo.errors import UsageError
 
 
@@ -46,7 +47,7 @@ def interleaved(
 
 @dataclass(frozen=True)
 class Record:
-    """One number; ``baseline_ratio`` is value over the committed baseline's, None where that has none."""
+    """One number; ``baseline_ratio`` is value over the baseline's, None where that has none of the same sizes."""
 
     name: str
     value: float
@@ -57,15 +58,17 @@ class Record:
 Say = Callable[[str], None]  # what is being measured now, for the progress line
 
 
-def read(path: Path) -> dict[str, float]:
-    """The values of a file that :meth:`Records.write` wrote, by name.
+def read(path: Path, plan: Plan) -> dict[str, float]:
+    """The values of a file that :meth:`Records.write` wrote, by name: those of the same sizes as in ``plan``.
 
     Raises
     ------
     UsageError: the file is missing or holds something else.
     """
     try:
-        return {str(record["name"]): float(record["value"]) for record in json.loads(path.read_text())["records"]}
+        content = json.loads(path.read_text())
+        values = {str(record["name"]): float(record["value"]) for record in content["records"]}
+        return {name: value for name, value in values.items() if plan.compares(name, content["plan"])}
     except FileNotFoundError:
         raise UsageError(f"baseline is {str(path)!r}, which does not exist") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -73,10 +76,11 @@ def read(path: Path) -> dict[str, float]:
 
 
 class Records:
-    """The numbers of one run, in order, beside those of a baseline."""
+    """The numbers of one run of a plan, in order, beside those of a baseline."""
 
-    def __init__(self, baseline: Mapping[str, float] | None = None):
+    def __init__(self, baseline: Mapping[str, float] | None = None, plan: Plan = FULL):
         self.made: list[Record] = []
+        self.plan = plan
         self.before = dict(baseline or {})
 
     def add(self, name: str, value: float, unit: str) -> None:
@@ -113,7 +117,7 @@ class Records:
 
     def write(self, path: Path) -> None:
         where = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "octo": octo.__version__}
-        content = {**where, "records": [asdict(record) for record in self.made]}
+        content = {**where, "plan": self.plan.record(), "records": [asdict(record) for record in self.made]}
         path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 

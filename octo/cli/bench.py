@@ -9,7 +9,7 @@ import octo
 from octo.bench import plan
 from octo.bench.timing import Records, processor, read
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.errors import UnknownNameError
+from octo.errors import UnknownNameError, UsageError
 
 COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.json"  # of a clone; a wheel has none
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     if path is not None:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     known = COMMITTED if arguments.baseline is None else Path(arguments.baseline)
-    baseline = read(known) if known != COMMITTED or known.exists() else {}
+    baseline = read(known, chosen) if known != COMMITTED or known.exists() else {}
     from octo.bench import run as bench  # after the checks: it takes longer to import than they take
 
     records = bench.run(chosen, groups, baseline)
@@ -45,11 +45,13 @@ def groups_of(words: list[str] | None) -> tuple[str, ...]:
 
     Raises
     ------
-    UnknownNameError: no such group.
+    UnknownNameError: no such group. UsageError: none at all.
     """
     if words is None:
         return plan.GROUPS
     names = [name for word in words for name in word.split(",") if name]
+    if not names:
+        raise UsageError(f"only is {' '.join(words)!r}, must name some of {', '.join(plan.GROUPS)}")
     for name in names:
         if name not in plan.GROUPS:
             raise UnknownNameError("group", name, plan.GROUPS)

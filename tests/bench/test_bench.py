@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,11 @@ import numpy as np
 import pytest
 
 from octo import native
-from octo.bench import plan
+from octo.bench import compilation, plan
 from octo.bench.bounds import elimination_flops
 from octo.bench.iteration import line
 from octo.bench.run import MEASURES
-from octo.bench.timing import Records, Timing
+from octo.bench.timing import Records, Timing, read
 from octo.cli import bench
 from octo.cli.main import main
 
@@ -48,7 +49,7 @@ def test_quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     for record in records.values():
         assert set(record) == {"name", "value", "unit", "baseline_ratio"}
         assert math.isfinite(record["value"]) and isinstance(record["unit"], str)
-    assert content["processor"] and content["date"]
+    assert content["processor"] and content["date"] and content["plan"]["motion_steps"] == TINY.motion_steps
     for name in ("dynamics.chain.fd", "iteration.nodes.20", "degrees.chain5"):
         assert 0.0 < records[name]["value"] <= records[f"{name}.median"]["value"]
     for stage in ("linearize", "factor", "solve", "evaluate"):
@@ -61,6 +62,34 @@ def test_quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     for record in json.loads(again.read_text())["records"]:
         assert record["name"].startswith("dynamics.")
         assert record["baseline_ratio"] == pytest.approx(record["value"] / records[record["name"]]["value"])
+
+
+def test_no_ratio_of_other_sizes(tmp_path: Path) -> None:
+    names = ("machine.memory", "iteration.nodes.20", "iteration.nodes.slope", "degrees.chain3", "degrees.power.factor",
+             "solvers.nodes.octo.time", "dynamics.chain.fd", "compile.cached")  # fmt: skip
+    full = Records(plan=plan.FULL)
+    for name in names:
+        full.add(name, 2.0, "s")
+    full.write(tmp_path / "full.json")
+    assert set(read(tmp_path / "full.json", plan.FULL)) == set(names)
+    quick = read(tmp_path / "full.json", plan.QUICK)
+    assert set(quick) == {"machine.memory", "iteration.nodes.20", "degrees.chain3", "dynamics.chain.fd", "compile.cached"}
+    fewer = read(tmp_path / "full.json", replace(plan.FULL, steps=20))
+    assert set(names) - set(fewer) == {"degrees.chain3", "degrees.power.factor", "dynamics.chain.fd"}
+
+
+@pytest.mark.parametrize("cold", [True, False])
+def test_cached_is_measured_after_the_cache_is_filled(cold: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = iter((90.0, 1.0))
+
+    def run(*words: object, **options: object) -> types.SimpleNamespace:
+        return types.SimpleNamespace(stdout=json.dumps({"problem": next(seconds)}))
+
+    monkeypatch.setattr(compilation.subprocess, "run", run)
+    records = Records()
+    compilation.measure(records, replace(plan.QUICK, cold=cold), lambda text: None)
+    assert records["compile.cached"] == 1.0
+    assert ("compile.cold" in records) == cold and (not cold or records["compile.cold"] == 90.0)
 
 
 def test_every_group_has_its_measure() -> None:
@@ -94,6 +123,8 @@ def test_flops_are_those_of_a_dense_elimination() -> None:
     ("words", "said"),
     [
         (["--only", "dynamic"], "group 'dynamic' is not known; did you mean dynamics"),
+        (["--only", ","], "only is ',', must name some of machine, dynamics"),
+        (["--only", ""], "only is '', must name some of machine, dynamics"),
         (["--only"], "--only: expected at least one argument"),
         (["--json", "/proc/none/bench.json"], "cannot be written"),
         (["--baseline", "nowhere.json"], "baseline is 'nowhere.json', which does not exist"),
