@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     terrain = terrain_of(arguments.terrain)
     from octo.mpc import Controller, VelocityCommand, walking_problem
     from octo.mpc import run as close_the_loop
-    from octo.mpc.controller import check_device
+    from octo.mpc.measurement import check_device
 
     check_device(arguments.device)
     problem = walking_problem(

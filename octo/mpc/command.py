@@ -19,7 +19,7 @@ class CommandStatus(Enum):
     SOLVED = "solved: the plan starts at this measurement"
     LATE = "late: the plan had run out before this measurement came; the new one starts at it"
     BUDGET = "the budget ran out before one iteration was done: the plan before continues, shifted"
-    INVALID = "the measurement is not finite, or has another shape: the plan before continues, shifted"
+    INVALID = "the measurement is not finite, out of all bounds, or has another shape: the plan before continues, shifted"
     STALE = "the measurement is no newer than the one before: the plan before continues, shifted"
     FAILED = "the step could not be computed: the plan before continues, shifted"
     DIVERGED = "the step leads to a motion that is not finite or breaks the laws of physics: the plan before continues, shifted"

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
 from collections.abc import Callable, Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,15 +12,15 @@ from numpy.typing import NDArray
 
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.mass_matrix import mass_matrix
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.convention import Convention
 from octo.mpc.iteration import Iteration
+from octo.mpc.measurement import check, check_device, measured, plausible, time_of
 from octo.mpc.plan import Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
-from octo.solve import DEVICES
 from octo.solver.receding import RecedingHorizon
 from octo.solver.solution import Solution
 
@@ -40,6 +38,7 @@ LOW_PERIOD = 0.002  # s, that the low level is expected to have
 LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
 GRAVITY = 9.81  # m/s²
+SLACK = 1.0  # s, that a measurement may be older than the last one, or newer than the plan's end, by the same clock
 
 
 class Controller:
@@ -59,7 +58,7 @@ class Controller:
     Raises
     ------
     ProblemError, DeviceError, ValueRangeError, UnknownNameError: naming the argument and what is allowed. No call of
-    ``step``, ``prepare``, ``feedback`` or ``command`` raises.
+    ``step``, ``prepare``, ``feedback`` or ``command`` raises, unless the guide does.
     """
 
     def __init__(
@@ -167,14 +166,20 @@ class Controller:
     # -- the first plan -----------------------------------------------------------------------------------------------
 
     def reset(self, q: Array | None = None, v: Array | None = None, t: float = 0.0) -> None:
-        """Forget the plan; make a new one from q (nq,) and v (nv,), by default the problem's start at rest."""
+        """Forget the plan; make a new one from q (nq,) and v (nv,), by default the problem's start at rest.
+
+        Raises
+        ------
+        ShapeError, ValueRangeError: q or v have another shape, are not finite or out of all bounds.
+        """
         nodes = self.horizon.nodes
         if q is None:
             x, before = self.problem.start, self.problem.start - self.dt * self.problem.start_velocity
         else:
             speed = np.zeros(self.convention.nv) if v is None else np.asarray(v, dtype=float)
-            self._check_shapes(np.asarray(q), speed)
-            x, before = self.convention.to_octo(np.asarray(q, dtype=float), speed, self.dt, self.problem.start)
+            place = np.asarray(q, dtype=float)
+            check(place, speed, self.convention)
+            x, before = self.convention.to_octo(place, speed, self.dt, self.problem.start)
         nodes[:] = x
         nodes[0] = before
         self._forget(x)
@@ -196,7 +201,7 @@ class Controller:
     def _forget(self, x: Array) -> None:
         self._iteration.forget()
         self._plan, self._next = self._plans[0], 1
-        self._last_time, self._tick = -np.inf, self.dt
+        self._last_time, self._jump, self._tick = -np.inf, np.nan, self.dt
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
@@ -231,6 +236,7 @@ class Controller:
     def step(self, t: float, q: Array, v: Array) -> Command:
         """A new plan from the measurement q (nq,), v (nv,) at time t (s), and the command that starts it."""
         began = time.perf_counter()
+        t, q, v = time_of(t), measured(q, self.convention.nq), measured(v, self.convention.nv)
         status = self._refuse(t, q, v)
         ahead = 0.0
         if status is None and not abs(self._prepared - t) <= TOLERANCE * self.dt:
@@ -240,8 +246,9 @@ class Controller:
 
     def prepare(self, t: float | None = None) -> None:
         """What can be done before the measurement at time ``t`` (by default one tick after the last one) arrives."""
-        t = self._last_time + self._tick if t is None else t
-        plan = self._plan
+        plan, t = self._plan, time_of(t)
+        if not np.isfinite(t):
+            t = self._last_time + self._tick if np.isfinite(self._last_time) else plan.time
         plan.shift(t, self.horizon.nodes)
         if self.guide is not None:
             self.guide(self, t, self.horizon.nodes[1])
@@ -267,14 +274,19 @@ class Controller:
 
     def _refuse(self, t: float, q: Array, v: Array) -> CommandStatus | None:
         """What is wrong with a measurement."""
-        if np.shape(q) != (self.convention.nq,) or np.shape(v) != (self.convention.nv,):
+        if not (np.isfinite(t) and plausible(q, v, self.convention)):
             return CommandStatus.INVALID
-        if not (np.isfinite(t) and np.isfinite(q).all() and np.isfinite(v).all()):
-            return CommandStatus.INVALID
-        if self.convention.floating and not np.any(q[self.convention.quaternion]):
-            return CommandStatus.INVALID
-        frozen = bool((q == self._last_q).all() and (v == self._last_v).all() and np.any(v))
-        return CommandStatus.STALE if t <= self._last_time or frozen else None
+        if (q == self._last_q).all() and (v == self._last_v).all() and np.any(v):  # frozen
+            return CommandStatus.STALE
+        ahead, behind = t > max(self._plan.end, self._last_time) + SLACK, t < self._last_time - SLACK
+        if np.isfinite(self._last_time) and (ahead or behind):
+            follows = self._jump < t <= self._jump + SLACK
+            self._jump = t
+            if not follows:
+                return CommandStatus.INVALID if ahead else CommandStatus.STALE
+            self._last_time = -np.inf  # two in a row by another clock: that is the clock now
+        self._jump = np.nan
+        return CommandStatus.STALE if t <= self._last_time else None
 
     def _feedback(self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None) -> Command:
         done = 0
@@ -364,34 +376,14 @@ class Controller:
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints."""
-        x, rate, u = self._plan.joints(t)
-        actuated = self.robot.actuated
-        if len(q) != self.convention.nq or len(v) != self.convention.nv:
-            return u
-        u = u + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[actuated])
+        plan, t = self._plan, time_of(t)
+        x, rate, planned = plan.joints(t if np.isfinite(t) else plan.time)
+        q, v = measured(q, self.convention.nq), measured(v, self.convention.nv)
+        with np.errstate(over="ignore", invalid="ignore"):
+            u = planned + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[self.robot.actuated])
         if not np.isfinite(u).all():  # a joint that is not measured follows the plan's torque
-            u = np.where(np.isfinite(u), u, self._plan.joints(t)[2])
+            u = np.where(np.isfinite(u), u, planned)
         return self._limited(u)
 
     def _limited(self, u: Array) -> Array:
         return np.asarray(np.minimum(np.maximum(u, -self.limit), self.limit))
-
-    def _check_shapes(self, q: Array, v: Array) -> None:
-        for name, value, size in (("q", q, self.convention.nq), ("v", v, self.convention.nv)):
-            if value.shape != (size,):
-                raise ShapeError(name, value.shape, (size,))
-
-
-def check_device(device: str) -> None:
-    """Raises DeviceError for "cuda", UnknownNameError for no device."""
-    if device not in DEVICES:
-        raise UnknownNameError("device", device, DEVICES)
-    if device == "cuda":
-        raise DeviceError("device is 'cuda': this version has no control loop on a GPU, use device 'cpu'")
-    if device == "auto":
-        _say_cpu()
-
-
-@cache
-def _say_cpu() -> None:
-    print("octo: using the CPU: this version has no control loop on a GPU", file=sys.stderr)

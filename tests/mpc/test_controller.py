@@ -13,7 +13,7 @@ import octo
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.kinematics import sphere_centers
 from octo.mpc import CommandStatus, Controller
-from octo.mpc.controller import _say_cpu
+from octo.mpc.measurement import _say_cpu
 from octo.mpc.stance import STRAIGHT, _feet, _stretch, stance
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from octo.errors import ValueRangeError
 from octo.mpc import CommandStatus
 from tests.mpc.conftest import inside
 
@@ -140,3 +141,76 @@ def test_a_plant_that_falls(running, plant, robot):
             plant.step(u)
         tilts.append(plant.base_rotation[2, 2])
     assert min(tilts) < -0.5
+
+
+def test_spin_or_orientation_that_nothing_has(running, plant, robot):
+    for place, value in ((3, 1e200), (0, 1e5), (12, -1e308)):
+        v = plant.v.copy()
+        v[place] = value
+        assert running.step(0.2, plant.q, v).status is CommandStatus.INVALID
+        assert inside(running.command(0.2, plant.q, v), robot.torque_limit)
+    for length in (1e-170, 1e-4, 1e4, 1e200):
+        q = plant.q.copy()
+        q[3:7] *= length
+        assert running.step(0.2, q, plant.v).status is CommandStatus.INVALID
+    q = plant.q.copy()
+    q[3:7] *= 0.5  # the same orientation
+    assert running.step(0.2, q, plant.v).status is CommandStatus.SOLVED
+
+
+def test_what_is_no_measurement_at_all(running, plant, robot):
+    q, v, plan = plant.q, plant.v, running.plan
+    for wrong in (None, "q", [1.0, 2.0], {}, [[1.0], [1.0, 2.0]], 10**400):
+        for call in ((0.2, wrong, v), (0.2, q, wrong), (wrong, q, v)):
+            assert running.step(*call).status is CommandStatus.INVALID
+            assert running.feedback(*call).status is CommandStatus.INVALID
+            assert inside(running.command(*call), robot.torque_limit)
+    for t in (np.nan, np.inf, -np.inf):
+        assert inside(running.command(t, q, v), robot.torque_limit)
+    assert kept(running, plan)
+
+
+def test_prepare_at_no_time_is_for_the_next_tick(running, plant):
+    for t in (np.nan, np.inf, None, "now"):
+        running.prepare(t)
+        assert running._prepared == pytest.approx(0.2)
+    running.reset()
+    running.prepare(np.nan)  # before any measurement
+    assert running.step(0.0, plant.q, plant.v).status is CommandStatus.SOLVED
+
+
+def test_lists_are_measurements(running, plant):
+    q, v = plant.q.copy(), plant.v.copy()
+    before = running.command(0.2, q, v)
+    np.testing.assert_array_equal(running.command(0.2, q.tolist(), v.tolist()), before)
+    assert running.step(0.2, q.tolist(), v.tolist()).status is CommandStatus.SOLVED
+
+
+@pytest.mark.parametrize("glitch", [1e9, 1e300, -1e9])
+def test_one_wrong_time_changes_nothing(running, plant, glitch):
+    plan = running.plan
+    assert running.step(glitch, plant.q, plant.v).status in (CommandStatus.INVALID, CommandStatus.STALE)
+    assert kept(running, plan)
+    assert running.step(0.2, plant.q, plant.v).status is CommandStatus.SOLVED
+
+
+@pytest.mark.parametrize("start", [1e6, -1e6])
+def test_a_clock_that_was_set_anew_is_followed(running, plant, start):
+    statuses = [running.step(start + 0.01 * k, plant.q + 1e-9 * k, plant.v).status for k in range(4)]
+    assert not statuses[0].fresh and all(status.fresh for status in statuses[1:])
+    assert statuses[2] is CommandStatus.SOLVED and running.plan.time == pytest.approx(start + 0.03)
+
+
+def test_a_first_measurement_may_have_any_time(running, plant):
+    running.reset(plant.q, plant.v)
+    assert running.step(1.7e9, plant.q, plant.v).status.fresh
+    assert not running.step(0.2, plant.q + 1e-9, plant.v).status.fresh
+    assert running.step(0.21, plant.q + 2e-9, plant.v).status.fresh
+
+
+def test_a_reset_to_what_is_no_state(running, plant):
+    q = plant.q.copy()
+    q[3:7] = 0.0
+    for place in (q, np.full_like(q, np.nan)):
+        with pytest.raises(ValueRangeError, match="q and v must be finite"):
+            running.reset(place)

@@ -1,0 +1,68 @@
+"""What a controller takes for a measurement, and where it computes."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
+from octo.mpc.convention import Convention
+from octo.solve import DEVICES
+
+Array = NDArray[np.float64]
+FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
+SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
+
+
+def measured(value: Any, size: int) -> Array:
+    """(size,) numbers, NaN where the value is nothing of that kind."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.full(size, np.nan)
+    return array if array.shape == (size,) else np.full(size, np.nan)
+
+
+def time_of(t: Any) -> float:
+    """s; NaN where it is no number."""
+    try:
+        return float(t)
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
+
+
+def plausible(q: Array, v: Array, convention: Convention) -> bool:
+    """Whether q (nq,) and v (nv,) are finite and something that a robot can be at."""
+    if not (np.abs(q).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
+        return False
+    return not convention.floating or bool(SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST)
+
+
+def check(q: Array, v: Array, convention: Convention) -> None:
+    """Raises ShapeError, or ValueRangeError where they are not plausible."""
+    for name, value, size in (("q", q, convention.nq), ("v", v, convention.nv)):
+        if value.shape != (size,):
+            raise ShapeError(name, value.shape, (size,))
+    if not plausible(q, v, convention):
+        raise ValueRangeError(
+            f"q and v must be finite, at most {FARTHEST:g} and {FASTEST:g}, a quaternion from {SHORTEST:g} to {LONGEST:g} long"
+        )
+
+
+def check_device(device: str) -> None:
+    """Raises DeviceError for "cuda", UnknownNameError for no device."""
+    if device not in DEVICES:
+        raise UnknownNameError("device", device, DEVICES)
+    if device == "cuda":
+        raise DeviceError("device is 'cuda': this version has no control loop on a GPU, use device 'cpu'")
+    if device == "auto":
+        _say_cpu()
+
+
+@cache
+def _say_cpu() -> None:
+    print("octo: using the CPU: this version has no control loop on a GPU", file=sys.stderr)
