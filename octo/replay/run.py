@@ -31,7 +31,7 @@ class Start:
     start: its number, 0 for the plan's own. fell: whether the base came under half its start height or tilted over 60°.
     seconds_upright: s, until then, or all of the plan. drift: m, horizontal distance of the base from the planned one at
     that time. tracking_error: rad (or m), root mean square over the actuated joints while upright.
-    torque_use: largest |torque|/limit asked for before it was clipped, 0 without limits.
+    torque_use: largest |torque|/limit asked for before it was clipped, of the joints with a positive limit; 0 without.
     """
 
     start: int
@@ -127,11 +127,14 @@ def replay(
     rng = np.random.default_rng(seed)
     records, motion = [], None
     for number in range(starts or 1):
-        x, rate = (solution.x[1], np.zeros(robot.nx)) if starts is None else perturbed(solution, rng)
+        x, rate = started(solution) if starts is None else perturbed(solution, rng)
         tracks = _run(controller, *from_chart(robot, x, rate), solution.dt)
         records.append(tracks.record(number))
         motion = motion or tracks.solution(solution)
-    settings = {"feedback": feedback, "kp": gains.kp, "kd": gains.kd, "friction": friction, "timestep": timestep, "seed": seed}
+    settings = {
+        "feedback": feedback, "kp": gains.kp, "kd": gains.kd, "friction": friction, "timestep": timestep,
+        "perturbed": starts is not None, "seed": seed,
+    }  # fmt: skip
     assert motion is not None
     return Replay(solution, motion, tuple(records), settings)
 
@@ -173,9 +176,10 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
     plant.reset(q, v)
     tracks, every, standing, j = _Tracks(controller, [plant.x]), round(dt / plan.timestep), plant.height, controller.first
     limits, often = controller.plan.character.torque_limit, max(1, round(LOOK / plan.timestep))
+    limited = limits > 0.0
     for k in range(plan.steps):
         u = controller(k)
-        tracks.torque_use = max(tracks.torque_use, float(np.max(np.abs(u) / limits)))
+        tracks.torque_use = max(tracks.torque_use, float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0)))
         error = plan.q[k, controller.in_q] - plant.q[controller.in_q]
         tracks.squares += float(np.mean(error**2))
         plant.step(u)
@@ -194,14 +198,19 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
     return tracks
 
 
+def started(solution: Solution) -> tuple[Array, Array]:
+    """x (nx,) and its rate (nx,) at the plan's start: those of x_{-1} and x_0."""
+    return solution.x[1].copy(), (solution.x[1] - solution.x[0]) / solution.dt
+
+
 def perturbed(solution: Solution, rng: np.random.Generator) -> tuple[Array, Array]:
     """x (nx,) and its rate (nx,): the plan's start with noise."""
     robot = solution.character
     assert robot is not None
-    x, rate = solution.x[1].copy(), np.zeros(robot.nx)
+    x, rate = started(solution)
     first = int(robot.first_joint[robot.base_body])
     x[first + 2] += rng.uniform(0.0, RAISED)
     x[first + 4 : first + 6] += TILTED * rng.standard_normal(2)  # pitch and roll, in either chart
     x[robot.actuated] += BENT * rng.standard_normal(robot.nu)
-    rate[first : first + 6] = MOVING * rng.standard_normal(6)
+    rate[first : first + 6] += MOVING * rng.standard_normal(6)
     return x, rate

@@ -54,7 +54,7 @@ def test_it_writes_two_files_and_says_who_stood(folder: Path, capsys: pytest.Cap
     assert all(start["tracking_error"] > 0.0 for start in report["starts"])
     assert report["tracking_error"] == pytest.approx(np.mean([start["tracking_error"] for start in report["starts"]]))
     assert report["drift"] < 0.05
-    assert report["feedback"] == "base"
+    assert report["feedback"] == "base" and report["perturbed"] is True and report["seed"] == 3
     assert "2 of 2 stood" in capsys.readouterr().out
     page = (folder / "out" / "motion.html").read_text()
     assert "mammal in MuJoCo" in page
@@ -67,7 +67,7 @@ def test_a_fall_is_no_failure(standing: Solution, folder: Path) -> None:
     replace(standing, x=np.repeat(standing.x, 5, axis=0)[:102], **longer).save("limp.npz")
     assert main(["replay", "limp.npz", "--feedback", "none", "--kp", "0.01", "--kd", "0.001", "--out", "out"]) == 0
     report = json.loads((folder / "out" / "report.json").read_text())
-    assert report["falls"] == 1
+    assert report["falls"] == 1 and report["perturbed"] is False
     assert 0.1 < report["seconds_upright"] < 2.5
     assert report["starts"][0]["fell"] is True
 

@@ -168,3 +168,26 @@ def test_the_ground_is_the_plans(standing: Solution) -> None:
     sloped = replace(standing, parameters={**standing.parameters, **{f"terrain.{k}": v for k, v in plane.parameters.items()}})
     found = ground_of(sloped)
     assert (found.slope, found.direction, found.height) == pytest.approx((0.1, 0.5, 0.2))
+
+
+def test_a_plan_that_starts_moving_is_replayed_moving(standing: Solution) -> None:
+    """Limp joints, no feedback: what carries the base in the first step is its velocity, less what its feet rub off."""
+    moving = replace(standing, x=standing.x.copy())
+    moving.x[:, 0] += 0.5 * DT * np.arange(-1, STEPS + 1)
+    limp = {"feedback": "none", "kp": 0.01, "kd": 0.001}
+    for plan, way in ((standing, 0.0), (moving, 0.5 * DT)):
+        nodes = replay(plan, **limp).motion.x  # type: ignore[arg-type]
+        assert way - 0.5 * 0.8 * 9.81 * DT**2 <= nodes[2, 0] - nodes[1, 0] <= way + 1e-3
+    still, shifted = (perturbed(plan, np.random.default_rng(1))[1] for plan in (standing, moving))
+    np.testing.assert_allclose(shifted - still, 0.5 * np.eye(18)[0], atol=1e-12)
+
+
+def test_a_joint_without_torque_has_no_torque_use(standing: Solution) -> None:
+    robot = standing.character
+    assert robot is not None
+    free = [
+        replace(body, joints=tuple(replace(j, torque_limit=0.0) if j.actuated else j for j in body.joints))
+        for body in robot.bodies
+    ]
+    limp = replay(replace(standing, character=replace(robot, bodies=tuple(free))), feedback="none", timestep=0.005)
+    assert limp.starts[0].torque_use == 0.0
