@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 GROUND = 1.0  # m, of ground around the motion in pictures
 LOADED = 0.02  # of the weight: a foot that carries more is loaded
+NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
 ROWS = (
@@ -39,7 +40,8 @@ class Log:
     ----------
     t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx) octo's chart; u (k, nu) N m or N; force, point (k, c, 3) of the
     contacts that touch the ground, N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
-    command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations).
+    command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations);
+    these six are NaN where no command came.
     falls: s; impulses: N s.
     """
 
@@ -65,7 +67,7 @@ class Log:
         }  # fmt: skip
         return Log(robot, tick, controller, {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS})
 
-    def record(self, t: float, plant: Plant, command: Command) -> None:
+    def record(self, t: float, plant: Plant, command: Command | None) -> None:
         force, point = plant.contacts()
         guide = self.controller.guide
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
@@ -74,13 +76,16 @@ class Log:
         x = self.controller.convention.to_octo(plant.q, plant.v, 1.0, near)[0]
         row: dict[str, Any] = {
             "t": t + self.tick, "q": plant.q, "v": plant.v, "x": x, "u": self.torque,
-            "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "seconds": command.seconds,
-            "prepare": command.prepare, "energy": command.energy, "violation": command.violation,
-            "excess": command.torque_excess, "done": command.iterations, "wanted": wanted,
+            "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "wanted": wanted,
         }  # fmt: skip
+        if command is not None:
+            row |= {
+                "seconds": command.seconds, "prepare": command.prepare, "energy": command.energy, "violation": command.violation,
+                "excess": command.torque_excess, "done": command.iterations,
+            }  # fmt: skip
         for name, value in row.items():
             self.columns[name][k] = value
-        self.statuses.append(command.status.label)
+        self.statuses.append(NO_COMMAND if command is None else command.status.label)
         self.count = k + 1
 
     def finish(self) -> None:
@@ -158,7 +163,8 @@ class Log:
         return float(np.sqrt(np.mean(speeds**2))) if speeds.size else 0.0
 
     def latency(self) -> dict[str, float]:
-        seconds = self.seconds[min(BOOT, len(self.seconds) // 2) :]
+        seconds = self.seconds[np.isfinite(self.seconds)]
+        seconds = seconds[min(BOOT, len(seconds) // 2) :]
         return {**{f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)}, "max": float(seconds.max())}
 
     def report(self) -> dict[str, Any]:
@@ -166,16 +172,16 @@ class Log:
         mean, wanted = self.tracked()
         return {
             "latency": self.latency(),
-            "prepare_p50": float(np.median(self.prepare)),
+            "prepare_p50": float(np.nanmedian(self.prepare)),
             "rate": 1.0 / self.tick,
-            "missed_deadlines": int((self.seconds > self.tick).sum()),
+            "missed_deadlines": max(self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())),
             "tracking_error": {"velocity": float(np.hypot(*(mean - wanted)[:2])), "yaw_rate": float(abs(mean[2] - wanted[2]))},
             "velocity": [float(v) for v in mean],
             "command": [float(v) for v in wanted],
             "falls": len(self.falls),
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
-            "torque_excess": float(self.excess.max()),
+            "torque_excess": float(np.nanmax(self.excess)),
             "pushes": [float(v) for v in self.impulses],
             "memory_start": self.memory_start,
             "memory_end": self.memory_end,
@@ -216,7 +222,8 @@ class Log:
             contact_point=point, contact_velocity=np.zeros_like(force), contact_normal=normal,
             contact_depth=np.zeros((count, contacts)),
             ground={"x": np.array([low[0], high[0]]), "y": np.array([low[1], high[1]]), "z": np.full((2, 2), level)},
-            history={name: np.zeros(0) for name in HISTORY}, parameters={}, seconds=float(self.seconds.sum()), setup_seconds=0.0,
+            history={name: np.zeros(0) for name in HISTORY}, parameters={}, seconds=float(np.nansum(self.seconds)),
+            setup_seconds=0.0,
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,14 +126,14 @@ def run(
     Parameters
     ----------
     rate: Hz, of the controller's calls; a tick is a whole number of the plant's time steps.
-    realtime: the plant runs at the pace of the clock and the controller in its own thread, late where it is slow;
-        otherwise the plant waits.
+    realtime: the plant runs at the pace of the clock and the controller in its own thread, late where it is slow: a tick
+        with no command by its end is logged as one, and the plan before goes on. Otherwise the plant waits.
     noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and the command from it.
     each: called as ``each(t, controller)`` before every call of the controller, to change its references.
 
     Raises
     ------
-    ValueRangeError: naming the argument. Nothing raises once the loop runs.
+    ValueRangeError: naming the argument. Once the loop runs only what a guide or ``each`` raises comes through.
     """
     positive("seconds", seconds, "s")
     tick = 1.0 / positive("rate", rate, "Hz")
@@ -159,6 +159,10 @@ class _Loop:
         self.start, self.height = plant.q.copy(), plant.height
         self.fallen = self.over = False
         self.impulse = 0.0
+        self.lock, self.stop, self.fresh = threading.Lock(), threading.Event(), threading.Event()
+        self.latest: Command | None = None
+        self.anew: tuple[float, Array, Array] | None = None  # a reset that the controller's thread has yet to do
+        self.error: BaseException | None = None
         self.ticks = ticks
         self.log = Log.empty(plant.character, tick, controller, ticks)
 
@@ -168,10 +172,12 @@ class _Loop:
         for k in range(self.ticks):
             t = k * self.tick
             self._measure(t)
-            command = self._call(t)
+            command = self._call(self.queue[0], t)
             self._run_tick(t)
             log.record(t, self.plant, command)
-            self._look(t)
+            if self._look(t):
+                self.queue.clear()
+                self.controller.reset(self.plant.q, self.plant.v, t + 0.5 * self.tick)
         return self._end()
 
     def _begin(self) -> None:
@@ -188,17 +194,21 @@ class _Loop:
     def _measure(self, t: float) -> None:
         self.sensors.draw()
         q, v = self.sensors.read(self.plant.q, self.plant.v)
-        self.queue.append((t, q, v))
+        with self.lock:
+            self.queue.append((t, q, v))
 
-    def _call(self, t: float) -> Command:
+    def _call(self, measured: tuple[float, Array, Array], t: float | None = None) -> Command:
         if self.each is not None:
-            self.each(t, self.controller)
-        return self.controller.step(*self.queue[0])
+            self.each(measured[0] if t is None else t, self.controller)
+        return self.controller.step(*measured)
 
-    def _run_tick(self, t: float) -> None:
+    def _run_tick(self, t: float, began: float | None = None) -> None:
+        """One tick of the plant; step by step at the clock's pace where time 0 was at ``began``."""
         plant, step = self.plant, self.plant.timestep
         for k in range(self.count):
             now = t + k * step
+            if began is not None:
+                self._wait(began + now)
             q, v = self.sensors.read(plant.q, plant.v)
             u = self.controller.command(now, q, v)
             if self.push is not None:
@@ -207,58 +217,82 @@ class _Loop:
             plant.step(u)
         self.log.torque = u
 
-    def _look(self, t: float) -> None:
-        """Count a fall once, and put the plant back the first time."""
+    def _look(self, t: float) -> bool:
+        """Count a fall once, and put the plant back the first time: whether it was, and the controller must begin anew."""
         plant = self.plant
         down = plant.height < FALLEN * self.height or plant.base_rotation[2, 2] < TILTED
-        if not down:
-            self.fallen = False
-            return
-        if self.fallen:
-            return
+        if not down or self.fallen:
+            self.fallen = down
+            return False
         self.log.falls.append(t)
-        self.fallen = True
-        if not self.over:
-            self.over = True
-            plant.reset(self.start)
-            self.queue.clear()
-            self.controller.reset(plant.q, plant.v, t + 0.5 * self.tick)
-            self.fallen = False
+        self.fallen = self.over
+        if self.over:
+            return False
+        self.over = True
+        plant.reset(self.start)
+        return True
 
     def realtime(self) -> Log:
-        """The plant at the clock's pace in this thread, the controller in its own."""
+        """The plant at the clock's pace in this thread, the controller in its own; they share what the lock guards."""
         self._begin()
-        stop, lock = threading.Event(), threading.Lock()
-        latest: dict[str, Any] = {"command": self.controller.step(0.0, self.plant.q, self.plant.v), "fresh": threading.Event()}
-        thread = threading.Thread(target=self._control, args=(stop, lock, latest), daemon=True)
+        self._measure(0.0)
+        self.latest = self._call(self.queue[0])
+        thread = threading.Thread(target=self._control, daemon=True)
         thread.start()
         began = time.perf_counter()
-        for k in range(self.ticks):
-            t = (k + 1) * self.tick
-            with lock:
-                self._measure(t)
-            latest["fresh"].set()
-            self._wait(began + k * self.tick)
-            self._run_tick(t)
-            self.log.record(t, self.plant, latest["command"])
-            with lock:
-                self._look(t)
-        stop.set()
-        latest["fresh"].set()
-        thread.join()
+        try:
+            for k in range(self.ticks):
+                self._pace(k * self.tick, began)
+                if self.error is not None:
+                    break
+        finally:
+            self.stop.set()
+            self.fresh.set()
+            thread.join()
+        if self.error is not None:
+            raise self.error
         return self._end()
 
-    def _control(self, stop: threading.Event, lock: threading.Lock, latest: dict[str, Any]) -> None:
-        last = -1.0
-        while not stop.is_set():
-            latest["fresh"].wait(0.1)
-            latest["fresh"].clear()
-            with lock:
-                if not self.queue or self.queue[0][0] <= last:
-                    continue
-                last = self.queue[0][0]
-                command = self._call(last)
-            latest["command"] = command
+    def _pace(self, t: float, began: float) -> None:
+        """A tick: its measurement goes to the controller at its start, its command is what came by its end."""
+        self._wait(began + t)
+        if t > 0.0:
+            self._measure(t)
+            self.fresh.set()
+        self._run_tick(t, began)
+        self._wait(began + t + self.tick)
+        with self.lock:
+            command, self.latest = self.latest, None
+        self.log.record(t, self.plant, command)
+        if self._look(t):
+            with self.lock:
+                self.queue.clear()
+                self.anew = (t + 0.5 * self.tick, self.plant.q.copy(), self.plant.v.copy())
+            self.fresh.set()
+
+    def _control(self) -> None:
+        try:
+            self._answer()
+        except BaseException as error:  # raised again in the plant's thread
+            self.error = error
+
+    def _answer(self) -> None:
+        last = 0.0
+        while not self.stop.is_set():
+            self.fresh.wait(0.1)
+            self.fresh.clear()
+            with self.lock:
+                anew, self.anew = self.anew, None
+                measured = self.queue[0] if self.queue else None
+            if anew is not None:
+                t, q, v = anew
+                self.controller.reset(q, v, t)
+            if measured is None or measured[0] <= last:
+                continue
+            last = measured[0]
+            command = self._call(measured)
+            with self.lock:
+                self.latest = command
             if command.seconds <= self.tick:
                 self.controller.prepare()
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
@@ -133,6 +136,49 @@ def test_real_time(problem, robot):
     log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.0, realtime=True)
     assert len(log.t) == 100 and log.report()["falls"] == 0
     assert {"solved"} <= set(log.statuses)
+
+
+class Slow(VelocityCommand):
+    def __call__(self, controller, t, x):
+        super().__call__(controller, t, x)
+        time.sleep(0.04)
+
+
+def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=Slow((0.0, 0.0)))
+    began = time.perf_counter()
+    log = run(controller, plant, 1.0, realtime=True)
+    assert 1.0 <= time.perf_counter() - began < 1.5
+    calls = int(np.isfinite(log.seconds).sum())
+    assert len(log.t) == 100 and 10 <= calls <= 26 and len(set(log.seconds[np.isfinite(log.seconds)])) == calls
+    report = log.report()
+    assert report["statuses"]["no new command"] == report["missed_deadlines"] == 100 - calls
+    assert report["latency"]["p50"] >= 0.04 and np.isfinite(report["torque_excess"])
+    assert log.solution().steps == 49 and np.isfinite(log.solution().seconds)
+
+
+def test_real_time_falls_and_goes_on(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.0, 0.0)))
+    resets, threads, reset = [], [], controller.reset
+    controller.reset = lambda *args: (resets.append(args), threads.append(threading.get_ident()), reset(*args))
+    log = run(controller, plant, 2.5, realtime=True, push=Push(400.0, 0.2, 90.0, start=0.2))
+    assert len(log.falls) >= 1 and len(resets) == 2 and threads[0] != threads[1]  # at the start, and after the fall
+    assert log.statuses[-20:].count("solved") >= 10
+    assert log.x[int(100 * log.falls[0]) + 3, 2] > 0.8 * problem.start[2]  # put back
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_what_each_raises_comes_through(controller, plant, realtime):
+    def each(t, _):
+        if t > 0.1:
+            raise ZeroDivisionError("of the caller")
+
+    with pytest.raises(ZeroDivisionError, match="of the caller"):
+        run(controller, plant, 1.0, realtime=realtime, each=each)
 
 
 def test_it_climbs_a_slope_that_it_knows(robot):
