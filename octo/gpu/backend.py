@@ -37,6 +37,8 @@ class DeviceBackend(Backend):
         ------
         DeviceError: the device has too little memory, or the problem something that only the CPU can do.
         """
+        if self._last is not None:
+            self._last.release()  # before what is free is measured: the passes of a solve come one after another
         last = self._last if self._last is not None and self._last.host.functions is problem.functions else None
         self._check_memory(problem)
         self._last = DeviceProblem(problem, self.device, last)

@@ -51,8 +51,8 @@ def _first_line(error: Exception) -> str:
 class CudaKernel:
     """A kernel of a cubin."""
 
-    def __init__(self, function: Any, name: str):
-        self._function, self._name, self._shared = function, name, UNASKED
+    def __init__(self, function: Any):
+        self._function, self._shared = function, UNASKED
 
     def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
         if shared > self._shared:
@@ -80,7 +80,7 @@ class CudaModule:
         self.kernel = functools.cache(self._kernel)
 
     def _kernel(self, name: str) -> CudaKernel:
-        return CudaKernel(self._module.get_function(name), name)
+        return CudaKernel(self._module.get_function(name))
 
 
 class CudaDevice:

@@ -109,6 +109,10 @@ class DeviceProblem:
         part.batch = len(part.p)
         return part
 
+    def release(self) -> None:
+        """Gives back what ``linearize`` writes on its way; the next one takes it anew."""
+        self.__dict__.pop("_scratch", None)
+
     def unknowns(self, nodes: Any) -> Array:
         """(batch, K, nc) unknowns, on the device, of a trajectory (batch, N+2, n) on the host."""
         return self.device.array(self.host.unknowns(np.asarray(nodes)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.problem import bytes_of
 
 front = importlib.import_module("octo.solve")
 
@@ -78,6 +80,43 @@ def test_too_little_memory(emulated, capsys):
     solution = octo.solve(walk(), seeds=8, device="auto", max_iterations=1)
     assert solution.device == "cpu"
     assert "octo: using the CPU: 8 problems" in capsys.readouterr().err
+
+
+class Counting(EmulatedDevice):
+    """A device of ``memory`` bytes that knows which of its arrays are still there."""
+
+    def __init__(self):
+        super().__init__()
+        self.used = 0
+
+    def array(self, values, dtype=np.float64):
+        return self._counted(super().array(values, dtype))
+
+    def empty(self, shape, dtype=np.float64):
+        return self._counted(super().empty(shape, dtype))
+
+    def _counted(self, made):
+        self.used += made.nbytes
+        weakref.finalize(made, self._give_back, made.nbytes)
+        return made
+
+    def _give_back(self, count):
+        self.used -= count
+
+    def free_bytes(self):
+        return self.memory - self.used
+
+
+def test_what_fits_in_the_first_pass_fits_in_the_second(compiled, wiggle):
+    problem, device = compiled("nodes"), Counting()
+    backend = DeviceBackend(device)
+    placed = backend.place(problem)
+    device.memory = device.used + problem.batch * bytes_of(problem)
+    placed.linearize(placed.evaluate(device.array(wiggle(problem))), None)
+    assert device.free_bytes() < problem.batch * bytes_of(problem)  # the scratch is still there
+    again = backend.place(problem)
+    found = [p.linearize(p.evaluate(device.array(wiggle(problem))), None).H for p in (placed, again)]
+    np.testing.assert_array_equal(*found)
 
 
 def test_what_only_the_cpu_can_do(emulated, capsys):
