@@ -66,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = load(arguments.robot, arguments.base)
     goal.check(robot)
     terrain = terrain_of(arguments.terrain)
+    _check_plant(arguments, robot, terrain, push)
     from octo.mpc import Controller, VelocityCommand, walking_problem
     from octo.mpc import run as close_the_loop
     from octo.mpc.measurement import check_device
@@ -95,25 +96,36 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace) -> Any:
-    """The machine of ``--plant``."""
+    """The machine of ``--plant``, in the time steps that the low level is damped for."""
+    from octo.mpc.controller import LOW_PERIOD
+
     if arguments.plant == "octo":
-        if arguments.bumps > 0.0:
-            raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
-        from octo.mpc.controller import LOW_PERIOD  # longer steps than it expects are unstable
         from octo.plant import SimulatorPlant
 
         parameters = {"contact.mu": arguments.friction}
         return SimulatorPlant(
             robot, law=problem.law, terrain=terrain, parameters=parameters, timestep=LOW_PERIOD, payload=arguments.payload
         )
-    if not isinstance(terrain, Plane):
-        raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
     from octo.plant import MujocoPlant
 
+    assert isinstance(terrain, Plane)  # what _check_plant lets through
     return MujocoPlant(
         robot, terrain=terrain, friction=arguments.friction, payload=arguments.payload, bumps=arguments.bumps,
-        seed=arguments.seed,
+        seed=arguments.seed, timestep=LOW_PERIOD,
     )  # fmt: skip
+
+
+def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane | Terrain, push: Any) -> None:
+    from octo.mpc.controller import LOW_PERIOD
+    from octo.mpc.loop import timing
+    from octo.plant.mujoco_plant import loaded
+
+    if arguments.plant == "octo" and arguments.bumps > 0.0:
+        raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
+    if arguments.plant == "mujoco" and not isinstance(terrain, Plane):
+        raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
+    loaded(robot, arguments.payload)
+    timing(arguments.seconds, arguments.rate, LOW_PERIOD, push)
 
 
 def _goal(arguments: argparse.Namespace) -> Goal:

@@ -150,7 +150,8 @@ class Log:
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         rotation, origin = body_poses(self.robot, self.x)
         bodies = [self.robot.contacts[k].body for k in chosen]
-        below = sphere_centers(self.robot, self.x)[:, chosen] - [[0.0, 0.0, self.robot.contacts[k].radius] for k in chosen]
+        radius = np.array([self.robot.contacts[k].radius for k in chosen])
+        below = sphere_centers(self.robot, self.x)[:, chosen] - radius[:, None] * [0.0, 0.0, 1.0]
         local = np.einsum("kcji,kcj->kci", rotation[:-1, bodies], below[:-1] - origin[:-1, bodies])
         moved = np.einsum("kcij,kcj->kci", rotation[1:, bodies], local) + origin[1:, bodies] - below[:-1]
         loaded = self.force[:, self.feet, 2] > LOADED * self.robot.mass * 9.81
@@ -205,7 +206,7 @@ class Log:
 
     def solution(self, every: float = 0.02) -> Solution:
         """The motion of the plant as a Solution, for pictures: every ``every`` s, with the forces and torques of that moment."""
-        stride = max(1, round(every / self.tick))
+        stride = max(1, min(round(every / self.tick), len(self.t) - 1))
         x, robot = self.x[::stride], self.robot
         force, point, count = self.force[::stride][1:], self.point[::stride][1:], len(x) - 1
         contacts = force.shape[1]

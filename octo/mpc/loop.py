@@ -135,17 +135,32 @@ def run(
     ------
     ValueRangeError: naming the argument. Once the loop runs only what a guide or ``each`` raises comes through.
     """
-    positive("seconds", seconds, "s")
-    tick = 1.0 / positive("rate", rate, "Hz")
-    count = round(tick / plant.timestep)
-    if count < 1 or abs(count * plant.timestep - tick) > 1e-9 * tick + 1e-12:
-        raise ValueRangeError(f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {plant.timestep} s")
+    tick, count, ticks = timing(seconds, rate, plant.timestep, push)
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     whole("delay", delay, 0)
-    ticks = max(1, round(seconds / tick))
     loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), int(delay), push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
+
+
+def timing(seconds: float, rate: float, timestep: float, push: Push | None = None) -> tuple[float, int, int]:
+    """A tick (s), the plant's time steps in it, and the ticks of a motion.
+
+    Raises
+    ------
+    ValueRangeError: naming the argument.
+    """
+    positive("seconds", seconds, "s")
+    tick = 1.0 / positive("rate", rate, "Hz")
+    count = round(tick / timestep)
+    if count < 1 or abs(count * timestep - tick) > 1e-9 * tick + 1e-12:
+        raise ValueRangeError(f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {timestep} s")
+    ticks = round(seconds / tick)
+    if ticks < 2:
+        raise ValueRangeError(f"seconds is {seconds}, must be at least two ticks: {2.0 * tick:g}")
+    if push is not None and push.start >= ticks * tick:
+        raise ValueRangeError(f"push begins at t = {push.start:g} s, seconds is {seconds:g}: it must end later than that")
+    return tick, count, ticks
 
 
 class _Loop:

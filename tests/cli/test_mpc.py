@@ -39,6 +39,11 @@ def test_it_walks_in_octo_s_own_simulation_at_the_defaults(tmp_path):
     assert report["falls"] == 0 and report["velocity"][0] == pytest.approx(0.5, abs=0.15)
 
 
+def test_two_ticks_are_a_motion(tmp_path):
+    assert main(["mpc", "mammal", "--seconds", "0.02", "--horizon", "12", "--out", str(tmp_path / "short")]) == 0
+    assert len(list((tmp_path / "short").iterdir())) == 4
+
+
 def test_falls_are_no_failure(tmp_path):
     """A push of 400 N knocks a robot of 5 kg over: exit code 0, and the fall is in the report."""
     words = ["mpc", "mammal", "--goal", "stand", "--seconds", "6", "--horizon", "12", "--push", "400,0.2,90"]
@@ -57,6 +62,9 @@ def test_falls_are_no_failure(tmp_path):
         (["--noise", "-1"], "noise is -1.0, must not be negative"),
         (["--bumps", "0.02", "--plant", "octo"], "bumps need --plant mujoco"),
         (["--rate", "300"], "rate is 300.0 Hz"),
+        (["--payload", "-1"], "payload is -1.0 of the trunk's mass, must be over -1"),
+        (["--seconds", "0.001"], "seconds is 0.001, must be at least two ticks: 0.02"),
+        (["--seconds", "2", "--push", "50,0.2,0"], "push begins at t = 5 s, seconds is 2"),
         (["--horizon", "2"], "'2', must be a whole number of at least 3"),
         (["--dt", "0"], "'0', must be positive"),
         (["--plan-friction", "-1"], "must be positive"),
@@ -66,7 +74,8 @@ def test_falls_are_no_failure(tmp_path):
         (["--base", "fixed"], "base is 'fixed'"),
     ],
 )
-def test_refused_in_one_line(words, said, tmp_path, capsys):
+def test_refused_in_one_line_before_anything_is_compiled(words, said, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("octo.mpc.controller.CompiledProblem", None)
     assert main(["mpc", "mammal", "--horizon", "4", *words, "--out", str(tmp_path / "none")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and error.startswith("octo: error: ") and said in error
