@@ -54,6 +54,7 @@ class Controller:
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
     stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
     guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration: it may change references.
+        Its ``reset()``, where it has one, is called at a reset of the controller.
 
     Raises
     ------
@@ -184,6 +185,7 @@ class Controller:
         nodes[0] = before
         self._forget(x)
         if self.guide is not None:
+            getattr(self.guide, "reset", lambda: None)()
             self.guide(self, t, x)
         good = True
         self.horizon.evaluate()

@@ -94,11 +94,15 @@ class VelocityCommand:
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
 
+    def reset(self) -> None:
+        """At the next call the command starts from rest, where the robot is then."""
+        self._time = np.nan
+
     def __call__(self, controller: Controller, t: float, x: Array) -> None:
         N, dt = controller.problem.steps, controller.dt
         origin, rotation = controller.convention.base(x)
         ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
-        if not t >= self._time or t - self._time > 1.0:  # the first call, or after a reset
+        if not t >= self._time or t - self._time > 1.0:  # the first call, after a reset, or after a gap
             self._place, self._yaw = origin[:2].copy(), ahead
             self._now, self._rate = np.zeros(2), 0.0
         else:

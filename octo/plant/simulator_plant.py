@@ -11,6 +11,7 @@ from octo.checks import numbers, positive
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
+from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import ShapeError
 from octo.model.character import Array, Character
@@ -50,6 +51,9 @@ class SimulatorPlant:
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
         self._ground = symbolic_contacts(self.dynamics)
+        point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
+        distance = self.dynamics.terrain.distance(point, section(self.dynamics.layout.view(p), "terrain."))
+        self._height = ca.Function("height", [point, p], [distance])
         self.x = np.zeros(character.nx) if character.default_pose is None else np.array(character.default_pose, dtype=float)
         self._before = self.x.copy()
 
@@ -78,8 +82,8 @@ class SimulatorPlant:
 
     @property
     def height(self) -> float:
-        """m, of the base body's origin over the world's level."""
-        return float(self.base_place[2])
+        """m, of the base body's origin over the terrain: the signed distance from it."""
+        return float(self._height(self.base_place, self._p))
 
     def reset(self, q: Array, v: Array | None = None) -> None:
         """Time 0 at q (nq,) and v (nv,), at rest by default."""

@@ -192,3 +192,19 @@ def test_auto_is_the_cpu_whatever_the_machine_has(problem, monkeypatch, capsys):
     for _ in range(2):
         Controller(problem, device="auto")
     assert capsys.readouterr().err == "octo: using the CPU: this version has no control loop on a GPU\n"
+
+
+def test_a_reset_restarts_the_command(controller, plant):
+    guide = controller.guide
+    guide.velocity[:] = 0.3, 0.0
+    try:
+        for k in range(40):
+            controller.step(0.01 * k, plant.q + 1e-9 * k, plant.v)
+        wanted = controller.reference("CenterOfMassVelocity", "velocity")
+        assert wanted[0, 0] > 0.25
+        controller.reset(plant.q, plant.v, 0.4)  # put back: the time goes on
+        np.testing.assert_allclose(wanted[:, :2], 0.0, atol=1e-12)
+        controller.step(0.41, plant.q, plant.v)
+        assert 0.0 < wanted[0, 0] < 0.05  # from rest, at 1 m/s²
+    finally:
+        guide.velocity[:] = 0.0

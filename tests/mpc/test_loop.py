@@ -118,6 +118,18 @@ def test_octo_s_own_simulation_is_a_plant(problem, robot):
     assert np.sum(standing[:, 2]) == pytest.approx(9.81 * robot.mass, rel=0.2)
 
 
+def test_both_plants_have_one_height_over_a_slope(robot, problem):
+    slope = octo.Plane(slope=0.2, direction=0.5, height=0.1)
+    x = problem.start.copy()
+    x[:3] = 1.0, 2.0, 1.5
+    heights = []
+    for plant in (SimulatorPlant(robot, terrain=slope), MujocoPlant(robot, terrain=slope)):
+        plant.reset_chart(x)
+        heights.append(plant.height)
+    normal = np.array([-np.sin(0.2) * np.cos(0.5), -np.sin(0.2) * np.sin(0.5), np.cos(0.2)])
+    np.testing.assert_allclose(heights, normal @ (plant.base_place - [0.0, 0.0, 0.1]), atol=1e-12)
+
+
 def test_simulator_plant_falls_freely(robot):
     plant = SimulatorPlant(robot)
     x = np.zeros(robot.nx)
