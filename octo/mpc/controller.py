@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -379,7 +380,7 @@ class Controller:
     def command(self, t: float, q: Array, v: Array) -> Array:
         """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints."""
         plan, t = self._plan, time_of(t)
-        x, rate, planned = plan.joints(t if np.isfinite(t) else plan.time)
+        x, rate, planned = plan.joints(t if math.isfinite(t) else plan.time)
         q, v = measured(q, self.convention.nq), measured(v, self.convention.nv)
         with np.errstate(over="ignore", invalid="ignore"):
             u = planned + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[self.robot.actuated])
