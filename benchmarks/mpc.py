@@ -121,10 +121,11 @@ def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
     horizon, plan = controller.horizon, controller.plan
     nodes = plan.x[: plan.steps + 2].copy()
 
-    def median(work: Callable[[], Any]) -> float:
+    def median(work: Callable[[], Any], before: Callable[[], Any] = lambda: None) -> float:
         times = []
         for _ in range(repeats):
             horizon.nodes[:] = nodes
+            before()
             began = time.perf_counter()
             work()
             times.append(time.perf_counter() - began)
@@ -137,7 +138,7 @@ def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
         "linearise steps 2 and on": median(lambda: horizon._linearize(1, False)),
         "eliminate their units": median(lambda: horizon._eliminate(last, 4)),
         "measurement to chart": median(lambda: controller.convention.to_octo(q, v, controller.dt, nodes[1])),
-        "linearise steps 0 and 1, eliminate, solve": median(horizon.feedback),
+        "linearise steps 0 and 1, eliminate, solve": median(horizon.feedback, before=horizon.prepare),
         "torques, E and C of the new plan": median(horizon.evaluate),
         "gains": median(horizon.gain),
     }

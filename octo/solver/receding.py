@@ -92,6 +92,7 @@ class RecedingHorizon:
         )  # fmt: skip
         self._at = {"b": address(self._b), "C": address(self._C), "step": address(self._step), "lam": address(self._lam)}
         self._gain = np.zeros((n, 2 * n))
+        self._ahead = False  # the units behind the measured steps stand eliminated, and nothing after them
 
     @property
     def energy(self) -> float:
@@ -104,10 +105,13 @@ class RecedingHorizon:
             self.evaluate()
         self._linearize(1, exact)
         self._weights[:] = self.sigma[0] + FLOOR
-        return self._eliminate(self.steps + PAST - 1, 2 * PAST)
+        self._ahead = self._eliminate(self.steps + PAST - 1, 2 * PAST)
+        return self._ahead
 
     def feedback(self, exact: bool = False, usable: bool = True) -> bool:
         """The rest, and ``step`` and ``lam``. False: there is no factor with a sensible weight.
+
+        Once more after the same :meth:`prepare`, it eliminates every unit anew.
 
         Parameters
         ----------
@@ -117,7 +121,8 @@ class RecedingHorizon:
             self.evaluate()
         self._linearize(0, exact)
         self._library.octo_join_parts(self._task_at)
-        done = usable and self._eliminate(2 * PAST - 1, PAST)
+        done = usable and self._eliminate(2 * PAST - 1 if self._ahead else self.steps + PAST - 1, PAST)
+        self._ahead = False
         for _ in range(RETRIES):
             if done or not exact:
                 break

@@ -60,6 +60,17 @@ def test_what_is_prepared_does_not_depend_on_the_measurement(case):
     np.testing.assert_allclose(horizon.step, general(problem, nodes)[1], atol=1e-9)
 
 
+def test_many_measurements_after_one_preparation(case):
+    problem, compiled, nodes = case
+    horizon = RecedingHorizon(compiled, SIGMA)
+    horizon.nodes[:] = nodes
+    usable = horizon.prepare()
+    for k in range(40):  # more than the factor has room for, one after the other
+        horizon.nodes[:2] = nodes[:2] + 0.01 * (k % 3)
+        assert horizon.feedback(usable=usable)
+    np.testing.assert_allclose(horizon.step, general(problem, nodes)[1], atol=1e-9)
+
+
 def test_exact_curvature_is_the_general_solver_s(case):
     problem, compiled, nodes = case
     horizon = RecedingHorizon(compiled, 10.0)
