@@ -5,25 +5,7 @@
  * unless a kernel says otherwise. A step's Hessian is its six blocks 00 01 02 11 22 12 of (next, now, previous), as HESS of phases.c. */
 
 #define W3 (3 * NX)
-#define MROWS (NR + NFC * CR)
 #define TOUCH (NFC * CR * 18)
-
-static __device__ inline double octo_coefficient(const double *q, int row) {
-#if NFC > 0
-  if (row >= NR) {
-    int k = (row - NR) / CR, c = (row - NR) % CR;
-    return octo_cost_contact_use[k * CR + c] ? q[octo_contact_row_term[c]] : 0.0;
-  }
-#endif
-  return q[octo_state_row_term[row]];
-}
-
-static __device__ inline int octo_row_term(int row) {
-#if NFC > 0
-  if (row >= NR) return octo_contact_row_term[(row - NR) % CR];
-#endif
-  return octo_state_row_term[row];
-}
 
 /* x_j = constant_j + sum over its slots (basis.py); over count = batch (steps + 2) NX numbers. */
 extern "C" __global__ void octo_nodes(int count, int steps, int units, int slots, int parts, const int *slot_unit, const int *slot_part,

@@ -5,25 +5,7 @@
  * A step's rows (residuals scaled by the root of twice their coefficient) are stacked, so that the Gauss-Newton block
  * is rowsᵀ rows; to it comes the curvature of lambdaᵀFD. Dynamics and costs go STEPS steps at a time, all else step by step. */
 
-#define MROWS (NR + NFC * CR)
 #define SLOPES (NZ + NFC * CR * 18) /* of the state's rows the entries that are not zero, of a contact's rows those to three twists */
-
-static double octo_coefficient(const double *q, int row) {
-#if NFC > 0
-  if (row >= NR) {
-    int k = (row - NR) / CR, c = (row - NR) % CR;
-    return octo_cost_contact_use[k * CR + c] ? q[octo_contact_row_term[c]] : 0.0;
-  }
-#endif
-  return q[octo_state_row_term[row]];
-}
-
-static int octo_row_term(int row) {
-#if NFC > 0
-  if (row >= NR) return octo_contact_row_term[(row - NR) % CR];
-#endif
-  return octo_state_row_term[row];
-}
 
 /* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {

@@ -217,7 +217,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     text = [function_in_lanes(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
     if functions.contact is not None:  # sphere and p
         text += [function_in_lanes(function, {3, 4}) for function in (functions.contact, functions.contact_jac)]
-    parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "scatter.c", "assemble.c"))
+    parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "rows.c", "scatter.c", "assemble.c"))
     return "\n".join([*text, _tables(functions, dynamics, [], None), *parts])
 
 
@@ -237,6 +237,7 @@ def residual_text(functions: CostFunctions, dynamics: Dynamics, state: StateFunc
         "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
         generator.dump(),
         _tables(functions, dynamics, made, state),
+        (resources.files("octo.problem") / "rows.c").read_text(),
     ]
     return "\n".join(text)
 
