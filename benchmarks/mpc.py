@@ -48,6 +48,17 @@ def problem_of(name: str) -> Problem:
     return _problems[name]
 
 
+def closed_loop(name: str, yaw_rate: float = 0.0) -> tuple[Problem, MujocoPlant, Controller]:
+    """A robot at its start in MuJoCo, and a controller that walks it ahead at 0.3 m/s and has seen it there."""
+    problem = problem_of(name)
+    assert problem.character is not None
+    plant = MujocoPlant(problem.character)
+    plant.reset_chart(problem.start)
+    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0), yaw_rate))
+    controller.reset(plant.q, plant.v)
+    return problem, plant, controller
+
+
 def walk(
     name: str, command: tuple[float, float, float], seed: int, seconds: float, *, push: Push | None = None, noise: float = 0.0,
     delay: int = 0, plot: str = "", **plant: Any,
@@ -84,13 +95,7 @@ def latency() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def measure_latency(name: str, calls: int = 1000, warm: int = 200) -> dict[str, Any]:
-    problem = problem_of(name)
-    robot = problem.character
-    assert robot is not None
-    plant = MujocoPlant(robot)
-    plant.reset_chart(problem.start)
-    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
-    controller.reset(plant.q, plant.v)
+    problem, plant, controller = closed_loop(name)
     whole, ahead, low, processor = [], [], [], []
     for k in range(warm + calls):
         t = 0.01 * k
@@ -186,13 +191,8 @@ def warm() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
     """Iterations until ‖C‖∞ ≤ 1e-3 mg and the step ≤ 1e-2, from the shifted plan and from the measured pose held still."""
-    problem = problem_of("go2")
-    robot = problem.character
-    assert robot is not None
-    plant = MujocoPlant(robot)
-    plant.reset_chart(problem.start)
-    controller, other = (Controller(problem, guide=VelocityCommand((0.3, 0.0))) for _ in range(2))
-    controller.reset(plant.q, plant.v)
+    problem, plant, controller = closed_loop("go2")
+    other = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
     counts: dict[str, list[Any]] = {"warm": [], "cold": [], "warm_energy": [], "cold_energy": []}
     for k in range(200 + cycles):
         t = 0.01 * k
@@ -201,7 +201,7 @@ def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
             x, before = controller.convention.to_octo(q, v, controller.dt, controller._near)
             converge(controller, t, x, before, "shifted", cap)  # the plan that the next cycle starts from
             shifted = controller.plan
-            nodes = np.empty((problem.steps + 2, robot.nx))
+            nodes = np.empty((problem.steps + 2, plant.character.nx))
             shifted.shift(t + 0.01, nodes)
             for j in range(5):
                 plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
@@ -255,13 +255,7 @@ def memory() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 def ten_minutes(minutes: int = 10) -> dict[str, Any]:
     """Memory and latency by minute of one closed loop."""
-    problem = problem_of("go2")
-    robot = problem.character
-    assert robot is not None
-    plant = MujocoPlant(robot)
-    plant.reset_chart(problem.start)
-    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0), 0.1))
-    controller.reset(plant.q, plant.v)
+    problem, plant, controller = closed_loop("go2", yaw_rate=0.1)
     used, p50, seconds, fallen = [], [], np.zeros(6000), 0
     for minute in range(minutes):
         for k in range(6000):
@@ -280,12 +274,7 @@ def ten_minutes(minutes: int = 10) -> dict[str, Any]:
 
 def allocations(calls: int = 1000) -> dict[str, Any]:
     """Bytes that octo's own Python holds more after 1,000 calls than before, by tracemalloc."""
-    problem = problem_of("go2")
-    robot = problem.character
-    assert robot is not None
-    plant = MujocoPlant(robot)
-    plant.reset_chart(problem.start)
-    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
+    _, plant, controller = closed_loop("go2")
     own = tracemalloc.Filter(True, str(Path(octo.__file__).parent / "*"))
 
     def some(first: int, count: int) -> None:
@@ -349,13 +338,7 @@ def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
 
     The one before is stale, unless it was never seen whole.
     """
-    problem = problem_of("go2")
-    robot = problem.character
-    assert robot is not None
-    plant = MujocoPlant(robot)
-    plant.reset_chart(problem.start)
-    controller = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
-    controller.reset(plant.q, plant.v)
+    problem, plant, controller = closed_loop("go2")
     counts: dict[str, int] = {}
     outside, wrong = 0, 0
     q, v = plant.q.copy(), plant.v.copy()
@@ -365,7 +348,7 @@ def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
             q, v = plant.q.copy(), plant.v.copy()
         broken = q.copy()
         if k % 20 == 19:
-            broken[7 + k % robot.nu] = np.nan
+            broken[7 + k % plant.character.nu] = np.nan
         controller.budget = 1e-3 if 400 <= k % 1000 < 450 else None
         command = controller.step(t, broken, v)
         name = command.status.label
@@ -373,7 +356,7 @@ def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
         wrong += int((k % 20 == 19) != (name == "invalid")) + int(k % 20 not in (19, 0) and k % 23 == 0 and name != "stale")
         for j in range(5):
             u = controller.command(t + 0.002 * j, plant.q, plant.v)
-            outside += int(not (np.isfinite(u).all() and (np.abs(u) <= robot.torque_limit + 1e-12).all()))
+            outside += int(not (np.isfinite(u).all() and (np.abs(u) <= plant.character.torque_limit + 1e-12).all()))
             plant.step(u)
     return {
         "statuses": counts, "commands_outside": outside, "statuses_wrong": wrong, "height": plant.height,
