@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from octo.bench.contest import Entry
+from octo.bench.figure import SOLVERS
 from octo.errors import MissingExtraError
-
-COLORS = {"octo": "#2f6db2", "ipopt": "#d0703c", "fatrop": "#4f9a57"}
 
 
 def draw(entries: Sequence[Entry], title: str, path: Path) -> None:
@@ -29,7 +28,7 @@ def draw(entries: Sequence[Entry], title: str, path: Path) -> None:
     figure.suptitle(title)
     named = set()
     for entry in entries:
-        history, color = entry.solution.history, COLORS.get(entry.solver, "#6b7785")
+        history, color = entry.solution.history, SOLVERS.get(entry.solver, "#6b7785")
         label = None if entry.solver in named else entry.solver
         named.add(entry.solver)
         seconds = np.maximum(np.append(history["seconds"], entry.solution.seconds), 1e-3)
