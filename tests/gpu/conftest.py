@@ -14,7 +14,6 @@ from octo.gpu.emulator import EmulatedDevice
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
-from octo.solver.blocks import KKTBlocks
 
 STEPS, DT = 12, 0.05
 START = np.array([0.02, -0.01, 0.44, 0.1, 0.05, -0.04, 0.3, -0.4, 0.01])  # front and foot in the ground, back above
@@ -107,27 +106,6 @@ def _wiggle(problem: CompiledProblem, seed: int = 0) -> np.ndarray:
 @pytest.fixture
 def wiggle() -> Callable[..., np.ndarray]:
     return _wiggle
-
-
-def _random_system(seed: int, batch: int, K: int, nc: int, ma: int, *, lowered: float = 0.0) -> KKTBlocks:
-    """H a sum of squares over three neighbouring units plus I, minus a random diagonal in [0, lowered)."""
-    random = np.random.default_rng(seed)
-    H, A = np.zeros((batch, K, 3, nc, nc)), np.zeros((batch, K, 3, ma, nc))
-    diagonal = np.arange(nc)
-    for k in range(K):
-        reach = min(k, 2) + 1
-        jacobian = [random.standard_normal((batch, nc, nc)) / np.sqrt(nc) for _ in range(reach)]
-        for o in range(reach):
-            A[:, k, o] = random.standard_normal((batch, ma, nc))
-            for p in range(o, reach):
-                H[:, k - o, p - o] += np.swapaxes(jacobian[o], -1, -2) @ jacobian[p]
-    H[:, :, 0, diagonal, diagonal] += 1.0 - lowered * random.random((batch, K, nc))
-    return KKTBlocks(H, A, random.standard_normal((batch, K, nc)), random.standard_normal((batch, K, ma)))
-
-
-@pytest.fixture
-def random_system() -> Callable[..., KKTBlocks]:
-    return _random_system
 
 
 @lru_cache
