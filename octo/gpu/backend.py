@@ -35,7 +35,7 @@ class DeviceBackend(Backend):
 
         Raises
         ------
-        DeviceError: the device has too little memory, or the problem something that only the CPU can do.
+        DeviceError: the device has too little memory, or the robot is too large for its shared memory.
         """
         if self._last is not None:
             self._last.release()  # before what is free is measured: the passes of a solve come one after another

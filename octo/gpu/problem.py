@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from octo.errors import DeviceError
+from octo.gpu.between import Between
 from octo.gpu.device import Array, Device, Kernel, source
 from octo.gpu.pieces import Pieces
 from octo.gpu.tables import Gather, Tables
@@ -17,7 +18,7 @@ from octo.problem.compiled import CompiledProblem, Evaluation, Model
 SMALL = 128  # threads of a block for a step
 WIDE = 256  # for sums over blocks
 PARTS = 128  # of common.cuh
-BATCHED = ("p", "q", "row_scale", "constant")
+BATCHED = ("p", "q", "row_scale", "constant", "anchor")
 
 
 class Program:
@@ -33,6 +34,7 @@ class Program:
         parts = [text, *costs, *map(source, ("common.cuh", "dynamics.cu", "model.cu"))]
         self.text = "\n".join(parts)
         self.module = device.module(self.text)
+        self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
@@ -55,19 +57,14 @@ class Program:
 
 
 class DeviceProblem:
-    """``problem`` with its numbers and its iterates on ``device``; what is described stays on the host.
-
-    Raises
-    ------
-    DeviceError: the problem has something that only the CPU can do.
-    """
+    """``problem`` with its numbers and its iterates on ``device``; what is described stays on the host."""
 
     def __init__(self, problem: CompiledProblem, device: Device, like: DeviceProblem | None = None):
-        if problem.neighbours is not None:
-            raise DeviceError("terms over neighbouring Hermite controls run on the CPU only")
         self.host, self.device, self.xp = problem, device, device.xp
         self.program: Program = Program(problem, device) if like is None else like.program
-        self.p, self.q, self.row_scale, self.constant = (device.array(getattr(problem, name)) for name in BATCHED)
+        self.p, self.q, self.row_scale, self.constant = (device.array(getattr(problem, name)) for name in BATCHED[:4])
+        neighbours = problem.neighbours
+        self.anchor = device.array(np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem))
         self._tables: dict[str, Array] = like._tables if like is not None and like._fits(problem) else self._upload()
         self._share()
 
@@ -132,6 +129,8 @@ class DeviceProblem:
         kin = self._kin(nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, nodes, kin, self.p, fd)
         self._each_step("octo_terms", SMALL, 8 * (program.rows + self.dynamics.nu), nodes, kin, self.p, self.q, fd, terms)
+        if program.between is not None:
+            program.between.values(self.anchor, unknowns, self.q, terms)
         self._reduce(fd, C)
         rows = self.K * self.ma
         program.kernel("octo_summary")((batch,), device.threads(PARTS), steps, rows, terms, C, summary, shared=32 * PARTS)
@@ -175,6 +174,8 @@ class DeviceProblem:
         grid = (self.K, 3, self.batch)
         own = (tables["dummy"], scratch["hess"], scratch["gradient"], H, b)
         self.program.kernel("octo_gather_hessian")(grid, wide, self.steps, parts, *hessian, *gradient, *own)
+        if self.program.between is not None:
+            self.program.between.add(self.anchor, at.unknowns, self.q, tables["dummy"], H, b)
         if self.ma:
             rows = (self.row_scale, scratch["jac"], A)
             self.program.kernel("octo_gather_constraints")(grid, wide, self.steps, parts, *jacobian, *rows)
@@ -224,6 +225,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
     scratch = N * (rows * (1 + 3 * n) + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
+    if problem.neighbours is not None:
+        scratch += K * sum(function.numel_out(0) for _, function in problem.neighbours.functions) * (2 * nc + 1)
     kin = N * 12 * (3 * n)  # poses and twists: bodies are no more than a few for each degree of freedom
     factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))
     return 8 * (8 * iterate + 2 * model + scratch + kin + 2 * factor)

@@ -229,10 +229,9 @@ class CompiledProblem:
             fd[:] = self.dynamics.evaluate(nodes, self.p)[0]
             terms[:] = self._machine.terms(nodes, fd)
             C = self.reduce(fd)
-        energy = terms.sum(axis=(1, 2))
         if self.neighbours is not None:
-            energy = energy + self.neighbours.energy(self, unknowns).sum(axis=1)
-        return Evaluation.of(unknowns, nodes, fd, terms, energy, C)
+            self.neighbours.values(self, unknowns, terms)
+        return Evaluation.of(unknowns, nodes, fd, terms, terms.sum(axis=(1, 2)), C)
 
     def reduce(self, fd: Array) -> Array:
         """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""
@@ -255,8 +254,7 @@ class CompiledProblem:
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
-        values = at.terms.sum(axis=1)
-        return values if self.neighbours is None else values + self.neighbours.energy(self, at.unknowns)
+        return at.terms.sum(axis=1)
 
     # -- native ---------------------------------------------------------------------------------------------------
 

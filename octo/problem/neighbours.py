@@ -23,56 +23,66 @@ Array = NDArray[np.float64]
 
 
 class NeighbourTerms:
-    """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed."""
+    """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed.
+
+    functions: each term's place in the list of terms, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}).
+    """
 
     def __init__(self, problem: CompiledProblem):
         assert isinstance(problem.basis, Hermite)
         self.segment, self.segments, self.size = problem.basis.steps_per_segment, problem.K - 1, 2 * problem.n
         references = problem.functions.references
-        self.count = len(references.terms)
+        self.count, self.references = len(references.terms), max(references.size, 1)
         control, following = ca.SX.sym("c", self.size), ca.SX.sym("c_next", self.size)
-        q = ca.SX.sym("q", max(references.size, 1))
+        q = ca.SX.sym("q", self.references)
         self.functions: list[tuple[int, ca.Function]] = []
         for k, term in enumerate(references.terms):
             if not isinstance(term, NeighbourCost):
                 continue
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
                 r = ca.densify(ca.vec(ca.SX(term.between(control, following, references.view(q, k)))))
-            jac = ca.densify(ca.jacobian(r, ca.vertcat(control, following)))
-            function = ca.Function("between", [control, following, q], [r, jac], {"cse": True})
-            self.functions.append((k, function.map(self.segments)))
+            jac = ca.jacobian(r, ca.vertcat(control, following))
+            name = f"octo_between_{len(self.functions)}"
+            self.functions.append((k, ca.Function(name, [control, following, q], [r, jac], {"cse": True})))
+        self._over_segments = [(k, function.map(self.segments)) for k, function in self.functions]
+
+    def anchors(self, problem: CompiledProblem) -> Array:
+        """(batch, Z+1, 2n) c_0, and of c_1 … c_Z what no unknown moves: pinned ends."""
+        first = np.concatenate([problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1)
+        return np.concatenate([first[:, None], problem.ends[:, :-1]], axis=1)
 
     def _controls(self, problem: CompiledProblem, unknowns: Array) -> Array:
         """(batch, Z+1, 2n) c_0 … c_Z."""
-        first = np.concatenate([problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1)
-        return np.concatenate([first[:, None], (unknowns + problem.ends)[:, :-1]], axis=1)
+        controls = self.anchors(problem)
+        controls[:, 1:] += unknowns[:, :-1]
+        return controls
 
     def _parts(self, problem: CompiledProblem, k: int, member: int) -> tuple[Array, Array]:
         """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
         q = problem.q[member]
         return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[self.segment - 1 :: self.segment].T
 
-    def energy(self, problem: CompiledProblem, unknowns: Array) -> Array:
-        """(batch, terms)."""
-        out = np.zeros((problem.batch, self.count))
+    def values(self, problem: CompiledProblem, unknowns: Array, terms: Array) -> None:
+        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each segment."""
         for member, controls in enumerate(self._controls(problem, unknowns)):
-            for k, function in self.functions:
+            for k, function in self._over_segments:
                 weight, rows = self._parts(problem, k, member)
-                r = np.asarray(function(controls[:-1].T, controls[1:].T, rows)[0])
-                out[member, k] += float(weight @ (r**2).sum(axis=0))
-        return out
+                r = function(controls[:-1].T, controls[1:].T, rows)[0].full()
+                squares = np.where(weight > 0.0, (r**2).sum(axis=0), 0.0)
+                terms[member, self.segment - 1 :: self.segment, k] = weight * squares
 
     def add(self, problem: CompiledProblem, unknowns: Array, H: Array, b: Array) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z."""
         size, last = self.size, self.segments - 1  # unit k is c_{k+1}
         free = ~np.isin(np.arange(self.segments), problem.fixed)
         for member, controls in enumerate(self._controls(problem, unknowns)):
-            for k, function in self.functions:
+            for k, function in self._over_segments:
                 weight, rows = self._parts(problem, k, member)
                 value, flat = function(controls[:-1].T, controls[1:].T, rows)
-                r = np.asarray(value).T
-                jac = np.asarray(flat).reshape(r.shape[1], self.segments, 2 * size).transpose(1, 0, 2).copy()
+                r = value.full().T
+                jac = flat.full().reshape(r.shape[1], self.segments, 2 * size).transpose(1, 0, 2).copy()
                 jac[~free, :, size:] = 0.0  # c_{k+1} is pinned
+                r[weight == 0.0], jac[weight == 0.0] = 0.0, 0.0  # it may not be finite there
                 gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)
                 block = 2.0 * np.einsum("k,kra,krb->kab", weight, jac, jac)
                 H[member, : self.segments, 0] += block[:, size:, size:]

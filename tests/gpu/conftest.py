@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -95,6 +96,27 @@ def compiled() -> Callable[..., CompiledProblem]:
     return _compiled
 
 
+@lru_cache
+def _between(end: bool = False) -> CompiledProblem:
+    """Two problems with two terms over neighbouring Hermite controls, one of them not linear and not finite where it has no weight."""
+
+    def turning(control, following, p):
+        return ca.vertcat(ca.sin(following[6]) * control[15] - p["gain"], control[7] * following[16] / p["on"])
+
+    first = _compiled("hermite", end).problems[0]
+    on = np.repeat([1.0, 0.0, 2.0, 1.0], STEPS // 4)
+    rate = octo.costs.NeighbourCost(lambda control, following, p: following[9:] - control[9:], name="rate", weight=0.3)
+    bend = octo.costs.NeighbourCost(turning, {"gain": np.linspace(0.1, 0.4, STEPS)[:, None], "on": on[:, None]}, weight=on, name="bend")
+    problem = first.replace(costs=[rate, octo.costs.Slip(length=0.03), bend, octo.costs.Effort()])
+    return CompiledProblem([problem, problem.replace(x0=problem.start + 0.03, v0=None)])
+
+
+@pytest.fixture
+def between_controls() -> Callable[..., CompiledProblem]:
+    """Two problems with terms over neighbouring Hermite controls."""
+    return _between
+
+
 def _wiggle(problem: CompiledProblem, seed: int = 0) -> np.ndarray:
     """(batch, K, nc) unknowns of a motion close to the ground that starts at the start."""
     random = np.random.default_rng(seed)
@@ -110,8 +132,6 @@ def wiggle() -> Callable[..., np.ndarray]:
 
 @lru_cache
 def _swing_up() -> tuple[CompiledProblem, np.ndarray]:
-    import casadi as ca
-
     def dynamics(x_next, x, x_prev, p):
         def places(q):
             return ca.vertcat(q[0], 0.0, q[0] + p["length"] * ca.sin(q[1]), p["length"] * ca.cos(q[1]))

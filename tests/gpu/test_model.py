@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import octo
-from octo.errors import DeviceError
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
@@ -80,7 +80,6 @@ def test_members_taken_out_of_a_batch(compiled, wiggle, device):
 
 def test_user_written_dynamics(device):
     """A pendulum on a cart, written by the user: its curvature has the block of x and x_prev."""
-    import casadi as ca
 
     def pendulum(x_next, x, x_prev, p):
         acceleration = (x_next - 2.0 * x + x_prev) / p["dt"] ** 2
@@ -101,9 +100,21 @@ def test_user_written_dynamics(device):
             close(getattr(found, name), getattr(expected, name))
 
 
-def test_what_only_the_cpu_can_do_is_refused(device):
-    robot = octo.gallery.chain()
-    between = octo.costs.NeighbourCost(lambda control, following, p: following - control)
-    problem = octo.Problem(robot, steps=20, dt=0.05, basis="hermite", costs=[between, octo.costs.Effort()])
-    with pytest.raises(DeviceError, match="neighbouring Hermite controls"):
-        DeviceProblem(CompiledProblem([problem]), device(1))
+@pytest.mark.parametrize("threads", THREADS)
+@pytest.mark.parametrize("end", [False, True])
+def test_neighbouring_hermite_controls(between_controls, wiggle, device, threads, end):
+    problem, gpu = between_controls(end), device(threads)
+    unknowns = wiggle(problem)
+    lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
+    at, other = problem.evaluate(unknowns), DeviceProblem(problem, gpu)
+    own = other.evaluate(gpu.array(unknowns))
+    assert (problem.term_values(at)[:, [0, 2]] > 0.0).all()
+    close(other.term_values(own), problem.term_values(at))
+    close(own.energy, at.energy)
+    for multipliers in (None, lam):
+        expected, found = problem.linearize(at, multipliers), other.linearize(own, multipliers)
+        for name in "HAbC":
+            assert np.isfinite(getattr(expected, name)).all()
+            close(getattr(found, name), getattr(expected, name))
+    single = other.take(np.array([1])).evaluate(gpu.array(unknowns[1:]))
+    np.testing.assert_array_equal(single.energy, own.energy[1:])

@@ -22,6 +22,7 @@ from octo.dynamics.evaluate import CustomDynamics, RobotDynamics
 from octo.dynamics.laws import Compliant
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import emulator, nvrtc
+from octo.gpu.between import Between
 from octo.gpu.linear import CHOICES, PIVOT, Linear
 from octo.gpu.problem import Program
 from octo.problem.compiled import CompiledProblem
@@ -119,6 +120,17 @@ def test_another_law_and_user_written_dynamics():
     dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {})
     problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
     assert nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).text).cubin[:4] == b"\x7fELF"
+
+
+def test_terms_over_neighbouring_hermite_controls():
+    rate = octo.costs.NeighbourCost(lambda control, following, p: ca.sin(following) - control)
+    problem = octo.Problem(robot("humanoid"), steps=20, dt=0.05, basis="hermite", costs=[rate])
+    device = Dry(64)
+    terms = CompiledProblem([problem]).neighbours
+    assert terms is not None
+    Between(terms, device)
+    kernels = nvrtc.compile_text(device.texts[-1]).kernels
+    assert len(kernels) == 4 and all(kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values())
 
 
 @pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])

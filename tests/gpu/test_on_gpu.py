@@ -22,10 +22,10 @@ def close(found, expected):
     np.testing.assert_allclose(host(found), expected, rtol=0.0, atol=1e-11 * max(1e-300, np.abs(expected).max(initial=0.0)))
 
 
-@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+@pytest.mark.parametrize("basis", ["nodes", "hermite", "neighbouring hermite controls"])
 @pytest.mark.parametrize("end", [False, True])
-def test_values_and_models(compiled, wiggle, basis, end):
-    problem, gpu = compiled(basis, end), cuda.device()
+def test_values_and_models(compiled, between_controls, wiggle, basis, end):
+    problem, gpu = compiled(basis, end) if basis in ("nodes", "hermite") else between_controls(end), cuda.device()
     unknowns, other = wiggle(problem), DeviceProblem(problem, gpu)
     lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
     at, own = problem.evaluate(unknowns), other.evaluate(gpu.array(unknowns))

@@ -30,11 +30,10 @@ FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words,
 
 @lru_cache
 def recorded(threads: int) -> Recorder:
-    """What two iterations of each rule launch, in both bases, with that many threads a block."""
+    """What two iterations of each rule launch, in both bases and with terms between controls, with that many threads a block."""
     recorder = Recorder()
     device = EmulatedDevice(threads, recorder=recorder)
-    for basis in ("nodes", "hermite"):
-        problem = conftest._compiled(basis)
+    for problem in (conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()):
         other, backend = DeviceProblem(problem, device), DeviceBackend(device)
         for options in (SqpOptions(), SqpOptions.paper()):
             sqp.run(other, device.array(conftest._wiggle(problem)), None, replace(options, max_iterations=2), None, backend)

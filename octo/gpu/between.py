@@ -1,0 +1,72 @@
+"""Terms over neighbouring Hermite controls on a device: their generated code and the kernels of between.cu."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from octo.gpu.device import Array, Device, source
+from octo.problem.neighbours import NeighbourTerms
+
+SMALL, WIDE = 32, 256  # threads of a block for a segment's terms, and for a block of H
+
+
+class Between:
+    """The compiled text of a list of terms over (c_k, c_{k+1}).
+
+    rows: residuals of one segment.
+    """
+
+    def __init__(self, terms: NeighbourTerms, device: Device):
+        self.device, self.size = device, terms.size
+        functions = [function for _, function in terms.functions]
+        patterns = [function.sparsity_out(1) for function in functions]
+        first_row = np.cumsum([0, *(function.numel_out(0) for function in functions)])
+        first_entry = np.cumsum([0, *(pattern.nnz() for pattern in patterns)])
+        self.rows, self.entries = int(first_row[-1]), int(first_entry[-1])
+        sizes = {
+            "BETWEEN": len(functions), "BR": self.rows, "BZ": self.entries, "BC": terms.size, "BTERM": terms.count,
+            "BQ": terms.references, "BW": max(f.sz_w() for f in functions), "BIW": max(f.sz_iw() for f in functions),
+        }  # fmt: skip
+        tables = {
+            "term": [term for term, _ in terms.functions], "first_row": first_row, "first_entry": first_entry,
+            "entry_row": [row + first for p, first in zip(patterns, first_row[:-1], strict=True) for row in p.row()],
+            "entry_column": [column for p in patterns for column in p.get_col()],
+        }  # fmt: skip
+        generator = ca.CodeGenerator("octo_between.c", {"with_header": False, "include_math": False, "casadi_int": "int"})
+        for function in functions:
+            generator.add(function)
+        cases = " ".join(f"case {k}: {function.name()}(arg, res, iw, w, 0); break;" for k, function in enumerate(functions))
+        text = [
+            generator.dump(),
+            *(f"#define {name} {value}" for name, value in sizes.items()),
+            *(f"static const int octo_between_{n}[] = {{{', '.join(str(int(v)) for v in vs) or '0'}}};" for n, vs in tables.items()),
+            "static void octo_between(int k, const double **arg, double **res, int *iw, double *w) {",
+            f"  switch (k) {{ {cases} }}\n}}",
+            source("common.cuh"),
+            source("between.cu"),
+        ]
+        self.kernel = device.module("\n".join(text)).kernel
+
+    def values(self, anchor: Array, unknowns: Array, q: Array, terms: Array) -> None:
+        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each segment."""
+        batch, units = unknowns.shape[:2]
+        controls, length = self._controls(anchor, unknowns), terms.shape[1] // (units - 1)
+        threads = self.device.threads(SMALL)
+        self.kernel("octo_between_values")((units - 1, batch), threads, length, controls, q, terms, shared=8 * self.rows)
+
+    def add(self, anchor: Array, unknowns: Array, q: Array, dummy: Array, H: Array, b: Array) -> None:
+        """Adds 2 JᵀJ and 2 Jᵀr to H (batch, K, 3, nc, nc) and b (batch, K, nc)."""
+        batch, units = unknowns.shape[:2]
+        controls, length = self._controls(anchor, unknowns), q.shape[1] // (units - 1)
+        rows = self.device.empty((batch, units - 1, self.rows, 2 * self.size + 1))
+        shared = 8 * (2 * self.rows + self.entries)
+        self.kernel("octo_between_rows")((units - 1, batch), self.device.threads(WIDE), length, controls, q, rows, shared=shared)
+        self.kernel("octo_between_add")((units - 1, 2, batch), self.device.threads(WIDE), dummy, rows, H, b)
+
+    def _controls(self, anchor: Array, unknowns: Array) -> Array:
+        controls, threads = self.device.empty(unknowns.shape), self.device.threads(WIDE)
+        count = int(unknowns.size)
+        grid = (min(-(-count // threads), 65535),)
+        self.kernel("octo_between_controls")(grid, threads, count, unknowns.shape[1], anchor, unknowns, controls)
+        return controls
