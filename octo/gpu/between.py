@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import casadi as ca
 import numpy as np
 
@@ -28,7 +30,7 @@ class Between:
             "BETWEEN": len(functions), "BR": self.rows, "BZ": self.entries, "BC": terms.size, "BTERM": terms.count,
             "BQ": terms.references, "BW": max(f.sz_w() for f in functions), "BIW": max(f.sz_iw() for f in functions),
         }  # fmt: skip
-        tables = {
+        tables: dict[str, Iterable[int]] = {
             "term": [term for term, _ in terms.functions], "first_row": first_row, "first_entry": first_entry,
             "entry_row": [row + first for p, first in zip(patterns, first_row[:-1], strict=True) for row in p.row()],
             "entry_column": [column for p in patterns for column in p.get_col()],
@@ -40,7 +42,7 @@ class Between:
         text = [
             generator.dump(),
             *(f"#define {name} {value}" for name, value in sizes.items()),
-            *(f"static const int octo_between_{n}[] = {{{', '.join(str(int(v)) for v in vs) or '0'}}};" for n, vs in tables.items()),
+            *(f"static const int octo_between_{name}[] = {{{_listed(values)}}};" for name, values in tables.items()),
             "static void octo_between(int k, const double **arg, double **res, int *iw, double *w) {",
             f"  switch (k) {{ {cases} }}\n}}",
             source("common.cuh"),
@@ -70,3 +72,7 @@ class Between:
         grid = (min(-(-count // threads), 65535),)
         self.kernel("octo_between_controls")(grid, threads, count, unknowns.shape[1], anchor, unknowns, controls)
         return controls
+
+
+def _listed(values: Iterable[int]) -> str:
+    return ", ".join(str(int(value)) for value in values) or "0"

@@ -98,7 +98,7 @@ def compiled() -> Callable[..., CompiledProblem]:
 
 @lru_cache
 def _between(end: bool = False) -> CompiledProblem:
-    """Two problems with two terms over neighbouring Hermite controls, one of them not linear and not finite where it has no weight."""
+    """Two terms over neighbouring controls, one linear, one not even finite where it has no weight."""
 
     def turning(control, following, p):
         return ca.vertcat(ca.sin(following[6]) * control[15] - p["gain"], control[7] * following[16] / p["on"])
@@ -106,7 +106,8 @@ def _between(end: bool = False) -> CompiledProblem:
     first = _compiled("hermite", end).problems[0]
     on = np.repeat([1.0, 0.0, 2.0, 1.0], STEPS // 4)
     rate = octo.costs.NeighbourCost(lambda control, following, p: following[9:] - control[9:], name="rate", weight=0.3)
-    bend = octo.costs.NeighbourCost(turning, {"gain": np.linspace(0.1, 0.4, STEPS)[:, None], "on": on[:, None]}, weight=on, name="bend")
+    values = {"gain": np.linspace(0.1, 0.4, STEPS)[:, None], "on": on[:, None]}
+    bend = octo.costs.NeighbourCost(turning, values, weight=on, name="bend")
     problem = first.replace(costs=[rate, octo.costs.Slip(length=0.03), bend, octo.costs.Effort()])
     return CompiledProblem([problem, problem.replace(x0=problem.start + 0.03, v0=None)])
 
