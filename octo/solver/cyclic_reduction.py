@@ -1,8 +1,10 @@
 """Block cyclic reduction of the KKT matrix (§6, appendix B), over NumPy or CuPy, all problems of a batch at once.
 
 Every other block of the symmetric block-tridiagonal matrix is eliminated, which leaves one of half the blocks; log2
-levels. A pivot block is factored by its eigenvalues, V diag(d) Vᵀ: that pivots inside the block, shows its inertia,
-and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). The last block is kept to the end:
+levels. A pivot block is scaled and factored by its eigenvalues, V diag(d) Vᵀ: that pivots inside the block, shows its
+inertia, and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). Eigenvalues are exact to the
+digits of the largest alone, and blocks that are left after small pivots have entries of 1e8 beside 1: hence the scaling
+at every level. The last block is kept to the end:
 the rows of a fixed last unit touch earlier units only, so that it is singular until those are eliminated. A pivot
 block can be singular elsewhere too, where the matrix is not or where rows are dependent: an eigenvalue that is
 nothing but rounding becomes −SHIFT, and refinement removes what that changed.
@@ -30,7 +32,7 @@ class _Level:
     """
 
     lead: int
-    half: Array  # (batch, E, B, B), V / sqrt|d|
+    half: Array  # (batch, E, B, B), S V / sqrt|d| where S P S = V diag(d) Vᵀ, S the scales of the pivot block P
     sign: Array  # (batch, E, B, 1), of d
     left: Array  # (batch, E - lead, B, B), halfᵀ times the block towards the block before
     right: Array  # (batch, E, B, B), halfᵀ times the block towards the block after
@@ -69,9 +71,10 @@ class ReducedSBT:
         self._last = self._pivots(diagonal, block)
 
     def _pivots(self, pivot: Array, block: Array) -> tuple[Array, Array]:
-        """V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added to the totals."""
+        """S V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added to the totals."""
         xp = self._xp
-        values, vectors = xp.linalg.eigh(pivot)
+        scale = _block_scale(pivot)
+        values, vectors = xp.linalg.eigh(scale[..., :, None] * pivot * scale[..., None, :])
         rounding = xp.abs(values) <= ROUNDING
         values = xp.where(rounding, -SHIFT, values)
         self.shifted += rounding.sum(axis=(1, 2))
@@ -80,7 +83,7 @@ class ReducedSBT:
         excess = negatives > self._expected
         found = xp.where(excess.any(axis=1), block[xp.argmax(excess, axis=1)], -1)
         self.excess_block = xp.where(self.excess_block < 0, found, self.excess_block)
-        return vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[..., None]
+        return scale[..., None] * vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[..., None]
 
     def solve(self, rhs: Array) -> Array:
         """x (batch, D, B, count), without refinement."""
@@ -118,6 +121,17 @@ def _equilibration(matrix: SBT) -> Array:
             top[:, :-1] = xp.maximum(top[:, :-1], (lower * scale[:, 1:, :, None]).max(axis=2))
         top = top * scale
         scale = scale / xp.sqrt(xp.where(top > 0, top, 1.0))
+    return scale
+
+
+def _block_scale(pivot: Array) -> Array:
+    """Scales (batch, O, B) that bring the largest entry of every row of each block close to 1; 1 for rows of rounding."""
+    xp = array_module(pivot)
+    entries = xp.abs(pivot)
+    scale = xp.ones(pivot.shape[:3])
+    for _ in range(EQUILIBRATIONS):
+        top = (entries * scale[..., None, :]).max(axis=3) * scale
+        scale = scale / xp.sqrt(xp.where(top > ROUNDING, top, 1.0))
     return scale
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import octo
 from octo import native
 from octo.errors import ShapeError, UnknownNameError
 from octo.solver.blocks import SBT
 from octo.solver.cyclic_reduction import CyclicReductionFactor, ReducedSBT
 from octo.solver.elimination import EliminationFactor
-from octo.solver.kkt import factorize
+from octo.solver.kkt import Method, factorize
+from octo.solver.options import SqpOptions
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 SIZES = [(18, 6), (36, 12), (6, 0), (4, 3), (5, 1)]
@@ -92,6 +94,18 @@ def test_both_ways_on_a_hermite_like_tail(random_system):
         assert factor.residual.max() < 1e-10
     for own, other in zip(*solutions, strict=True):
         np.testing.assert_allclose(own, other, atol=1e-8 * np.abs(own).max())
+
+
+@needs_compiler
+def test_both_ways_where_pivots_grow():
+    """In Hermite, with a small radius, a level of the reduction is left with entries from 1e-8 to 1e8."""
+    problem = octo.Problem(octo.gallery.mammal(), steps=40, dt=0.025, costs=octo.costs.paper(), basis="hermite")
+
+    def energies(method: Method):
+        options = SqpOptions(linear_solver=method, max_iterations=14)
+        return octo.solve(problem, options=options, passes=1, device="cpu").history["energy"]
+
+    np.testing.assert_allclose(energies("cyclic_reduction"), energies("elimination"), rtol=1e-7)
 
 
 def test_dependent_rows_in_cyclic_reduction(random_system):
