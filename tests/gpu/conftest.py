@@ -8,17 +8,14 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 import pytest
+from walker import BASES, START, walker, wiggle_near_ground
 
 import octo
 from octo.gpu import emulator
 from octo.gpu.emulator import EmulatedDevice
-from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
-from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 
 STEPS, DT = 12, 0.05
-START = np.array([0.02, -0.01, 0.44, 0.1, 0.05, -0.04, 0.3, -0.4, 0.01])  # front and foot in the ground, back above
-BASES = {"nodes": "nodes", "hermite": Hermite(3)}
 
 
 @pytest.fixture(autouse=True)
@@ -35,28 +32,6 @@ def _device(threads: int = 1, crews: int = 1) -> EmulatedDevice:
 @pytest.fixture
 def device() -> Callable[..., EmulatedDevice]:
     return _device
-
-
-@lru_cache
-def _robot() -> Character:
-    """A base with a leg of two links and a slide on top; its first sphere does not touch the terrain, but the foot."""
-    inertia = np.diag([0.02, 0.03, 0.025])
-    y, z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    hip = Joint("hip", "hinge", y, lower=-1.0, upper=1.0, torque_limit=8.0)
-    knee = Joint("knee", "hinge", y, lower=-1.5, upper=0.2, torque_limit=6.0, armature=0.01)
-    mast = Joint("mast", "slide", z, lower=-0.1, upper=0.1, damping=0.5)
-    bodies = (
-        Body("base", -1, floating_base(), mass=2.0, inertia=inertia, com=np.array([0.02, 0.0, 0.01])),
-        Body("thigh", 0, (hip,), np.array([0.0, 0.1, -0.05]), mass=0.5, inertia=0.2 * inertia, com=np.array([0, 0, -0.1])),
-        Body("shank", 1, (knee,), np.array([0.0, 0.0, -0.2]), mass=0.3, inertia=0.1 * inertia, com=np.array([0, 0, -0.1])),
-        Body("mast", 0, (mast,), np.array([0.0, 0.0, 0.1]), mass=0.2, inertia=0.1 * inertia),
-    )
-    places = (
-        ("top", 3, (0.0, 0.0, 0.1)), ("foot", 2, (0.0, 0.0, -0.2)), ("front", 0, (0.2, 0.0, -0.42)),
-        ("back", 0, (-0.2, 0.1, -0.39)),
-    )  # fmt: skip
-    spheres = tuple(ContactSphere(n, b, np.array(at), 0.03, touches_terrain=n != "top") for n, b, at in places)
-    return Character("walker", bodies, spheres, pairs=((0, 1),))
 
 
 def _costs(steps: int) -> list[octo.costs.Cost]:
@@ -84,7 +59,7 @@ def _costs(steps: int) -> list[octo.costs.Cost]:
 @lru_cache
 def _compiled(basis: str, end: bool = False) -> CompiledProblem:
     problem = octo.Problem(
-        _robot(), steps=STEPS, dt=DT, costs=_costs(STEPS), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
+        walker(), steps=STEPS, dt=DT, costs=_costs(STEPS), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
         parameters={"contact.onset": 0.004}, x_end=START + 0.01 if end else None,
     )  # fmt: skip
     return CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)])
@@ -118,17 +93,9 @@ def between_controls() -> Callable[..., CompiledProblem]:
     return _between
 
 
-def _wiggle(problem: CompiledProblem, seed: int = 0) -> np.ndarray:
-    """(batch, K, nc) unknowns of a motion close to the ground that starts at the start."""
-    random = np.random.default_rng(seed)
-    times = np.linspace(0.0, 1.0, problem.steps + 2)[:, None]
-    waves = sum(np.sin((k + 1) * times) * random.uniform(-0.06, 0.06, (problem.batch, 1, problem.n)) for k in range(4))
-    return problem.unknowns(problem.start[:, None] + waves)
-
-
 @pytest.fixture
 def wiggle() -> Callable[..., np.ndarray]:
-    return _wiggle
+    return wiggle_near_ground
 
 
 @lru_cache

@@ -1,4 +1,4 @@
-"""A small robot with everything a cost can look at, a problem with every cost, and the derivative helper."""
+"""A problem with every cost, and the derivative helper."""
 
 from __future__ import annotations
 
@@ -7,37 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from walker import BASES, START, walker, wiggle_near_ground
 
 from octo import costs
-from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
-from octo.problem.basis import Hermite
+from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 
 STEPS, DT = 24, 0.05
-BASES = {"nodes": "nodes", "hermite": Hermite(3)}
-Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-
-
-@lru_cache
-def _robot() -> Character:
-    """A base with a leg of two links and a slide on top; its first sphere does not touch the terrain."""
-    inertia = np.diag([0.02, 0.03, 0.025])
-    hip = Joint("hip", "hinge", Y, lower=-1.0, upper=1.0, torque_limit=8.0)
-    knee = Joint("knee", "hinge", Y, lower=-1.5, upper=0.2, torque_limit=6.0, armature=0.01)
-    mast = Joint("mast", "slide", Z, lower=-0.1, upper=0.1, damping=0.5)
-    bodies = (
-        Body("base", -1, floating_base(), mass=2.0, inertia=inertia, com=np.array([0.02, 0.0, 0.01])),
-        Body("thigh", 0, (hip,), np.array([0.0, 0.1, -0.05]), mass=0.5, inertia=0.2 * inertia, com=np.array([0, 0, -0.1])),
-        Body("shank", 1, (knee,), np.array([0.0, 0.0, -0.2]), mass=0.3, inertia=0.1 * inertia, com=np.array([0, 0, -0.1])),
-        Body("mast", 0, (mast,), np.array([0.0, 0.0, 0.1]), mass=0.2, inertia=0.1 * inertia),
-    )
-    places = (
-        ("top", 3, (0.0, 0.0, 0.1)), ("foot", 2, (0.0, 0.0, -0.2)), ("front", 0, (0.2, 0.0, -0.42)),
-        ("back", 0, (-0.2, 0.1, -0.39)),
-    )  # fmt: skip
-    spheres = tuple(ContactSphere(n, b, np.array(at), 0.03, touches_terrain=n != "top") for n, b, at in places)
-    return Character("walker", bodies, spheres, pairs=((0, 1),))
 
 
 def _custom(step, p):
@@ -78,37 +55,26 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
     ]
 
 
-START = np.array([0.02, -0.01, 0.44, 0.1, 0.05, -0.04, 0.3, -0.4, 0.01])  # front and foot in the ground, back above
-
-
 @lru_cache
 def _compiled(basis: str, threads: int = 1, steps: int = STEPS) -> CompiledProblem:
     problem = Problem(
-        _robot(), steps=steps, dt=DT, costs=_every_cost(steps), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
+        walker(), steps=steps, dt=DT, costs=_every_cost(steps), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
         parameters={"contact.onset": 0.004},
     )  # fmt: skip
     made = CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)], threads)
-    made.evaluate(_wiggle(made))  # loads the native code, so that problems made like this one share it
+    made.evaluate(wiggle_near_ground(made))  # loads the native code, so that problems made like this one share it
     return made
 
 
 @pytest.fixture
 def robot() -> Character:
-    return _robot()
+    return walker()
 
 
 @pytest.fixture
 def compiled() -> Callable[..., CompiledProblem]:
     """Two problems with every cost, native code where there is a compiler."""
     return _compiled
-
-
-def _wiggle(problem: CompiledProblem, seed: int = 0) -> np.ndarray:
-    """(batch, K, nc) unknowns of a motion close to the ground that starts at the start."""
-    random = np.random.default_rng(seed)
-    times = np.linspace(0.0, 1.0, problem.steps + 2)[:, None]
-    waves = sum(np.sin((k + 1) * times) * random.uniform(-0.06, 0.06, (problem.batch, 1, problem.n)) for k in range(4))
-    return problem.unknowns(problem.start[:, None] + waves)
 
 
 @pytest.fixture
@@ -118,7 +84,7 @@ def every_cost() -> Callable[..., list[costs.Cost]]:
 
 @pytest.fixture
 def wiggle() -> Callable[..., np.ndarray]:
-    return _wiggle
+    return wiggle_near_ground
 
 
 def _remainder_slope(value: Callable, derivative: np.ndarray, sizes: np.ndarray) -> float:
