@@ -15,6 +15,7 @@ from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.load import load
+from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane, Terrain
 
 FILES = ("log.npz", "plot.png", "motion.html", "report.json")
@@ -124,8 +125,10 @@ def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane
         raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
     if arguments.plant == "mujoco" and not isinstance(terrain, Plane):
         raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
+    if arguments.plant == "mujoco":
+        import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)
-    timing(arguments.seconds, arguments.rate, LOW_PERIOD, push)
+    timing(arguments.seconds, arguments.rate, LOW_PERIOD, push, arguments.delay)
 
 
 def _goal(arguments: argparse.Namespace) -> Goal:

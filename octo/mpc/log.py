@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 GROUND = 1.0  # m, of ground around the motion in pictures
 LOADED = 0.02  # of the weight: a foot that carries more is loaded
 NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
+NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
 ROWS = (
@@ -41,7 +42,7 @@ class Log:
     t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx) octo's chart; u (k, nu) N m or N; force, point (k, c, 3) of the
     contacts that touch the ground, N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
     command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations);
-    these six are NaN where no command came.
+    these six are NaN where no command came, or no measurement that one could come from.
     falls: s; impulses: N s.
     """
 
@@ -67,7 +68,8 @@ class Log:
         }  # fmt: skip
         return Log(robot, tick, controller, {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS})
 
-    def record(self, t: float, plant: Plant, command: Command | None) -> None:
+    def record(self, t: float, plant: Plant, command: Command | None, arrived: bool = True) -> None:
+        """A tick that began at ``t`` s; ``arrived``: whether there was a measurement that ``command`` could come from."""
         force, point = plant.contacts()
         guide = self.controller.guide
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
@@ -85,7 +87,8 @@ class Log:
             }  # fmt: skip
         for name, value in row.items():
             self.columns[name][k] = value
-        self.statuses.append(NO_COMMAND if command is None else command.status.label)
+        none = NO_COMMAND if arrived else NOTHING_YET
+        self.statuses.append(none if command is None else command.status.label)
         self.count = k + 1
 
     def finish(self) -> None:
@@ -164,16 +167,21 @@ class Log:
         return float(np.sqrt(np.mean(speeds**2))) if speeds.size else 0.0
 
     def latency(self) -> dict[str, float]:
-        seconds = self.seconds[np.isfinite(self.seconds)]
+        seconds = self._of_calls("seconds")
         seconds = seconds[min(BOOT, len(seconds) // 2) :]
         return {**{f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)}, "max": float(seconds.max())}
+
+    def _of_calls(self, name: str) -> Array:
+        """A column where the controller was called; one NaN where it never was (in real time no command may come at all)."""
+        called = np.isfinite(self.seconds)
+        return self.columns[name][called] if called.any() else np.full(1, np.nan)
 
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
         mean, wanted = self.tracked()
         return {
             "latency": self.latency(),
-            "prepare_p50": float(np.nanmedian(self.prepare)),
+            "prepare_p50": float(np.median(self._of_calls("prepare"))),
             "rate": 1.0 / self.tick,
             "missed_deadlines": max(self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())),
             "tracking_error": {"velocity": float(np.hypot(*(mean - wanted)[:2])), "yaw_rate": float(abs(mean[2] - wanted[2]))},
@@ -182,7 +190,7 @@ class Log:
             "falls": len(self.falls),
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
-            "torque_excess": float(np.nanmax(self.excess)),
+            "torque_excess": float(self._of_calls("excess").max()),
             "pushes": [float(v) for v in self.impulses],
             "memory_start": self.memory_start,
             "memory_end": self.memory_end,

@@ -128,22 +128,24 @@ def run(
     rate: Hz, of the controller's calls; a tick is a whole number of the plant's time steps.
     realtime: the plant runs at the pace of the clock and the controller in its own thread, late where it is slow: a tick
         with no command by its end is logged as one, and the plan before goes on. Otherwise the plant waits.
-    noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and the command from it.
+    noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and the command from it; as
+        long after the start and after a fall the controller's first plan is followed, and no call is made.
     each: called as ``each(t, controller)`` before every call of the controller, to change its references.
 
     Raises
     ------
     ValueRangeError: naming the argument. Once the loop runs only what a guide or ``each`` raises comes through.
     """
-    tick, count, ticks = timing(seconds, rate, plant.timestep, push)
+    tick, count, ticks = timing(seconds, rate, plant.timestep, push, delay)
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
-    whole("delay", delay, 0)
-    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), int(delay), push, each, ticks)
+    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), delay, push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
 
 
-def timing(seconds: float, rate: float, timestep: float, push: Push | None = None) -> tuple[float, int, int]:
+def timing(
+    seconds: float, rate: float, timestep: float, push: Push | None = None, delay: int = 0
+) -> tuple[float, int, int]:
     """A tick (s), the plant's time steps in it, and the ticks of a motion.
 
     Raises
@@ -158,6 +160,8 @@ def timing(seconds: float, rate: float, timestep: float, push: Push | None = Non
     ticks = round(seconds / tick)
     if ticks < 2:
         raise ValueRangeError(f"seconds is {seconds}, must be at least two ticks: {2.0 * tick:g}")
+    if whole("delay", delay, 0) >= ticks:
+        raise ValueRangeError(f"delay is {delay} ticks, must be less than those of the motion: {ticks}")
     if push is not None and push.start >= ticks * tick:
         raise ValueRangeError(f"push begins at t = {push.start:g} s, seconds is {seconds:g}: it must end later than that")
     return tick, count, ticks
@@ -176,6 +180,7 @@ class _Loop:
         self.impulse = 0.0
         self.lock, self.stop, self.fresh = threading.Lock(), threading.Event(), threading.Event()
         self.latest: Command | None = None
+        self.answered = -np.inf  # s, the time of the measurement of the last call
         self.anew: tuple[float, Array, Array] | None = None  # a reset that the controller's thread has yet to do
         self.error: BaseException | None = None
         self.ticks = ticks
@@ -187,9 +192,10 @@ class _Loop:
         for k in range(self.ticks):
             t = k * self.tick
             self._measure(t)
-            command = self._call(self.queue[0], t)
+            measured = self._arrived()
+            command = None if measured is None else self._call(measured, t)
             self._run_tick(t)
-            log.record(t, self.plant, command)
+            log.record(t, self.plant, command, measured is not None)
             if self._look(t):
                 self.queue.clear()
                 self.controller.reset(self.plant.q, self.plant.v, t + 0.5 * self.tick)
@@ -212,9 +218,14 @@ class _Loop:
         with self.lock:
             self.queue.append((t, q, v))
 
+    def _arrived(self) -> tuple[float, Array, Array] | None:
+        """The newest measurement that the delay has let through."""
+        return self.queue[0] if len(self.queue) == self.queue.maxlen else None
+
     def _call(self, measured: tuple[float, Array, Array], t: float | None = None) -> Command:
         if self.each is not None:
             self.each(measured[0] if t is None else t, self.controller)
+        self.answered = measured[0]
         return self.controller.step(*measured)
 
     def _run_tick(self, t: float, began: float | None = None) -> None:
@@ -251,7 +262,8 @@ class _Loop:
         """The plant at the clock's pace in this thread, the controller in its own; they share what the lock guards."""
         self._begin()
         self._measure(0.0)
-        self.latest = self._call(self.queue[0])
+        first = self._arrived()
+        self.latest = None if first is None else self._call(first)
         thread = threading.Thread(target=self._control, daemon=True)
         thread.start()
         began = time.perf_counter()
@@ -278,7 +290,8 @@ class _Loop:
         self._wait(began + t + self.tick)
         with self.lock:
             command, self.latest = self.latest, None
-        self.log.record(t, self.plant, command)
+            arrived = self._arrived() is not None
+        self.log.record(t, self.plant, command, arrived)
         if self._look(t):
             with self.lock:
                 self.queue.clear()
@@ -292,19 +305,17 @@ class _Loop:
             self.error = error
 
     def _answer(self) -> None:
-        last = 0.0
         while not self.stop.is_set():
             self.fresh.wait(0.1)
             self.fresh.clear()
             with self.lock:
                 anew, self.anew = self.anew, None
-                measured = self.queue[0] if self.queue else None
+                measured = self._arrived()
             if anew is not None:
                 t, q, v = anew
                 self.controller.reset(q, v, t)
-            if measured is None or measured[0] <= last:
+            if measured is None or measured[0] <= self.answered:
                 continue
-            last = measured[0]
             command = self._call(measured)
             with self.lock:
                 self.latest = command

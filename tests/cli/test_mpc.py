@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 
@@ -68,6 +69,7 @@ def test_falls_are_no_failure(tmp_path):
         (["--horizon", "2"], "'2', must be a whole number of at least 3"),
         (["--dt", "0"], "'0', must be positive"),
         (["--plan-friction", "-1"], "must be positive"),
+        (["--seconds", "0.02", "--delay", "2"], "delay is 2 ticks, must be less than those of the motion: 2"),
         (["--device", "gpu"], "device 'gpu' is not known"),
         (["--device", "cuda"], "no control loop on a GPU, use device 'cpu'"),
         (["--terrain", "slope:100"], "slope must be a number of degrees"),
@@ -80,3 +82,11 @@ def test_refused_in_one_line_before_anything_is_compiled(words, said, tmp_path, 
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and error.startswith("octo: error: ") and said in error
     assert not (tmp_path / "none").exists()
+
+
+def test_a_missing_mujoco_is_said_before_anything_is_compiled(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("octo.mpc.controller.CompiledProblem", None)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert main(["mpc", "mammal", "--out", str(tmp_path / "none")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "a plant in MuJoCo needs the extra 'robots'" in error

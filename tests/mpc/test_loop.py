@@ -91,7 +91,7 @@ def test_noise_and_delay(problem, robot):
     plant.reset_chart(problem.start)
     log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.5, noise=1.0, delay=1, seed=3)
     assert log.report()["falls"] == 0
-    assert log.statuses.count("solved") >= 149  # the first tick's measurement is used twice
+    assert log.statuses == ["nothing measured yet"] + ["solved"] * 149
 
 
 def test_noise_has_the_size_it_says(robot):
@@ -151,9 +151,13 @@ def test_real_time(problem, robot):
 
 
 class Slow(VelocityCommand):
+    def __init__(self, velocity, seconds=0.04):
+        super().__init__(velocity)
+        self.seconds = seconds
+
     def __call__(self, controller, t, x):
         super().__call__(controller, t, x)
-        time.sleep(0.04)
+        time.sleep(self.seconds)
 
 
 def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
@@ -206,7 +210,35 @@ def test_it_climbs_a_slope_that_it_knows(robot):
     assert 0.02 < log.foot_lift < 0.12  # over the slope, not over the level
 
 
-@pytest.mark.parametrize("values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}])
+@pytest.mark.parametrize("values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}, {"delay": 100}])
 def test_refused(controller, plant, values):
     with pytest.raises(ValueRangeError, match=next(iter(values))):
         run(controller, plant, **{"seconds": 1.0, **values})
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_delay_is_no_missed_deadline(controller, plant, realtime):
+    """Until the first measurement is through nothing is asked of the controller, and its first plan is followed."""
+    times, step = [], controller.step
+    controller.step = lambda t, q, v: (times.append(t), step(t, q, v))[1]
+    try:
+        log = run(controller, plant, 0.4, delay=3, realtime=realtime)
+    finally:
+        del controller.step
+    assert log.statuses[:3] == ["nothing measured yet"] * 3 and "nothing measured yet" not in log.statuses[3:]
+    assert np.isnan(log.seconds[:3]).all() and times[0] == 0.0 and len(set(times)) == len(times)
+    if realtime:
+        assert log.report()["missed_deadlines"] == log.statuses.count("no new command") < 20
+    else:
+        assert log.statuses[3:] == ["solved"] * 37 and len(times) == 37
+        assert plant.height > 0.9 * controller.problem.start[2]
+
+
+def test_a_controller_that_never_answers_has_a_report(problem, robot):
+    plant = MujocoPlant(robot)
+    plant.reset_chart(problem.start)
+    guide = Slow((0.0, 0.0), seconds=0.2)
+    log = run(Controller(problem, guide=guide), plant, 0.05, realtime=True, delay=1)
+    report = log.report()
+    assert report["statuses"] == {"nothing measured yet": 1, "no new command": 4} and report["missed_deadlines"] == 4
+    assert np.isnan(report["latency"]["p50"]) and np.isnan(report["torque_excess"]) and "4 missed" in str(log)
