@@ -98,27 +98,27 @@ def run(arguments: argparse.Namespace) -> int:
 
 def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace) -> Any:
     """The machine of ``--plant``, in the time steps that the low level is damped for."""
-    from octo.mpc.controller import LOW_PERIOD
+    from octo.mpc.low_level import PERIOD
 
     if arguments.plant == "octo":
         from octo.plant import SimulatorPlant
 
         parameters = {"contact.mu": arguments.friction}
         return SimulatorPlant(
-            robot, law=problem.law, terrain=terrain, parameters=parameters, timestep=LOW_PERIOD, payload=arguments.payload
+            robot, law=problem.law, terrain=terrain, parameters=parameters, timestep=PERIOD, payload=arguments.payload
         )
     from octo.plant import MujocoPlant
 
     assert isinstance(terrain, Plane)  # what _check_plant lets through
     return MujocoPlant(
         robot, terrain=terrain, friction=arguments.friction, payload=arguments.payload, bumps=arguments.bumps,
-        seed=arguments.seed, timestep=LOW_PERIOD,
+        seed=arguments.seed, timestep=PERIOD,
     )  # fmt: skip
 
 
 def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane | Terrain, push: Any) -> None:
-    from octo.mpc.controller import LOW_PERIOD
     from octo.mpc.loop import timing
+    from octo.mpc.low_level import PERIOD
     from octo.plant.mujoco_plant import loaded
 
     if arguments.plant == "octo" and arguments.bumps > 0.0:
@@ -128,7 +128,7 @@ def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane
     if arguments.plant == "mujoco":
         import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)
-    timing(arguments.seconds, arguments.rate, LOW_PERIOD, push, arguments.delay)
+    timing(arguments.seconds, arguments.rate, PERIOD, push, arguments.delay)
 
 
 def _goal(arguments: argparse.Namespace) -> Goal:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,12 +13,12 @@ from numpy.typing import NDArray
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
-from octo.model.mass_matrix import mass_matrix
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.convention import Convention
 from octo.mpc.iteration import Iteration
+from octo.mpc.low_level import LowLevel, default_damping, default_stiffness
 from octo.mpc.measurement import check, check_device, measured, plausible, time_of
-from octo.mpc.plan import Plan
+from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.solver.receding import RecedingHorizon
@@ -33,12 +32,7 @@ SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
 SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
-STIFFNESS = 1.1  # of mg·ℓ a rad, the low level's kp
-SWING = 0.23  # of √(ℓ/g), the low level's kd over its kp
-LOW_PERIOD = 0.002  # s, that the low level is expected to have
-LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
-GRAVITY = 9.81  # m/s²
 SLACK = 1.0  # s, that a measurement may be older than the last one, or newer than the plan's end, by the same clock
 
 
@@ -97,21 +91,24 @@ class Controller:
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
-        kp = STIFFNESS * problem.weight * problem.length if stiffness is None else stiffness
-        kd = self._default_damping(kp) if damping is None else damping
-        self.kp, self.kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)).copy() for k in (kp, kd))
+        kp = default_stiffness(problem) if stiffness is None else stiffness
+        kd = default_damping(problem, kp) if damping is None else damping
+        kp, kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)) for k in (kp, kd))
+        self._grid = Grid(problem.steps, self.dt, self.robot.actuated, self.robot.nx)
+        self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
         self._iteration = Iteration(self.horizon, hinge, sigma, self.exact)
-        size = (problem.steps, self.dt, self.robot.actuated, self.robot.nx)
-        self._plans = [Plan(*size) for _ in range(3)]
-        self._first_joint = self.convention.actuated_q
         self.reset()
 
-    def _default_damping(self, kp: Any) -> Array:
-        """kd of the low level, no more than its period allows a joint with nothing but its own leg's inertia."""
-        inverse = np.linalg.inv(mass_matrix(self.robot, self.problem.start))
-        free = 1.0 / np.diag(inverse)[self.robot.actuated]  # kg m²
-        return np.minimum(SWING * np.sqrt(self.problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / LOW_PERIOD)
+    @property
+    def kp(self) -> Array:
+        """(nu,) N m/rad or N/m of the low level, to be written in place."""
+        return self._low.kp
+
+    @property
+    def kd(self) -> Array:
+        """(nu,) N m s/rad or N s/m of the low level, to be written in place."""
+        return self._low.kd
 
     # -- references, weights, parameters ------------------------------------------------------------------------------
 
@@ -192,18 +189,17 @@ class Controller:
         self.horizon.evaluate()
         for _ in range(SETTLE):
             self._iteration.prepare()
-            good = (self._iteration.better() if self.iterations > 1 else self._iteration.whole()) and self._accept(t)
+            good = (self._iteration.better() if self.iterations > 1 else self._iteration.whole()) and self._is_motion()
             self._iteration.learn(good)
             if not good or np.max(np.abs(self.horizon.step)) < 1e-3:
                 break
         if not good:  # stand still
             nodes[:], nodes[0] = x, before
             self.horizon.evaluate()
-            self._accept(t, anyway=True)
+        self._take(t, solved=good)
 
     def _forget(self, x: Array) -> None:
         self._iteration.forget()
-        self._plan, self._next = self._plans[0], 1
         self._last_time, self._jump, self._tick = -np.inf, np.nan, self.dt
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared = x.copy(), np.nan
@@ -227,11 +223,11 @@ class Controller:
         if solution.multipliers.shape[1:] == self.horizon.lam.shape[1:]:
             self.horizon.guess[2:] = solution.multipliers[:N]
         self.horizon.evaluate()
-        self._accept(t, anyway=True)
+        self._take(t, solved=False)
 
     @property
     def plan(self) -> Plan:
-        """The plan that commands are read from."""
+        """The plan that commands are read from. It is never changed, the next one takes its place at once."""
         return self._plan
 
     # -- one measurement ----------------------------------------------------------------------------------------------
@@ -325,33 +321,33 @@ class Controller:
             if self._spent(began) and not done:
                 return CommandStatus.BUDGET, 0
             if good:
-                if not self._accept(t):
+                if not self._is_motion():
                     iteration.learn(False)
                     return (CommandStatus.SOLVED, done) if done else (CommandStatus.DIVERGED, 0)
+                self._take(t)
                 done += 1
         return (CommandStatus.SOLVED, done) if done else (CommandStatus.FAILED, 0)
 
     def _spent(self, began: float, needed: float = 0.0) -> bool:
         return self.budget is not None and time.perf_counter() - began + needed > self.budget
 
-    def _accept(self, t: float, anyway: bool = False) -> bool:
-        """Make the horizon's nodes the plan, unless they are no motion."""
-        horizon, robot = self.horizon, self.robot
-        energy, violation = horizon.energy, float(np.abs(horizon.C).max(initial=0.0))
-        if not anyway and not (np.isfinite(energy) and violation <= WORST):
-            return False
-        u = horizon.fd[:, robot.actuated]
+    def _is_motion(self) -> bool:
+        """Whether the horizon's nodes could be the plan."""
+        return bool(np.isfinite(self.horizon.energy)) and float(np.abs(self.horizon.C).max(initial=0.0)) <= WORST
+
+    def _take(self, t: float, solved: bool = True) -> None:
+        """Make the horizon's nodes the plan; ``solved``: they are what its last factorisation led to."""
+        horizon = self.horizon
+        u = horizon.fd[:, self.robot.actuated]
         if not np.isfinite(u).all():
             u = np.zeros_like(u)
         ratio = np.abs(u[:, self._has_limit]) / self.limit[self._has_limit]
-        self._worst, self._energy, self._violation = float(ratio.max(initial=0.0)), energy, violation
-        plan = self._plans[self._next]
-        plan.store(t, horizon.nodes, self._limited(u))
-        self._plan, self._next = plan, (self._next + 1) % len(self._plans)
+        self._worst, self._energy = float(ratio.max(initial=0.0)), horizon.energy
+        self._violation = float(np.abs(horizon.C).max(initial=0.0))
         self._gain_nodes[:] = horizon.nodes[:3]
-        if not anyway:
+        if solved:
             self._gain[:] = horizon.gain()
-        return True
+        self._plan = Plan(self._grid, t, horizon.nodes, self._limited(u))
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
@@ -378,15 +374,12 @@ class Controller:
         return np.concatenate([(place + past) @ tangent, -self.dt * past @ tangent], axis=1)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints."""
-        plan, t = self._plan, time_of(t)
-        x, rate, planned = plan.joints(t if math.isfinite(t) else plan.time)
-        q, v = measured(q, self.convention.nq), measured(v, self.convention.nv)
-        with np.errstate(over="ignore", invalid="ignore"):
-            u = planned + self.kp * (x - q[self._first_joint]) + self.kd * (rate - v[self.robot.actuated])
-        if not np.isfinite(u).all():  # a joint that is not measured follows the plan's torque
-            u = np.where(np.isfinite(u), u, planned)
-        return self._limited(u)
+        """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints.
+
+        May be called in another thread than the rest. A joint that is not measured follows the plan's torque.
+        """
+        measurement = measured(q, self.convention.nq), measured(v, self.convention.nv)
+        return self._low(self._plan, time_of(t), *measurement)
 
     def _limited(self, u: Array) -> Array:
         return np.asarray(np.minimum(np.maximum(u, -self.limit), self.limit))

@@ -9,37 +9,49 @@ Array = NDArray[np.float64]
 FADING = 0.5  # of the joints' velocity, from one step beyond the plan's end to the next
 
 
-class Plan:
-    """x_{-1} … x_N and u_0 … u_{N-1} from the time of x_0 on, in memory that is allocated once.
-
-    Beyond its end the base keeps its velocity and the joints come to rest.
-    """
+class Grid:
+    """What all plans of a controller have in common: N ``steps`` of ``dt`` s of n coordinates, some of them actuated."""
 
     def __init__(self, steps: int, dt: float, actuated: NDArray[np.intp], n: int):
-        self.steps, self.dt, self.time = steps, dt, 0.0  # time: s, of x_0
-        self.x = np.zeros((2 * steps + 4, n))  # x_{-1} … x_N, then what follows the plan
-        self.u = np.zeros((2 * steps + 4, len(actuated)))  # N m or N; the last one is repeated
-        fading = np.ones((steps + 2, n))
-        fading[:, actuated] = np.cumsum(FADING ** np.arange(1, steps + 3))[:, None]
+        self.steps, self.dt, self.actuated, self.n, self.nu = steps, dt, actuated, n, len(actuated)
+        self.rows = 2 * steps + 4  # x_{-1} … x_N and what follows the plan
         others = np.setdiff1d(np.arange(n), actuated)
-        fading[:, others] = np.arange(1, steps + 3)[:, None]
-        self._fading = fading
-        self._actuated = actuated
+        self.fading = np.ones((steps + 2, n))
+        self.fading[:, actuated] = np.cumsum(FADING ** np.arange(1, steps + 3))[:, None]
+        self.fading[:, others] = np.arange(1, steps + 3)[:, None]
+
+
+class Plan:
+    """x_{-1} … x_N and u_0 … u_{N-1} from the time of x_0 on. A plan is never changed: whoever holds one reads one motion.
+
+    Beyond its end the base keeps its velocity and the joints come to rest.
+
+    Attributes
+    ----------
+    time: s, of x_0. x: (2N+4, n), from x_{-1} on. u: (2N+4, nu) N m or N, from u_0 on; the last one is repeated.
+    address: of the block of numbers that low_level.c reads.
+    """
+
+    def __init__(self, grid: Grid, time: float, nodes: Array, u: Array):
+        """Nodes (N+2, n) rad and m, torques (N, nu)."""
+        self.time = time
+        self.steps, self.dt, N = grid.steps, grid.dt, grid.steps
+        size = grid.rows * grid.n
+        block = np.empty(1 + size + grid.rows * grid.nu)
+        self.address = block.ctypes.data
+        block[0] = time
+        self.x, self.u = block[1 : 1 + size].reshape(grid.rows, grid.n), block[1 + size :].reshape(grid.rows, grid.nu)
+        self.x[: N + 2] = nodes
+        np.multiply(grid.fading, nodes[-1] - nodes[-2], out=self.x[N + 2 :])
+        self.x[N + 2 :] += nodes[-1]
+        self.u[:N] = u
+        self.u[N:] = u[-1]
+        block.flags.writeable = self.x.flags.writeable = self.u.flags.writeable = False
 
     @property
     def end(self) -> float:
         """s, the time of x_N."""
         return self.time + self.steps * self.dt
-
-    def store(self, time: float, nodes: Array, u: Array) -> None:
-        """Take over nodes (N+2, n) and torques (N, nu)."""
-        N = self.steps
-        self.time = time
-        self.x[: N + 2] = nodes
-        np.multiply(self._fading, nodes[-1] - nodes[-2], out=self.x[N + 2 :])
-        self.x[N + 2 :] += nodes[-1]
-        self.u[:N] = u
-        self.u[N:] = u[-1]
 
     def place(self, time: float) -> tuple[int, float]:
         """The step and the part of it at ``time``, not beyond what is stored."""
@@ -60,8 +72,3 @@ class Plan:
         i, f = self.place(time)
         move = self.x[i + 2] - self.x[i + 1]
         return self.x[i + 1] + f * move, move / self.dt, self.u[i] + f * (self.u[i + 1] - self.u[i])
-
-    def joints(self, time: float) -> tuple[Array, Array, Array]:
-        """The same of the actuated coordinates only."""
-        x, rate, u = self.at(time)
-        return x[self._actuated], rate[self._actuated], u

@@ -78,8 +78,8 @@ def test_command_is_read_in_microseconds_and_follows_the_plan(controller, plant,
         u = controller.command(0.1, q, v)
     assert (time.perf_counter() - began) / 500 < 5e-4
     assert inside(u, robot.torque_limit)
-    x, rate, ahead = controller.plan.joints(0.1)
-    expected = ahead + controller.kp * (x - q[7:]) + controller.kd * (rate - v[6:])
+    x, rate, ahead = controller.plan.at(0.1)
+    expected = ahead + controller.kp * (x[6:] - q[7:]) + controller.kd * (rate[6:] - v[6:])
     np.testing.assert_allclose(u, np.clip(expected, -robot.torque_limit, robot.torque_limit), atol=1e-12)
 
 

@@ -1,0 +1,82 @@
+"""The low level: springs and dampers to the joints of a plan, read several times a tick."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo import native
+from octo.dynamics.balance import GRAVITY
+from octo.errors import DeviceError
+from octo.model.mass_matrix import mass_matrix
+from octo.mpc.plan import Grid, Plan
+from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+STIFFNESS = 1.1  # of mg·ℓ a rad, kp
+SWING = 0.23  # of √(ℓ/g), kd over kp
+PERIOD = 0.002  # s, in which the low level is expected to be called
+LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable
+
+
+def default_stiffness(problem: Problem) -> float:
+    """kp, N m/rad."""
+    return STIFFNESS * problem.weight * problem.length
+
+
+def default_damping(problem: Problem, kp: float | Array) -> Array:
+    """kd (nu,), no more than the period allows a joint with nothing but its own leg's inertia."""
+    robot = problem.character
+    assert robot is not None
+    inverse = np.linalg.inv(mass_matrix(robot, problem.start))
+    free = 1.0 / np.diag(inverse)[robot.actuated]  # kg m²
+    return np.minimum(SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / PERIOD)
+
+
+class LowLevel:
+    """u = u_plan + kp (q_plan − q) + kd (v_plan − v), inside the limits; one call of compiled code.
+
+    Attributes
+    ----------
+    kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N): (nu,), each, to be written in place.
+    """
+
+    def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):
+        """``q_at`` (nu,): places of the actuated coordinates in q."""
+        library = native.load((importlib.resources.files(__package__) / "low_level.c").read_text())
+        if library is None:
+            raise DeviceError("a controller needs a C compiler")
+        self.kp, self.kd, self.limit = (np.array(k, dtype=float) for k in (kp, kd, limit))
+        self._places = tuple(np.array(places, dtype=np.int32) for places in (grid.actuated, q_at))
+        pointers = (a.ctypes.data for a in (*self._places, self.kp, self.kd, self.limit))
+        self._record = _Record(grid.rows, grid.steps, grid.n, grid.nu, grid.dt, *pointers)
+        self._at = ctypes.addressof(self._record)
+        # Called with the interpreter's lock held: who gives it away in real time may wait 5 ms until the planner returns it.
+        at = ctypes.cast(library.octo_low_level, ctypes.c_void_p).value
+        assert at is not None
+        self._entry = _ENTRY(at)
+        self._out: Any = ctypes.c_double * grid.nu
+
+    def __call__(self, plan: Plan, t: float, q: Array, v: Array) -> Array:
+        """(nu,) N m or N at ``t`` s, measured q (nq,), v (nv,)."""
+        u = self._out()
+        self._entry(self._at, plan.address, t, q.tobytes(), v.tobytes(), u)
+        return np.frombuffer(u)
+
+
+_POINTER = ctypes.c_void_p
+_ENTRY = ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, ctypes.c_double, _POINTER, _POINTER, _POINTER)
+
+
+class _Record(ctypes.Structure):
+    """low_level of low_level.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in ("rows", "steps", "nx", "nu")),
+        ("dt", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("joint", "q_at", "kp", "kd", "limit")),
+    ]
