@@ -57,6 +57,15 @@ class Convention:
         before[self._p] = x[self._p] - dt * (self._frame.T @ speed)
         return x, before
 
+    def of_mujoco(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """q (nq,) and v (nv,) of MuJoCo's form in this one."""
+        if self.real_first or not self.floating:
+            return q, v
+        place, speed = q.copy(), v.copy()
+        place[self.quaternion] = q[self.quaternion][[1, 2, 3, 0]]
+        speed[self._p] = rotation_from(q[self.quaternion], True).T @ v[self._p]
+        return place, speed
+
     def from_octo(self, x: Array, rate: Array) -> tuple[Array, Array]:
         """q (nq,) and v (nv,) of a configuration and the rates (nx,) of its chart."""
         if not self.floating:

@@ -15,6 +15,7 @@ from octo.errors import OutputError
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.command import Command
+from octo.mpc.convention import Convention
 from octo.solver.solution import HISTORY, Solution, Status
 
 if TYPE_CHECKING:
@@ -58,6 +59,9 @@ class Log:
     memory_end: int = 0
     torque: Array = field(default_factory=lambda: np.zeros(0))
 
+    def __post_init__(self) -> None:
+        self._convention = Convention(self.robot)  # the plant's, whatever the controller's
+
     @staticmethod
     def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
         """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
@@ -75,7 +79,7 @@ class Log:
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
         k = self.count
         near = self.columns["x"][k - 1] if k else self.controller.problem.start
-        x = self.controller.convention.to_octo(plant.q, plant.v, 1.0, near)[0]
+        x = self._convention.to_octo(plant.q, plant.v, 1.0, near)[0]
         row: dict[str, Any] = {
             "t": t + self.tick, "q": plant.q, "v": plant.v, "x": x, "u": self.torque,
             "plan_x": self.controller.plan.at(t + self.tick)[0], "force": force, "point": point, "wanted": wanted,
@@ -204,10 +208,13 @@ class Log:
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
-        return (
-            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {r['falls']} falls; {statuses}\n"
+        walked = (
             f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of {wanted[1]:.2f} m/s, turning {went[2]:.2f} of "
             f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
+        )
+        return (
+            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {r['falls']} falls; {statuses}\n"
+            f"{walked if self.robot.base == 'floating' else ''}"
             f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); {r['missed_deadlines']} missed "
             f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
         )
@@ -220,13 +227,14 @@ class Log:
         contacts = force.shape[1]
         normal = np.zeros((count, contacts, 3))
         normal[..., 2] = 1.0
-        low, high = x[:, :2].min(axis=0) - GROUND, x[:, :2].max(axis=0) + GROUND
+        place = body_poses(robot, x)[1][:, robot.base_body, :2]
+        low, high = place.min(axis=0) - GROUND, place.max(axis=0) + GROUND
         level = float(np.median(point[..., 2][force[..., 2] > 0.0])) if (force[..., 2] > 0.0).any() else 0.0
         return Solution(
             name=robot.name, character=robot, dt=stride * self.tick, basis="nodes", x=np.concatenate([x[:1], x]),
             u=self.u[::stride][:-1], unknowns=x[1:], multipliers=np.zeros((count, 0)), status=Status.SIMULATED, iterations=0,
             factorizations=0, terms={}, violation=0.0, pointwise_residual=0.0, weight=9.81 * robot.mass,
-            length=max(0.05, float(x[0, 2])), torque_limit=robot.torque_limit,
+            length=self.controller.problem.length, torque_limit=robot.torque_limit,
             contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts), contact_force=force,
             contact_point=point, contact_velocity=np.zeros_like(force), contact_normal=normal,
             contact_depth=np.zeros((count, contacts)),

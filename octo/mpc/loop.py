@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive, whole
-from octo.errors import ValueRangeError
+from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.mpc.command import Command
 from octo.mpc.controller import Controller
@@ -121,7 +121,7 @@ def run(
     seed: int = 0,
     each: Callable[[float, Controller], None] | None = None,
 ) -> Log:
-    """Close the loop for ``seconds``; falls are counted, and the plant is put back once.
+    """Close the loop for ``seconds``; falls (of a floating base) are counted, and the plant is put back once.
 
     Parameters
     ----------
@@ -134,11 +134,14 @@ def run(
 
     Raises
     ------
-    ValueRangeError: naming the argument. Once the loop runs only what a guide or ``each`` raises comes through.
+    ValueRangeError: naming the argument. ProblemError: a push on a base that does not float.
+    Once the loop runs only what a guide or ``each`` raises comes through.
     """
     tick, count, ticks = timing(seconds, rate, plant.timestep, push, delay)
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
+    if push is not None and plant.character.base != "floating":
+        raise ProblemError(f"push needs a floating base: the base of {plant.character.name!r} is fixed")
     loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), delay, push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
 
@@ -175,6 +178,7 @@ class _Loop:
         self.controller, self.plant, self.tick, self.count = controller, plant, tick, count
         self.sensors, self.push, self.each = sensors, push, each
         self.queue: deque[tuple[float, Array, Array]] = deque(maxlen=delay + 1)
+        self._seen = controller.convention.of_mujoco
         self.start, self.height = plant.q.copy(), plant.height
         self.fallen = self.over = False
         self.impulse = 0.0
@@ -198,12 +202,11 @@ class _Loop:
             log.record(t, self.plant, command, measured is not None)
             if self._look(t):
                 self.queue.clear()
-                self.controller.reset(self.plant.q, self.plant.v, t + 0.5 * self.tick)
+                self.controller.reset(*self._seen(self.plant.q, self.plant.v), t + 0.5 * self.tick)
         return self._end()
 
     def _begin(self) -> None:
-        controller = self.controller
-        controller.reset(self.plant.q, self.plant.v, 0.0)
+        self.controller.reset(*self._seen(self.plant.q, self.plant.v), 0.0)
         self.log.memory_start = memory_in_use()
 
     def _end(self) -> Log:
@@ -214,7 +217,7 @@ class _Loop:
 
     def _measure(self, t: float) -> None:
         self.sensors.draw()
-        q, v = self.sensors.read(self.plant.q, self.plant.v)
+        q, v = self._seen(*self.sensors.read(self.plant.q, self.plant.v))
         with self.lock:
             self.queue.append((t, q, v))
 
@@ -235,7 +238,7 @@ class _Loop:
             now = t + k * step
             if began is not None:
                 self._wait(began + now)
-            q, v = self.sensors.read(plant.q, plant.v)
+            q, v = self._seen(*self.sensors.read(plant.q, plant.v))
             u = self.controller.command(now, q, v)
             if self.push is not None:
                 plant.push = self.push.at(now, plant.base_rotation)
@@ -246,6 +249,8 @@ class _Loop:
     def _look(self, t: float) -> bool:
         """Count a fall once, and put the plant back the first time: whether it was, and the controller must begin anew."""
         plant = self.plant
+        if plant.character.base != "floating":
+            return False
         down = plant.height < FALLEN * self.height or plant.base_rotation[2, 2] < TILTED
         if not down or self.fallen:
             self.fallen = down
@@ -295,7 +300,7 @@ class _Loop:
         if self._look(t):
             with self.lock:
                 self.queue.clear()
-                self.anew = (t + 0.5 * self.tick, self.plant.q.copy(), self.plant.v.copy())
+                self.anew = (t + 0.5 * self.tick, *self._seen(self.plant.q.copy(), self.plant.v.copy()))
             self.fresh.set()
 
     def _control(self) -> None:

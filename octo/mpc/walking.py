@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.mpc.controller import Controller
@@ -49,7 +50,15 @@ def walking_problem(
     """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``.
 
     The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs bent.
+
+    Raises
+    ------
+    ProblemError: the base does not float, or no sphere can touch the ground; what :class:`octo.Problem` refuses.
     """
+    if robot.base != "floating":
+        raise ProblemError(f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
+    if not robot.terrain_contacts:
+        raise ProblemError(f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the ground")
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
     law = foot_law(robot, draft.length, _feet(robot, held, draft.length), friction)

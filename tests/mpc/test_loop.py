@@ -242,3 +242,19 @@ def test_a_controller_that_never_answers_has_a_report(problem, robot):
     report = log.report()
     assert report["statuses"] == {"nothing measured yet": 1, "no new command": 4} and report["missed_deadlines"] == 4
     assert np.isnan(report["latency"]["p50"]) and np.isnan(report["torque_excess"]) and "4 missed" in str(log)
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_controller_in_pinocchio_s_form_is_given_it(problem, robot, realtime):
+    """Moving at the start and not along its heading, so that world and body axes differ."""
+    start, rate = problem.start.copy(), np.zeros(robot.nx)
+    start[3:6], rate[:6] = (1.2, 0.1, 0.1), (0.3, 0.2, 0.0, 0.5, 0.3, 0.2)
+    logs = []
+    for convention in ("mujoco", "pinocchio"):
+        plant = MujocoPlant(robot)
+        plant.reset_chart(start, rate)
+        controller = Controller(problem, convention=convention)
+        logs.append(run(controller, plant, 0.4, noise=0.3, realtime=realtime))
+    np.testing.assert_allclose(logs[1].x[:5], logs[0].x[:5], atol=0.1 if realtime else 1e-6)
+    assert logs[1].statuses.count("solved") >= (10 if realtime else 40)
+    assert logs[1].falls == [] and logs[1].x[-1, 2] > 0.8 * start[2]
