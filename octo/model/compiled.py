@@ -14,7 +14,8 @@ from octo.model.actuators import joint_actuation, reflected
 from octo.model.character import Array, Body, Character, Joint, floating_base
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
-from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, rotation_of
+from octo.model.quaternions import rotation_of
+from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of
 
 Chart = Literal["zyx", "zxy"]
 AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}

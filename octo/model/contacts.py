@@ -12,7 +12,8 @@ import numpy as np
 from octo.model import shapes
 from octo.model.character import Array, Character, ContactSphere
 from octo.model.kinematics import sphere_centers
-from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of, rotation_of
+from octo.model.quaternions import rotation_of
+from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of
 
 TOLERANCE = 0.05  # of the hull of a body, as a part of its size
 MOST_SPHERES = 8  # of a body; a first moving body that needs more becomes a box

@@ -1,4 +1,4 @@
-"""Rotation matrices as quaternions, and the turn from each to the next as a rotation vector."""
+"""Rotation matrices as quaternions and back, and the turn from each to the next as a rotation vector."""
 
 from __future__ import annotations
 
@@ -24,6 +24,16 @@ def quaternions(rotation: Array) -> Array:
     sign = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))
     out[1:] *= sign[:, None]
     return np.asarray(out if out[0, 0] >= 0.0 else -out)
+
+
+def rotation_of(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a quaternion (4,), real part first, of any length but zero."""
+    w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()  # Python's own numbers: a third of the time
+    return np.array([
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ])  # fmt: skip
 
 
 def turning(rotation: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 
 from octo.errors import MissingExtraError
 from octo.model.character import Array
+from octo.model.quaternions import rotation_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,18 +88,6 @@ def quiet_compiler() -> Iterator[None]:
 
 def one_line(error: Exception) -> str:
     return " ".join(str(error).split())
-
-
-def rotation_of(quaternion: Array) -> Array:
-    """Rotation matrix (3, 3) of a quaternion (4,), real part first, of any length but zero."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
 
 
 def name_of(model: Any, kind: str, index: int) -> str:

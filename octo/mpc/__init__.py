@@ -1,9 +1,9 @@
 """Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop around both."""
 
+from octo.model.convention import Convention
 from octo.mpc.animation import animate
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.controller import Controller
-from octo.mpc.convention import Convention
 from octo.mpc.log import Log
 from octo.mpc.loop import Push, run
 from octo.mpc.plan import Plan

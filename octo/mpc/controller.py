@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.model.convention import Convention
 from octo.mpc.command import Command, CommandStatus
-from octo.mpc.convention import Convention
 from octo.mpc.iteration import Iteration
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness
 from octo.mpc.measurement import check, check_device, measured, plausible, time_of
@@ -45,7 +45,7 @@ class Controller:
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
     device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
-    convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.mpc.convention.Convention`).
+    convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.model.convention.Convention`).
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
     stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
     guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration: it may change references.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from octo.errors import OutputError
 from octo.model.character import Character
+from octo.model.convention import Convention
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.command import Command
-from octo.mpc.convention import Convention
 from octo.solver.solution import HISTORY, Solution, Status
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
-from octo.mpc.convention import Convention
+from octo.model.convention import Convention
 from octo.solve import DEVICES
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ def stance(robot: Character) -> Array:
     pose = over_the_feet(robot, inside_limits(robot, default))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose
-    feet = _feet(robot, pose)
+    feet = lowest_contacts(robot, pose, FOOT)
     straight = max(_stretch(robot, pose, foot) for foot in feet)
     if straight <= STRAIGHT:
         return pose
@@ -44,10 +44,16 @@ def stance(robot: Character) -> Array:
     return over_the_feet(robot, _reach(robot, inside_limits(robot, begun), feet, target))
 
 
-def _feet(robot: Character, pose: Array) -> list[int]:
+def bottoms(robot: Character, pose: Array) -> Array:
+    """(c,) m, heights of the lowest points of the contacts that touch the terrain."""
     touching = list(robot.terrain_contacts)
-    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
-    return [k for k, height in zip(touching, bottom, strict=True) if height < bottom.min() + FOOT]
+    return np.asarray(sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching])
+
+
+def lowest_contacts(robot: Character, pose: Array, within: float) -> list[int]:
+    """Contacts that touch the terrain and are less than ``within`` m over the lowest of them."""
+    heights = bottoms(robot, pose)
+    return [k for k, height in zip(robot.terrain_contacts, heights, strict=True) if height < heights.min() + within]
 
 
 def _chain(robot: Character, foot: int) -> list[int]:

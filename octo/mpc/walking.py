@@ -12,9 +12,8 @@ from octo.checks import number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.kinematics import sphere_centers
 from octo.mpc.controller import Controller
-from octo.mpc.stance import stance
+from octo.mpc.stance import bottoms, lowest_contacts, stance
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
@@ -61,26 +60,15 @@ def walking_problem(
         raise ProblemError(f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the ground")
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
-    law = foot_law(robot, draft.length, _feet(robot, held, draft.length), friction)
+    law = foot_law(robot, draft.length, len(lowest_contacts(robot, held, NEAR * draft.length)), friction)
     problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
 
-def _feet(robot: Character, pose: Array, length: float) -> int:
-    """How many contacts are near the lowest one."""
-    touching = list(robot.terrain_contacts)
-    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
-    return int(np.sum(bottom < bottom.min() + NEAR * length)) if touching else 1
-
-
 def _on_the_ground(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are read of it."""
-    if robot.base != "floating" or not robot.terrain_contacts:
-        return pose
-    touching = list(robot.terrain_contacts)
-    bottom = sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
     placed = pose.copy()
-    placed[int(robot.first_joint[robot.base_body]) + 2] -= float(bottom.min())
+    placed[int(robot.first_joint[robot.base_body]) + 2] -= float(bottoms(robot, pose).min())
     return placed
 
 

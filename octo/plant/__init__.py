@@ -1,6 +1,6 @@
 """Machines that octo did not write the physics of: where a plan or a controller has to prove itself."""
 
-from octo.plant.convention import from_chart, to_chart
+from octo.model.convention import from_chart, to_chart
 from octo.plant.mujoco_plant import MujocoPlant
 from octo.plant.simulator_plant import SimulatorPlant
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from octo.checks import number, numbers, positive
 from octo.errors import ShapeError, ValueRangeError
 from octo.model.character import Array, Character
+from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
-from octo.model.robot_file import import_mujoco, rotation_of
+from octo.model.quaternions import rotation_of
+from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
-from octo.plant.convention import from_chart, to_chart
 
 BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y
 BUMPS_CLEAR = 0.5  # m, around the origin: where a robot starts
@@ -32,7 +33,7 @@ class MujocoPlant:
     bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its origin); ``seed`` places them.
 
     Torques act until the next ``step``; the model's motors clip them to the robot's limits. State: ``q`` (nq,), ``v`` (nv,)
-    in MuJoCo's form and the order of the character's tree (see :mod:`octo.plant.convention`), ``x``, ``rate`` (nx,) in octo's
+    in MuJoCo's form and the order of the character's tree (see :mod:`octo.model.convention`), ``x``, ``rate`` (nx,) in octo's
     chart. ``model`` and ``data`` are MuJoCo's own.
     """
 

@@ -15,9 +15,9 @@ from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import ShapeError
 from octo.model.character import Array, Character
+from octo.model.convention import from_chart, to_chart
 from octo.model.kinematics import body_poses
 from octo.model.terrain import Plane, Terrain
-from octo.plant.convention import from_chart, to_chart
 from octo.plant.mujoco_plant import loaded
 
 

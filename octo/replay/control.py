@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from octo.dynamics.balance import GRAVITY
 from octo.model.character import Array
 from octo.model.mass_matrix import mass_matrix
-from octo.model.robot_file import rotation_of
+from octo.model.quaternions import rotation_of
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
 from octo.solver.solution import Solution

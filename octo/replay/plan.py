@@ -20,7 +20,7 @@ STANCE = 0.02  # of the weight: a contact planned to carry more is in stance
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion sampled every ``timestep`` s, in MuJoCo's form (octo.plant.convention).
+    """A motion sampled every ``timestep`` s, in MuJoCo's form (octo.model.convention).
 
     Attributes
     ----------

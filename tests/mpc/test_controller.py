@@ -14,7 +14,7 @@ from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError,
 from octo.model.kinematics import sphere_centers
 from octo.mpc import CommandStatus, Controller
 from octo.mpc.measurement import _say_cpu
-from octo.mpc.stance import STRAIGHT, _feet, _stretch, stance
+from octo.mpc.stance import FOOT, STRAIGHT, _stretch, lowest_contacts, stance
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
 from tests.mpc.conftest import inside
@@ -165,7 +165,7 @@ def test_stance_bends_straight_legs(robot):
         pose[j] = straight[robot.joints[j].name.rsplit("_", 1)[-1]]
     stretched = dataclasses.replace(robot, default_pose=pose)
     bent = stance(stretched)
-    feet = _feet(stretched, bent)
+    feet = lowest_contacts(stretched, bent, FOOT)
     assert max(_stretch(stretched, pose, k) for k in feet) > STRAIGHT
     assert max(_stretch(stretched, bent, k) for k in feet) < STRAIGHT
     assert np.ptp(sphere_centers(stretched, bent)[feet, 2]) < 0.02  # the feet stay in one plane

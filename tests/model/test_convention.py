@@ -7,9 +7,10 @@ import pytest
 
 import octo
 from octo.errors import UnknownNameError
+from octo.model.chart import angles_of, body_axes, rotation_of_angles
+from octo.model.convention import Convention
 from octo.model.kinematics import axis_rotation, body_poses
-from octo.mpc.convention import Convention, angles_of, body_axes, quaternion_of, rotation_from, rotation_of
-from octo.plant import from_chart
+from octo.model.quaternions import quaternions, rotation_of
 
 ORDER = {"zyx": (2, 1, 0), "zxy": (2, 0, 1)}
 
@@ -24,9 +25,9 @@ def test_angles_and_rotations_agree(chart):
     rng = np.random.default_rng(0)
     for angles in rng.uniform(-9.0, 9.0, (300, 3)):
         rotation = product(angles, chart)
-        np.testing.assert_allclose(rotation_of(angles, chart), rotation, atol=1e-12)
+        np.testing.assert_allclose(rotation_of_angles(angles, chart), rotation, atol=1e-12)
         np.testing.assert_allclose(angles_of(rotation, chart, angles + 0.05), angles, atol=1e-9)
-        np.testing.assert_allclose(rotation_from(quaternion_of(rotation), True), rotation, atol=1e-12)
+        np.testing.assert_allclose(rotation_of(quaternions(rotation[None])[0]), rotation, atol=1e-12)
 
 
 @pytest.mark.parametrize("chart", ["zyx", "zxy"])
@@ -58,10 +59,10 @@ def test_unwrapped_through_two_turns_and_a_fall():
         yaw, roll = 4.2 * np.pi * k / 2000, 2.2 * np.pi * k / 2000
         rotation = product((yaw, 0.2 * np.sin(0.01 * k), roll), "zyx")
         q = np.zeros(robot.nx + 1)
-        q[3:7] = (-1.0 if k % 3 else 1.0) * quaternion_of(rotation)  # both signs are the same rotation
+        q[3:7] = (-1.0 if k % 3 else 1.0) * quaternions(rotation[None])[0]  # both signs are the same rotation
         x, before = convention.to_octo(q, np.zeros(robot.nx), 0.04, last)
         assert np.abs(x - last).max() < 0.05
-        np.testing.assert_allclose(rotation_of(x[3:6], "zyx"), rotation, atol=1e-9)
+        np.testing.assert_allclose(rotation_of_angles(x[3:6], "zyx"), rotation, atol=1e-9)
         np.testing.assert_allclose(before, x, atol=1e-12)
         last = x
     assert abs(last[3] - 4.2 * np.pi) < 1e-6 and abs(last[5] - 2.2 * np.pi) < 1e-6
@@ -89,8 +90,9 @@ def test_the_two_conventions_say_the_same_motion():
     np.testing.assert_allclose(p[[6, 3, 4, 5]], q[3:7], atol=1e-12)
     np.testing.assert_allclose(rotation @ w[:3], v[:3], atol=1e-12)
     np.testing.assert_allclose(w[3:], v[3:], atol=1e-12)
-    for found, plant in zip((q, v), from_chart(robot, x, rate), strict=True):  # the plant's own conversion
-        np.testing.assert_allclose(found, plant, atol=1e-9)
+    for found, turned in zip((p, w), Convention(robot, "pinocchio").of_mujoco(q, v), strict=True):
+        np.testing.assert_allclose(turned, found, atol=1e-12)
+    assert Convention(robot).of_mujoco(q, v)[0] is q
 
 
 def test_unknown_convention():
