@@ -61,6 +61,7 @@ class Log:
 
     def __post_init__(self) -> None:
         self._convention = Convention(self.robot)  # the plant's, whatever the controller's
+        self._weight = self.robot.mass * self.controller.problem.gravity  # N
 
     @staticmethod
     def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
@@ -127,7 +128,7 @@ class Log:
     def feet(self) -> NDArray[np.intp]:
         """Columns of ``force`` that carry a twentieth of the weight some time in the first second."""
         early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
-        return np.flatnonzero(early > 0.05 * self.robot.mass * 9.81)
+        return np.flatnonzero(early > 0.05 * self._weight)
 
     @property
     def foot_height(self) -> Array:
@@ -161,7 +162,7 @@ class Log:
         below = sphere_centers(self.robot, self.x)[:, chosen] - radius[:, None] * [0.0, 0.0, 1.0]
         local = np.einsum("kcji,kcj->kci", rotation[:-1, bodies], below[:-1] - origin[:-1, bodies])
         moved = np.einsum("kcij,kcj->kci", rotation[1:, bodies], local) + origin[1:, bodies] - below[:-1]
-        loaded = self.force[:, self.feet, 2] > LOADED * self.robot.mass * 9.81
+        loaded = self.force[:, self.feet, 2] > LOADED * self._weight
         return np.asarray(np.linalg.norm(moved[..., :2], axis=-1)[loaded[1:] & loaded[:-1]] / self.tick)
 
     @property
@@ -233,7 +234,7 @@ class Log:
         return Solution(
             name=robot.name, character=robot, dt=stride * self.tick, basis="nodes", x=np.concatenate([x[:1], x]),
             u=self.u[::stride][:-1], unknowns=x[1:], multipliers=np.zeros((count, 0)), status=Status.SIMULATED, iterations=0,
-            factorizations=0, terms={}, violation=0.0, pointwise_residual=0.0, weight=9.81 * robot.mass,
+            factorizations=0, terms={}, violation=0.0, pointwise_residual=0.0, weight=self._weight,
             length=self.controller.problem.length, torque_limit=robot.torque_limit,
             contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts), contact_force=force,
             contact_point=point, contact_velocity=np.zeros_like(force), contact_normal=normal,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
+from octo.dynamics.balance import GRAVITY
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError
 from octo.model.character import Character
@@ -18,7 +19,6 @@ from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
-GRAVITY = 9.81  # m/s²
 CONE = 0.75  # of the ground's friction, that is planned with
 NEAR = 0.1  # of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
@@ -28,14 +28,14 @@ ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
 LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
-def foot_law(robot: Character, length: float, feet: int, friction: float = 0.8) -> Compliant:
+def foot_law(robot: Character, length: float, feet: int, friction: float = 0.8, gravity: float = GRAVITY) -> Compliant:
     """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground.
 
-    Three quarters of the ``friction`` are planned with. Its offset is what it sinks under the weight on ``feet`` contacts,
-    so that at rest hard feet carry what soft ones do.
+    Three quarters of the ``friction`` are planned with, under a ``gravity`` in m/s². Its offset is what it sinks under the weight
+    on ``feet`` contacts, so that at rest hard feet carry what soft ones do.
     """
-    speed = CREEP * float(np.sqrt(GRAVITY * length))
-    stiffness, sigma = robot.mass * GRAVITY / (SINK * length), ONSET * length
+    speed = CREEP * float(np.sqrt(gravity * length))
+    stiffness, sigma = robot.mass * gravity / (SINK * length), ONSET * length
     share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
     return Compliant(
         stiffness=stiffness, sigma=sigma, dissipation_velocity=speed, offset=sigma * float(np.log(np.expm1(share))),
@@ -60,7 +60,9 @@ def walking_problem(
         raise ProblemError(f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the ground")
     held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
-    law = foot_law(robot, draft.length, len(lowest_contacts(robot, held, NEAR * draft.length)), friction)
+    if draft.gravity == 0.0:
+        raise ProblemError("walking needs a weight: the parameters' gravity is 0")
+    law = foot_law(robot, draft.length, len(lowest_contacts(robot, held, NEAR * draft.length)), friction, draft.gravity)
     problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 

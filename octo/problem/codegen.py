@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.dynamics import symbolic
+from octo.dynamics.balance import GRAVITY
 from octo.dynamics.emit import function_in_lanes
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
@@ -30,7 +31,6 @@ from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 
 Array = NDArray[np.float64]
-GRAVITY = 9.81  # m/s², of the weight that forces are measured in
 TOUCHING = 0.01  # m above the ground up to which a contact is a foot at the start
 
 

@@ -112,7 +112,7 @@ def locomotion(
     velocity: (3,) m/s, world. yaw_rate: rad/s. length: ℓ, m, height of the base over the ground.
     """
     command = np.asarray(velocity, dtype=float)
-    speed, rate = 9.81 * length, 9.81 / length  # (m/s)², (rad/s)²
+    speed, rate = GRAVITY * length, GRAVITY / length  # (m/s)², (rad/s)²
     slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)  # what the two terms divide by
     return [
         CenterOfMassVelocity(velocity=tuple(command), weight=58.0 * slow / speed),

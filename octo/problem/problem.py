@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive, whole
+from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
@@ -20,7 +21,6 @@ from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
 from octo.problem.basis import Basis, basis_named
-from octo.problem.codegen import GRAVITY
 from octo.problem.costs import Cost
 from octo.problem.symbols import Setting
 
@@ -187,8 +187,15 @@ class Problem:
         return np.zeros(self.dynamics.nx) if self.v0 is None else self.v0
 
     @cached_property
+    def gravity(self) -> float:
+        """m/s², that of the parameters; 9.81 for user-written dynamics."""
+        names = self.dynamics.layout.names
+        parts = [float(self.p[names.index(name)]) for name in ("gravity_x", "gravity_y", "gravity_z") if name in names]
+        return float(np.linalg.norm(parts)) if parts else GRAVITY
+
+    @cached_property
     def weight(self) -> float:
-        """N, mg; 1 for user-written dynamics, whose rows are not scaled."""
+        """N, mg with g = 9.81, that forces are measured in; 1 for user-written dynamics, whose rows are not scaled."""
         return self.character.mass * GRAVITY if self.character is not None else 1.0
 
     @cached_property

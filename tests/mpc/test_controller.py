@@ -12,7 +12,7 @@ import pytest
 import octo
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.model.kinematics import sphere_centers
-from octo.mpc import CommandStatus, Controller
+from octo.mpc import CommandStatus, Controller, run, walking_problem
 from octo.mpc.measurement import _say_cpu
 from octo.mpc.stance import FOOT, STRAIGHT, _stretch, lowest_contacts, stance
 from octo.plant import MujocoPlant
@@ -171,11 +171,14 @@ def test_stance_bends_straight_legs(robot):
     assert np.ptp(sphere_centers(stretched, bent)[feet, 2]) < 0.02  # the feet stay in one plane
 
 
-def test_walking_problem_plans_with_soft_feet_that_carry_the_weight_at_rest(problem, robot):
+@pytest.mark.parametrize("gravity", [9.81, 1.62])
+def test_walking_problem_plans_with_soft_feet_that_carry_the_weight_at_rest(robot, gravity):
+    problem = walking_problem(robot, steps=20, parameters={"gravity_z": -gravity})
+    assert problem.gravity == gravity
     force, *_, depth = CompiledProblem([problem]).kinematics(problem.start, problem.start, problem.p)
     force, depth = np.asarray(force), np.asarray(depth).ravel()
-    assert force[2].sum() == pytest.approx(9.81 * robot.mass, rel=0.02)
-    assert np.abs(depth[force[2] > 5.0]).max() < 0.004  # hard feet would stand as high
+    assert force[2].sum() == pytest.approx(gravity * robot.mass, rel=0.02)
+    assert np.abs(depth[force[2] > 0.5 * gravity]).max() < 0.004  # hard feet would stand as high
 
 
 def test_the_shifted_plan_is_the_plan(controller, plant, stand):
@@ -208,3 +211,16 @@ def test_a_reset_restarts_the_command(controller, plant):
         assert 0.0 < wanted[0, 0] < 0.05  # from rest, at 1 m/s²
     finally:
         guide.velocity[:] = 0.0
+
+
+def test_it_stands_on_the_moon(robot):
+    """Feet and their slip are known by the weight that they carry there."""
+    problem = walking_problem(robot, steps=20, parameters={"gravity_z": -1.62})
+    plant = MujocoPlant(robot, gravity=(0.0, 0.0, -1.62))
+    plant.reset_chart(problem.start)
+    log = run(Controller(problem), plant, 1.0)
+    assert log.force[-1, :, 2].sum() == pytest.approx(1.62 * robot.mass, rel=0.1)
+    assert log.falls == [] and log.feet.tolist() == np.flatnonzero(log.force[-1, :, 2] > 0.5).tolist()
+    assert len(log.feet) == 4 and log.solution().weight == pytest.approx(1.62 * robot.mass)
+    with pytest.raises(ProblemError, match="gravity is 0"):
+        walking_problem(robot, parameters={"gravity_z": 0.0})
