@@ -32,11 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", default="mujoco", help="mujoco, or octo: its own implicit simulation (default mujoco)")
     parser.add_argument("--horizon", type=whole(3), default=25, help="steps of the plan (default 25)")
     parser.add_argument("--dt", type=positive, default=0.04, help="s, of one step of the plan (default 0.04)")
-    parser.add_argument("--basis", default="nodes", help="of the plan: nodes")
+    parser.add_argument("--basis", default="nodes", help="of the plan: nodes, control has no other (default nodes)")
     parser.add_argument("--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)")
     parser.add_argument("--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)")
     parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
-    parser.add_argument("--device", default="cpu", help="cpu, or auto (default cpu)")
+    parser.add_argument("--device", default="cpu", help="cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
     parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
     parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
     parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")
@@ -58,7 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.plant not in PLANTS:
         raise UnknownNameError("plant", arguments.plant, PLANTS)
     if arguments.basis != "nodes":
-        raise UnknownNameError("basis", arguments.basis, ("nodes",))
+        if arguments.basis != "hermite":
+            raise UnknownNameError("basis", arguments.basis, ("nodes",))
+        raise UsageError("basis is 'hermite', must be 'nodes': control plans in nodes only")
     for name in ("friction", "noise", "bumps"):
         if getattr(arguments, name) < 0.0:
             raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")

@@ -21,7 +21,8 @@ from octo.mpc.measurement import check, check_device, measured, plausible, time_
 from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
-from octo.solver.receding import RecedingHorizon
+from octo.solver.receding import PAST, RecedingHorizon
+from octo.solver.receding_interpreted import InterpretedHorizon
 from octo.solver.solution import Solution
 
 Array = NDArray[np.float64]
@@ -44,7 +45,8 @@ class Controller:
     problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
-    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
+    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU. Without a C compiler a call takes
+        70 times as long.
     convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.model.convention.Convention`).
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
     stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
@@ -75,7 +77,10 @@ class Controller:
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
         if problem.basis_object.name != "nodes" or problem.x_end is not None:
-            raise ProblemError(f"basis is {problem.basis_object.name!r}: a controller needs 'nodes' and a free end")
+            found = "x_end is given" if problem.x_end is not None else f"basis is {problem.basis_object.name!r}"
+            raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
+        if problem.steps <= PAST:
+            raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
         if curvature not in CURVATURES:
             raise UnknownNameError("curvature", curvature, CURVATURES)
         self.problem, self.robot = problem, problem.character
@@ -87,7 +92,8 @@ class Controller:
         self._views: dict[tuple[str, str], Array] = {}
         names = problem.dynamics.layout.names
         self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
-        self.horizon = RecedingHorizon(self.compiled, positive("sigma", sigma))
+        fast = self.compiled.library is not None
+        self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.solver.receding import RecedingHorizon
+from octo.solver.receding_interpreted import InterpretedHorizon
 
 Array = NDArray[np.float64]
 CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
@@ -23,7 +24,7 @@ class Iteration:
     sigma: the smallest regularisation weight; the horizon's own grows where steps fail and comes back where they do not.
     """
 
-    def __init__(self, horizon: RecedingHorizon, hinge: NDArray[np.bool_], sigma: float, exact: bool):
+    def __init__(self, horizon: RecedingHorizon | InterpretedHorizon, hinge: NDArray[np.bool_], sigma: float, exact: bool):
         self.horizon, self.sigma, self.exact = horizon, sigma, exact
         self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
         self._before = np.empty_like(horizon.step)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.balance import GRAVITY
-from octo.errors import DeviceError
 from octo.model.mass_matrix import mass_matrix
 from octo.mpc.plan import Grid, Plan
 from octo.problem.problem import Problem
@@ -38,7 +37,7 @@ def default_damping(problem: Problem, kp: float | Array) -> Array:
 
 
 class LowLevel:
-    """u = u_plan + kp (q_plan − q) + kd (v_plan − v), inside the limits; one call of compiled code.
+    """u = u_plan + kp (q_plan − q) + kd (v_plan − v), inside the limits; one call of compiled code, or NumPy without a compiler.
 
     Attributes
     ----------
@@ -48,24 +47,33 @@ class LowLevel:
     def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):
         """``q_at`` (nu,): places of the actuated coordinates in q."""
         library = native.load((importlib.resources.files(__package__) / "low_level.c").read_text())
-        if library is None:
-            raise DeviceError("a controller needs a C compiler")
         self.kp, self.kd, self.limit = (np.array(k, dtype=float) for k in (kp, kd, limit))
+        self._q_at, self._actuated = q_at, grid.actuated
+        self._entry: Any = None
         self._places = tuple(np.array(places, dtype=np.int32) for places in (grid.actuated, q_at))
         pointers = (a.ctypes.data for a in (*self._places, self.kp, self.kd, self.limit))
         self._record = _Record(grid.rows, grid.steps, grid.n, grid.nu, grid.dt, *pointers)
         self._at = ctypes.addressof(self._record)
         # Called with the interpreter's lock held: who gives it away in real time may wait 5 ms until the planner returns it.
-        at = ctypes.cast(library.octo_low_level, ctypes.c_void_p).value
-        assert at is not None
-        self._entry = _ENTRY(at)
+        if library is not None:
+            self._entry = _ENTRY(("octo_low_level", library))
         self._out: Any = ctypes.c_double * grid.nu
 
     def __call__(self, plan: Plan, t: float, q: Array, v: Array) -> Array:
         """(nu,) N m or N at ``t`` s, measured q (nq,), v (nv,)."""
+        if self._entry is None:
+            return self._interpreted(plan, t, q, v)
         u = self._out()
         self._entry(self._at, plan.address, t, q.tobytes(), v.tobytes(), u)
         return np.frombuffer(u)
+
+    def _interpreted(self, plan: Plan, t: float, q: Array, v: Array) -> Array:
+        j = self._actuated
+        x, rate, planned = plan.at(t if np.isfinite(t) else plan.time)
+        with np.errstate(over="ignore", invalid="ignore"):
+            u = planned + self.kp * (x[j] - q[self._q_at]) + self.kd * (rate[j] - v[j])
+        u = np.where(np.isfinite(u), u, planned)  # a joint that is not measured follows the plan's torque
+        return np.asarray(np.minimum(np.maximum(u, -self.limit), self.limit))
 
 
 _POINTER = ctypes.c_void_p

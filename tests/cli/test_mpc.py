@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 
 import pytest
@@ -59,7 +61,8 @@ def test_falls_are_no_failure(tmp_path):
         (["--push", "50,0.2"], "push is '50,0.2', must be newtons, positive seconds and degrees"),
         (["--push", "50,-1,0"], "push is '50,-1,0'"),
         (["--plant", "gazebo"], "plant 'gazebo' is not known"),
-        (["--basis", "hermite"], "basis 'hermite' is not known"),
+        (["--basis", "hermite"], "basis is 'hermite', must be 'nodes'"),
+        (["--basis", "splines"], "basis 'splines' is not known; did you mean nodes?"),
         (["--noise", "-1"], "noise is -1.0, must not be negative"),
         (["--bumps", "0.02", "--plant", "octo"], "bumps need --plant mujoco"),
         (["--rate", "300"], "rate is 300.0 Hz"),
@@ -90,3 +93,13 @@ def test_a_missing_mujoco_is_said_before_anything_is_compiled(tmp_path, capsys, 
     assert main(["mpc", "mammal", "--out", str(tmp_path / "none")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "a plant in MuJoCo needs the extra 'robots'" in error
+
+
+def test_without_a_compiler_it_says_once_that_it_is_slow(tmp_path):
+    words = ["mpc", "mammal", "--seconds", "0.1", "--horizon", "5", "--out", str(tmp_path / "slow")]
+    code = "import sys; from octo.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    environment = {**os.environ, "OCTO_NO_COMPILER": "1"}
+    done = subprocess.run([sys.executable, "-c", code, *words], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and "10 solved" in done.stdout
+    assert done.stderr.count("\n") == 1 and "OCTO_NO_COMPILER is set" in done.stderr
+    assert len(list((tmp_path / "slow").iterdir())) == 4

@@ -126,8 +126,12 @@ def test_what_a_controller_is_not_made_of(robot, problem):
         Controller(problem, budget=-1.0)
     with pytest.raises(DeviceError):
         Controller(problem, device="cuda")
-    with pytest.raises(ProblemError, match="nodes"):
+    with pytest.raises(ProblemError, match="basis is 'hermite': a controller needs the basis 'nodes'"):
         Controller(problem.replace(basis="hermite"))
+    with pytest.raises(ProblemError, match="x_end is given"):
+        Controller(problem.replace(x_end=problem.start))
+    with pytest.raises(ProblemError, match="steps is 2: a controller needs at least 3"):
+        Controller(problem.replace(steps=2))
 
 
 def test_warm_start_from_a_solution(controller, problem):

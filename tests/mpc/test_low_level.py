@@ -12,8 +12,15 @@ from octo.mpc.low_level import LowLevel
 from octo.mpc.plan import Grid, Plan
 
 
+@pytest.fixture(params=[False, True], ids=["compiled", "interpreted"])
+def interpreted(request, monkeypatch):
+    if request.param:
+        monkeypatch.setattr("octo.native.load", lambda text: None)  # as without a compiler
+    return request.param
+
+
 @pytest.fixture
-def made():
+def made(interpreted):
     """A low level of six joints in twelve coordinates, two of them before the base's, and a plan of five steps."""
     rng = np.random.default_rng(0)
     grid = Grid(5, 0.04, np.array([0, 1, 8, 9, 10, 11]), 12)
@@ -24,7 +31,7 @@ def made():
 
 
 @pytest.mark.parametrize("t", [-1.0, 2.0, 2.013, 2.1, 2.1999, 2.2, 2.27, 2.41, 3.0, 1e300])
-def test_it_follows_the_plan_with_springs_and_dampers(made, t):
+def test_it_follows_the_plan_with_springs_and_dampers(made, interpreted, t):
     """Also before the plan's start and after its end, where the base goes on and the joints come to rest."""
     grid, plan, q_at, low = made
     rng = np.random.default_rng(1)
@@ -32,6 +39,7 @@ def test_it_follows_the_plan_with_springs_and_dampers(made, t):
     x, rate, u = plan.at(t)
     wanted = u + low.kp * (x[grid.actuated] - q[q_at]) + low.kd * (rate[grid.actuated] - v[grid.actuated])
     np.testing.assert_allclose(low(plan, t, q, v), np.clip(wanted, -low.limit, low.limit), rtol=1e-12, atol=1e-12)
+    assert (low._entry is None) == interpreted
 
 
 def test_a_joint_that_is_not_measured_follows_the_plan_s_torque(made):

@@ -12,6 +12,7 @@ from octo.errors import DeviceError
 from octo.problem.compiled import CompiledProblem
 from octo.solver.elimination import factorize
 from octo.solver.receding import RecedingHorizon
+from octo.solver.receding_interpreted import InterpretedHorizon
 
 SIGMA = 1e-4
 
@@ -123,3 +124,26 @@ def test_refuses_what_it_cannot_do(case):
         RecedingHorizon(CompiledProblem([hermite]))
     with pytest.raises(DeviceError, match="steps is 2"):
         RecedingHorizon(CompiledProblem([problem.replace(steps=2)]))
+
+
+def test_without_a_compiler(case):
+    """The general parts give the same step, multipliers, gain and values; exact curvature raises sigma until it can be used."""
+    problem, compiled, nodes = case
+    plain = CompiledProblem([problem])
+    plain.__dict__["_library"] = None
+    slow, fast = InterpretedHorizon(plain, SIGMA), RecedingHorizon(compiled, SIGMA)
+    for horizon in (slow, fast):
+        horizon.nodes[:] = nodes
+        assert horizon.feedback(usable=horizon.prepare())
+        horizon.evaluate()
+    for name in ("step", "lam", "fd", "terms", "C"):
+        np.testing.assert_allclose(getattr(slow, name), getattr(fast, name), rtol=1e-7, atol=1e-8, err_msg=name)
+    np.testing.assert_allclose(slow.gain(), fast.gain(), atol=1e-7)
+    assert slow.energy == pytest.approx(fast.energy)
+    lam = 1e-3 * np.random.default_rng(1).standard_normal((9, 6))
+    for horizon in (slow, fast):
+        horizon.sigma[0], horizon.guess[2:] = SIGMA, lam
+        horizon.nodes[:] = nodes
+        assert horizon.feedback(True, horizon.prepare(True))
+    assert slow.sigma[0] == fast.sigma[0] > SIGMA
+    np.testing.assert_allclose(slow.step, fast.step, atol=1e-7)
