@@ -31,20 +31,14 @@ def like(values: Numbers, array: Array) -> Array:
     return values if isinstance(array, np.ndarray) else array_module(array).asarray(values)
 
 
-def inner(a: Array, b: Array) -> Numbers:
-    """(batch,) inner products of two arrays (batch, …)."""
-    return host((a * b).reshape(len(a), -1).sum(axis=1))
+def inner(a: Array, b: Array) -> Array:
+    """(batch,) inner products of two arrays (batch, …), where they are."""
+    return (a * b).reshape(len(a), -1).sum(axis=1)
 
 
-def inners(*pairs: tuple[Array, Array]) -> list[Numbers]:
-    """The inner products of several pairs, in one copy."""
-    xp = array_module(pairs[0][0])
-    return list(host(xp.stack([(a * b).reshape(len(a), -1).sum(axis=1) for a, b in pairs])))
-
-
-def largest(v: Array) -> Numbers:
-    """(batch,) ‖·‖∞ of v (batch, …), 0 where it has no entries."""
-    return host(abs(v).reshape(len(v), -1).max(axis=1)) if v.size else np.zeros(len(v))
+def largest(v: Array) -> Array:
+    """(batch,) ‖·‖∞ of v (batch, …), where it is; 0 where it has no entries."""
+    return abs(v).reshape(len(v), -1).max(axis=1) if v.size else array_module(v).zeros(len(v))
 
 
 def size(v: Array) -> Numbers:

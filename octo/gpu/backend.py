@@ -9,12 +9,17 @@ from numpy.typing import NDArray
 
 from octo.errors import DeviceError
 from octo.gpu.device import Array, Device
-from octo.gpu.linear import DeviceBlocks, DeviceFactor, DeviceNormal, Linear
+from octo.gpu.linear import DeviceBlocks, Linear
+from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem, bytes_of
-from octo.problem.compiled import CompiledProblem, Model
+from octo.gpu.work import DeviceFactors, Work
+from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import Backend
 from octo.solver.blocks import KKTBlocks
 from octo.solver.options import SqpOptions
+from octo.solver.subproblem import Three, Two
+
+TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
 
 
 class DeviceBackend(Backend):
@@ -29,6 +34,7 @@ class DeviceBackend(Backend):
         self.device, self.timed = device, timed
         self._linear: dict[tuple[int, int], Linear] = {}
         self._last: DeviceProblem | None = None
+        self._at_work: tuple[DeviceProblem, Work] | None = None
 
     def place(self, problem: CompiledProblem) -> DeviceProblem:
         """``problem`` on the device; one with the same generated code shares what was compiled for the one before.
@@ -37,8 +43,9 @@ class DeviceBackend(Backend):
         ------
         DeviceError: the device has too little memory, or the robot is too large for its shared memory.
         """
+        self._release()  # before what is free is measured: the passes of a solve come one after another
         if self._last is not None:
-            self._last.release()  # before what is free is measured: the passes of a solve come one after another
+            self._last.release()
         last = self._last if self._last is not None and self._last.host.functions is problem.functions else None
         self._check_memory(problem)
         self._last = DeviceProblem(problem, self.device, last)
@@ -73,15 +80,49 @@ class DeviceBackend(Backend):
     def blocks(self, model: Model) -> DeviceBlocks:
         return DeviceBlocks(model.H, model.A, model.b, model.C, self._of(model.A))
 
-    def step_numbers(self, blocks: KKTBlocks, delta: Array, lam: Array) -> tuple[Any, Any, Any]:
-        units = self.device.host(self._of(blocks.A).step_numbers(blocks.A, blocks.b, delta, lam))
-        return units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
+    def linearize(self, problem: Any, at: Evaluation, lam: Array, exact: bool) -> Model:
+        return self.work(problem).linearize(at, lam, exact)
 
-    def factorize(self, H: Array, A: Array, sigma: Any, options: SqpOptions, threads: int) -> DeviceFactor:
-        return DeviceFactor(self._of(A), H, A, self.device.array(sigma))
+    def evaluate(self, problem: Any, unknowns: Array) -> Evaluation:
+        return self.work(problem).evaluate(unknowns)
+
+    def evaluate_with(self, problem: Any, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
+        return self.work(problem).evaluate_with(unknowns, numbers)
+
+    def two_by_two(self, hessian: Three, gradient: Two, radius: Array) -> Two:
+        batch, device = len(radius), self.device
+        out = device.empty((batch,)), device.empty((batch,))
+        any_linear = next(iter(self._linear.values()))
+        any_linear.flat("octo_two_by_two", batch, *hessian, *gradient, radius, *out)
+        return out
+
+    def together(self, problem: Any) -> bool:
+        return bool(problem.batch * problem.steps <= TOGETHER)
+
+    def factors(self, problem: Any, blocks: KKTBlocks, at: Evaluation, lam: Array, options: SqpOptions) -> DeviceFactors:
+        work = self.work(problem)
+        own = work.of("H", blocks.H)
+        assert own is not None, "the model is not the last one of this problem"
+        return DeviceFactors(work, own, at, lam)
 
     def normal(self, A: Array, threads: int = 1) -> Any:
-        return DeviceNormal(self._of(A), A)
+        own = None if self._at_work is None else self._at_work[1].of("A", A)
+        return DeviceNormal(self._of(A), A) if own is None else own.normal()
+
+    def work(self, problem: DeviceProblem) -> Work:
+        """What is kept for the solve of a placed batch; that of another batch is given back."""
+        if self._at_work is None or self._at_work[0] is not problem:
+            self._release()
+            work = Work(problem, self.linear(problem.nc, problem.ma))
+            self._at_work = (problem, work)
+        return self._at_work[1]
+
+    def _release(self) -> None:
+        if self._at_work is not None:
+            problem, work = self._at_work
+            self._at_work = None
+            work.close()
+            problem.release()
 
     def _of(self, A: Array) -> Linear:
         return self.linear(int(A.shape[4]), int(A.shape[3]))

@@ -22,6 +22,8 @@
 #define EACH(e, count) for (int e = LANE; e < (count); e += LANES)
 #endif
 
+/* Members of a batch that a launch leaves as they are: active (batch), or none to work on all of them. */
+#define ONLY(active, member) if ((active) && !(active)[member]) return
 
 /* Sums over a block have PARTS parts whatever the number of threads: their rounding is always the same. */
 #define PARTS 128

@@ -7,6 +7,7 @@ import hashlib
 import importlib
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.arrays import host
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import nvrtc
 from octo.gpu.device import Array
+from octo.gpu.sequence import SWITCH, NoGraph, Sequenced
 
 UNASKED = 48 * 1024  # bytes of shared memory that a kernel may have without asking
+THREAD_LOCAL = 1  # cudaStreamCaptureModeThreadLocal
 
 
 @functools.cache
@@ -51,14 +55,15 @@ def _first_line(error: Exception) -> str:
 class CudaKernel:
     """A kernel of a cubin."""
 
-    def __init__(self, function: Any):
-        self._function, self._shared = function, UNASKED
+    def __init__(self, device: CudaDevice, function: Any):
+        self._device, self._function, self._shared = device, function, UNASKED
 
     def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
         if shared > self._shared:
             self._function.max_dynamic_shared_size_bytes = shared
             self._shared = shared
         self._function(grid, (threads,), tuple(map(_argument, arguments)), shared_mem=shared)
+        self._device.launched()
 
 
 def _argument(value: Any) -> Any:
@@ -75,15 +80,26 @@ def _argument(value: Any) -> Any:
 class CudaModule:
     """A compiled text on the current GPU."""
 
-    def __init__(self, cupy: Any, path: Path):
-        self._module = cupy.RawModule(path=str(path))
+    def __init__(self, device: CudaDevice, path: Path):
+        self._device, self._module = device, device.xp.RawModule(path=str(path))
         self.kernel = functools.cache(self._kernel)
 
     def _kernel(self, name: str) -> CudaKernel:
-        return CudaKernel(self._module.get_function(name))
+        return CudaKernel(self._device, self._module.get_function(name))
 
 
-class CudaDevice:
+class CudaGraph:
+    """A captured sequence of ``size`` kernels; it runs on the current stream."""
+
+    def __init__(self, device: CudaDevice, graph: Any, size: int):
+        self._device, self._graph, self._size = device, graph, size
+
+    def launch(self) -> None:
+        self._graph.launch()
+        self._device.counts.replayed += self._size
+
+
+class CudaDevice(Sequenced):
     """The GPU that CuPy calls current.
 
     Raises
@@ -95,6 +111,7 @@ class CudaDevice:
         why = reason()
         if why is not None:
             raise DeviceError(f"device 'cuda' cannot be used: {why}; try device 'cpu'")
+        super().__init__(graphs=os.environ.get(SWITCH) != "0")
         self.xp = importlib.import_module("cupy")
         gpu = self.xp.cuda.Device()
         self.architecture = f"sm_{gpu.compute_capability}"
@@ -103,7 +120,7 @@ class CudaDevice:
         self.module = functools.cache(self._module)
 
     def _module(self, text: str) -> CudaModule:
-        return CudaModule(self.xp, cubin(text, self.architecture, self.xp.__version__))
+        return CudaModule(self, cubin(text, self.architecture, self.xp.__version__))
 
     def threads(self, wanted: int) -> int:
         return wanted
@@ -111,11 +128,39 @@ class CudaDevice:
     def array(self, values: Any, dtype: Any = np.float64) -> Array:
         return self.xp.asarray(np.ascontiguousarray(values, dtype=dtype))
 
-    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Array:
+    def fresh(self, shape: tuple[int, ...], dtype: Any) -> Array:
+        self.illegal("an allocation")
         return self.xp.empty(shape, dtype=dtype)
 
+    def write(self, values: NDArray[Any], array: Array) -> None:
+        self.illegal("a copy from the host")
+        array.set(values, stream=self.xp.cuda.get_current_stream())  # with a stream it is asynchronous in every CuPy
+
+    def copy(self, source: Array, target: Array) -> None:
+        self.xp.copyto(target, source)
+
     def host(self, array: Array) -> NDArray[Any]:
-        return np.asarray(array.get())
+        self.illegal("a copy to the host")
+        return host(array)
+
+    def capture(self, launches: Callable[[], Any]) -> CudaGraph:
+        """On a stream of its own, for the legacy default stream cannot be captured; nothing runs meanwhile.
+
+        Of this thread, whatever a graph cannot hold (cudaMalloc, a synchronous copy) is refused by CUDA itself.
+        """
+        self.illegal("another capture")
+        try:
+            with self.xp.cuda.Stream(non_blocking=True) as stream:
+                stream.begin_capture(THREAD_LOCAL)
+                self.capturing, self.captured = True, 0
+                try:
+                    launches()
+                finally:
+                    self.capturing = False
+                    graph = stream.end_capture()  # also where a launch was refused: the stream must leave the capture
+        except (RuntimeError, NotImplementedError) as error:  # CuPy's errors of CUDA are the former
+            raise NoGraph(_first_line(error)) from error
+        return CudaGraph(self, graph, self.captured)
 
     def synchronize(self) -> None:
         """Wait until everything launched is done."""

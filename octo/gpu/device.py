@@ -5,11 +5,15 @@ A kernel's arguments are device arrays, None (a null pointer), Python ints (int)
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from importlib import resources
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from octo.gpu.sequence import Counts, Graph, NoGraph, Workspace
 
 Array = Any  # an array of the device
 
@@ -33,6 +37,8 @@ class Device(Protocol):
 
     xp: Any  # the array module: numpy's functions
     shared_limit: int  # bytes of shared memory a block may have
+    graphs: bool  # whether sequences of launches are captured
+    counts: Counts
 
     def module(self, text: str) -> Module:
         """Compile CUDA text, or take it from the cache."""
@@ -47,7 +53,27 @@ class Device(Protocol):
         ...
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Array:
-        """Uninitialised memory."""
+        """Uninitialised memory; within a sequence, what it had there the time before."""
+        ...
+
+    def within(self, workspace: Workspace) -> AbstractContextManager[None]:
+        """``empty`` takes from ``workspace``."""
+        ...
+
+    def capture(self, launches: Callable[[], Any]) -> Graph:
+        """What ``launches`` launches, recorded and not run; raises NoGraph where that is refused."""
+        ...
+
+    def without_graphs(self, why: NoGraph) -> None:
+        """Launch one by one from now on, and say so."""
+        ...
+
+    def write(self, values: NDArray[Any], array: Array) -> None:
+        """Host ``values`` into an array of the device. The host does not wait."""
+        ...
+
+    def copy(self, source: Array, target: Array) -> None:
+        """One array of the device into another."""
         ...
 
     def synchronize(self) -> None:

@@ -14,6 +14,8 @@ import re
 import shutil
 import subprocess
 import tempfile
+import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from octo import native
 from octo.arrays import host
 from octo.errors import DeviceError
 from octo.gpu.device import source
+from octo.gpu.sequence import Sequenced
 
 FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
@@ -88,14 +91,20 @@ class EmulatedKernel:
         if not 0 < threads <= 1024 or min(grid) < 1 or max(grid[1:], default=1) > 65535:
             raise ValueError(f"{self.name}: grid {grid} of {threads} threads is not legal")
         values = [self._value(k, argument) for k, argument in enumerate(arguments)]
-        pointers = (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values))
         sizes = (*grid, 1, 1)[:3]
         launch = Launch((ctypes.c_uint * 3)(*sizes), threads, shared, self.device.crews)
+        self.device.launched()
+        if self.device.capturing:
+            self.device.recording.append(Recorded(self, launch, values, arguments))
+        else:
+            self.run(launch, values, arguments)
+
+    def run(self, launch: Launch, values: list[Any], arguments: tuple[Any, ...]) -> None:
+        """``values`` are what C is given: numbers, and where the arrays are."""
         if self.device.recorder is not None:
             arrays = [None if a is None else self.device.plain(a) if not np.isscalar(a) else a for a in arguments]
             self.device.recorder(self, launch, arrays)
-        self._launch(ctypes.byref(launch), pointers)
-        self.device.launches += 1
+        self._launch(ctypes.byref(launch), (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)))
 
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"
@@ -114,6 +123,42 @@ class EmulatedKernel:
         return ctypes.c_void_p(array.ctypes.data)
 
 
+class Recorded:
+    """A launch in a graph: it has the addresses of its arrays, and does not keep them. One that is gone when the graph runs is
+    a mistake that a GPU would not notice."""
+
+    def __init__(self, kernel: EmulatedKernel, launch: Launch, values: list[Any], arguments: tuple[Any, ...]):
+        self._kernel, self._launch, self._values = kernel, launch, values
+        self._arguments = arguments if kernel.device.recorder is not None else ()
+        arrays = [kernel.device.plain(a) for a in arguments if a is not None and not np.isscalar(a)]
+        self._memory = [weakref.ref(_memory(array)) for array in arrays]
+
+    def __call__(self) -> None:
+        if any(memory() is None for memory in self._memory):
+            raise DeviceError(f"a graph launches {self._kernel.name} on an array that is gone")
+        self._kernel.run(self._launch, self._values, self._arguments)
+
+
+def _memory(array: NDArray[Any]) -> NDArray[Any]:
+    """The array that owns the memory of a view."""
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array
+
+
+class EmulatedGraph:
+    """Launches of one sequence, replayed."""
+
+    def __init__(self, device: EmulatedDevice, launches: list[Recorded]):
+        self._device, self._launches = device, launches
+
+    def launch(self) -> None:
+        self._device.illegal("the launch of a graph")
+        for launch in self._launches:
+            launch()
+        self._device.counts.replayed += len(self._launches)
+
+
 class EmulatedModule:
     """A text compiled for the CPU."""
 
@@ -126,40 +171,75 @@ class EmulatedModule:
         return EmulatedKernel(self._device, self._library, self._text, name)
 
 
-class EmulatedDevice:
+class EmulatedDevice(Sequenced):
     """The CPU in the place of a GPU.
 
     Parameters
     ----------
     threads: of every block, whatever the caller wishes. crews: blocks at the same time.
-    xp: the array module; NumPy, or one that is stricter.
+    xp: the array module; NumPy, or one that is stricter: its ``capturing`` says when its functions must not be called.
     recorder: called with (kernel, launch, arguments) before every launch.
+    graphs: sequences are captured and replayed, as on a GPU.
     """
 
-    def __init__(self, threads: int = 1, crews: int = 1, xp: Any = np, recorder: Any = None):
+    def __init__(self, threads: int = 1, crews: int = 1, xp: Any = np, recorder: Any = None, graphs: bool = True):
+        super().__init__(graphs)
         self._threads, self.crews, self.xp, self.recorder = threads, crews, xp, recorder
         self.shared_limit = SHARED_LIMIT
         self.memory = 2**62
-        self.launches = 0
+        self.recording: list[Recorded] = []
         self.module = functools.cache(functools.partial(EmulatedModule, self))
 
     def threads(self, wanted: int) -> int:
         return self._threads
 
     def array(self, values: Any, dtype: Any = np.float64) -> Any:
+        self.illegal("an allocation")
         return self.xp.array(np.array(values, dtype=dtype, order="C"))
 
-    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
+    def fresh(self, shape: tuple[int, ...], dtype: Any) -> Any:
+        self.illegal("an allocation")
         fill: Any = np.nan if np.dtype(dtype).kind == "f" else -(2**31) + 7
         return self.xp.full(shape, fill, dtype=dtype)
 
+    def write(self, values: NDArray[Any], array: Any) -> None:
+        self.illegal("a copy from the host")
+        plain = self.plain(array)
+        if (values.shape, values.dtype) != (plain.shape, plain.dtype):  # CuPy refuses both
+            raise TypeError(f"{values.dtype} {values.shape} cannot be written to {plain.dtype} {plain.shape}")
+        plain[...] = values
+
+    def copy(self, source: Any, target: Any) -> None:
+        self.illegal("a copy")
+        one, other = self.plain(source), self.plain(target)
+        if one.shape != other.shape:
+            raise ValueError(f"{one.shape} cannot be copied to {other.shape}")
+        other[...] = one
+
+    def capture(self, launches: Callable[[], Any]) -> EmulatedGraph:
+        """As CUDA's: launches are recorded and not run. What CUDA refuses then, or would do wrong in silence, raises."""
+        self.illegal("another capture")
+        self.recording, self.capturing, self.captured = [], True, 0
+        strict = None if self.xp is np else self.xp
+        if strict is not None:
+            strict.capturing = True
+        try:
+            launches()
+        finally:
+            self.capturing = False
+            if strict is not None:
+                strict.capturing = False
+        return EmulatedGraph(self, self.recording)
+
     def synchronize(self) -> None:
         """Nothing is ever under way."""
+        self.illegal("waiting for the device")
 
     def free_bytes(self) -> int:
         return self.memory
 
     def host(self, array: Any) -> NDArray[Any]:
+        self.illegal("a copy to the host")
         return host(array)
 
     @staticmethod

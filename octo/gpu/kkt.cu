@@ -1,6 +1,7 @@
 /* The KKT matrix of a batch as a symmetric block-tridiagonal matrix of paired units; products; after linear.cu.
  *
- * H (units, 3, NCV, NCV), A (units, 3, MAV, NCV): block o of unit k couples it with unit k - o. */
+ * H (units, 3, NCV, NCV), A (units, 3, MAV, NCV): block o of unit k couples it with unit k - o. active (batch), or none: the
+ * members that are worked on; the others keep what they have. */
 
 /* Entry of the matrix of Eq. 12: row r of unit k, column c of unit l, k >= l; units beyond the last are the identity. */
 static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, int c, const double *h, const double *a, const double *sigma) {
@@ -14,9 +15,10 @@ static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, i
 }
 
 /* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. Shared: PARTS doubles. */
-extern "C" __global__ void octo_kkt_blocks(int units, const double *h, const double *a, const double *sigma, double *diagonal, double *lower,
-                                           int *finite) {
+extern "C" __global__ void octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
+                                           double *diagonal, double *lower, int *finite) {
   SHARED(part);
+  ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
   h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
@@ -40,25 +42,65 @@ extern "C" __global__ void octo_kkt_blocks(int units, const double *h, const dou
   if (LANE == 0) finite[member * D + d] = worst == 0.0;
 }
 
-/* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1; grid (D, batch). */
-extern "C" __global__ void octo_kkt_equilibrate(const double *diagonal, const double *lower, const double *old, double *scale) {
+/* finite (batch): 1 where all D blocks of a member are; grid (1, batch); shared: PARTS doubles. */
+extern "C" __global__ void octo_kkt_finite(int D, const int *active, const int *blocks, int *finite) {
+  SHARED(part);
+  ONLY(active, blockIdx.y);
+  size_t member = blockIdx.y;
+  EACH(p, PARTS) {
+    part[p] = 0.0;
+    for (int d = p; d < D; d += PARTS) part[p] += !blocks[member * D + d];
+  }
+  double broken = octo_block_sum(part);
+  if (LANE == 0) finite[member] = broken == 0.0;
+}
+
+/* What a factorisation found, from the counts (D, 2) of its pivot blocks: good (batch) where the inertia is right, negative
+ * eigenvalues beyond the number of constraints (1 where the matrix is not finite), pivots that were rounding.
+ * Grid (1, batch); shared: 2 PARTS doubles. */
+extern "C" __global__ void octo_kkt_verdict(int D, int units, const int *active, const int *finite, const int *counts, int *good,
+                                            int *negative, int *shifted) {
+  SHARED(part);
+  ONLY(active, blockIdx.y);
+  double *more = part + PARTS;
+  size_t member = blockIdx.y;
+  EACH(p, PARTS) {
+    part[p] = more[p] = 0.0;
+    for (int d = p; d < D; d += PARTS) part[p] += counts[2 * (member * D + d)], more[p] += counts[2 * (member * D + d) + 1];
+  }
+  int below = (int)octo_block_sum(part) - units * MAV, rounding = (int)octo_block_sum(more);
+  if (LANE == 0) {
+    negative[member] = finite[member] ? below : 1;
+    shifted[member] = rounding;
+    good[member] = finite[member] && below == 0;
+  }
+}
+
+/* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1, from the scales ``old`` (none: 1);
+ * grid (D, batch). */
+extern "C" __global__ void octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
+                                                double *scale) {
+  ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
-  const double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size, *s = old + (member * D + d) * KKT;
+  const double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
+  const double *s = old ? old + (member * D + d) * KKT : 0;
   EACH(i, KKT) {
     double top = 0.0;
     for (int j = 0; j < KKT; ++j) {
-      top = fmax(top, fabs(own[i * KKT + j]) * s[j]);
-      if (d > 0) top = fmax(top, fabs((below - size)[i * KKT + j]) * (s - KKT)[j]);
-      if (d < D - 1) top = fmax(top, fabs(below[j * KKT + i]) * (s + KKT)[j]);
+      top = fmax(top, fabs(own[i * KKT + j]) * (s ? s[j] : 1.0));
+      if (d > 0) top = fmax(top, fabs((below - size)[i * KKT + j]) * (s ? (s - KKT)[j] : 1.0));
+      if (d < D - 1) top = fmax(top, fabs(below[j * KKT + i]) * (s ? (s + KKT)[j] : 1.0));
     }
-    top *= s[i];
-    scale[(member * D + d) * KKT + i] = s[i] / sqrt(top > 0.0 ? top : 1.0);
+    double before = s ? s[i] : 1.0;
+    top *= before;
+    scale[(member * D + d) * KKT + i] = before / sqrt(top > 0.0 ? top : 1.0);
   }
 }
 
 /* diag(s) M diag(s) in place; members that are not finite become the identity. Grid (D, batch). */
-extern "C" __global__ void octo_kkt_scale(const int *finite, const double *scale, double *diagonal, double *lower) {
+extern "C" __global__ void octo_kkt_scale(const int *active, const int *finite, const double *scale, double *diagonal, double *lower) {
+  ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
   double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
@@ -71,9 +113,10 @@ extern "C" __global__ void octo_kkt_scale(const int *finite, const double *scale
   }
 }
 
-/* r (D, KKT, columns) = s (v, lam) of paired units; grid (D, batch). */
-extern "C" __global__ void octo_kkt_join(int units, int columns, const int *finite, const double *scale, const double *v, const double *lam,
-                                         double *r) {
+/* r (D, KKT, columns) = s (v, lam) of paired units, 0 for members that are not usable; grid (D, batch). */
+extern "C" __global__ void octo_kkt_join(int units, int columns, const int *active, const int *usable, const double *scale, const double *v,
+                                         const double *lam, double *r) {
+  ONLY(active, blockIdx.y);
   size_t member = blockIdx.y, d = blockIdx.x, D = gridDim.x;
   double *out = r + (member * D + d) * KKT * columns;
   const double *s = scale + (member * D + d) * KKT;
@@ -82,20 +125,21 @@ extern "C" __global__ void octo_kkt_join(int units, int columns, const int *fini
     double value = 0.0;
     if (k < units && u < NCV) value = v[((member * units + k) * NCV + u) * columns + c];
     else if (k < units && lam) value = lam[((member * units + k) * MAV + u - NCV) * columns + c];
-    out[e] = finite[member] ? s[i] * value : 0.0;
+    out[e] = usable[member] ? s[i] * value : 0.0;
   }
 }
 
-/* (v, lam) = s x, added to what is there with ``more``; NaN for members that are not finite; grid (D, batch). */
-extern "C" __global__ void octo_kkt_part(int units, int columns, int more, const int *finite, const double *scale, const double *x, double *v,
-                                         double *lam) {
+/* (v, lam) = s x, added to what is there with ``more``; NaN for members that are not usable; grid (D, batch). */
+extern "C" __global__ void octo_kkt_part(int units, int columns, int more, const int *active, const int *usable, const double *scale,
+                                         const double *x, double *v, double *lam) {
+  ONLY(active, blockIdx.y);
   size_t member = blockIdx.y, d = blockIdx.x, D = gridDim.x;
   const double *own = x + (member * D + d) * KKT * columns, *s = scale + (member * D + d) * KKT;
   EACH(e, KKT * columns) {
     int i = e / columns, c = e % columns, k = 2 * (int)d + i / UNIT, u = i % UNIT;
     if (k >= units) continue;
     double *out = u < NCV ? v + ((member * units + k) * NCV + u) * columns + c : lam + ((member * units + k) * MAV + u - NCV) * columns + c;
-    double value = finite[member] ? s[i] * own[e] : NAN;
+    double value = usable[member] ? s[i] * own[e] : NAN;
     *out = more ? *out + value : value;
   }
 }
@@ -165,8 +209,10 @@ extern "C" __global__ void octo_rows_transposed_times(int columns, double factor
 }
 
 /* (left_v, left_c) = (rhs_v, rhs_c) - KKT (v, lam); rhs_c may be none: zero. */
-extern "C" __global__ void octo_kkt_residual(int columns, const double *h, const double *a, const double *sigma, const double *rhs_v,
-                                             const double *rhs_c, const double *v, const double *lam, double *left_v, double *left_c) {
+extern "C" __global__ void octo_kkt_residual(int columns, const int *active, const double *h, const double *a, const double *sigma,
+                                             const double *rhs_v, const double *rhs_c, const double *v, const double *lam,
+                                             double *left_v, double *left_c) {
+  ONLY(active, blockIdx.y);
   AT_UNIT;
   h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
   double weight = sigma ? sigma[member * units + k] : 0.0;
@@ -180,8 +226,9 @@ extern "C" __global__ void octo_kkt_residual(int columns, const double *h, const
 }
 
 /* Largest |entry| of each column of (v, lam); grid (columns, batch); shared: PARTS doubles. */
-extern "C" __global__ void octo_largest(int units, const double *v, const double *lam, double *top) {
+extern "C" __global__ void octo_largest(int units, const int *active, const double *v, const double *lam, double *top) {
   SHARED(part);
+  ONLY(active, blockIdx.y);
   int c = blockIdx.x, columns = gridDim.x;
   size_t member = blockIdx.y;
   EACH(p, PARTS) {
@@ -213,4 +260,73 @@ extern "C" __global__ void octo_step_numbers(const double *a, const double *b, c
   double most = octo_block_max(moved), steepest = octo_block_max(dual), sum = octo_block_sum(slope);
   double *out = numbers + (member * units + k) * 3;
   if (LANE == 0) out[0] = most, out[1] = steepest, out[2] = sum;
+}
+
+/* residual (columns) = left / size, and where one of them is coarser than the tolerance; a thread a member. */
+extern "C" __global__ void octo_kkt_check(int batch, int columns, double tolerance, const int *active, const double *left, const double *size,
+                                          double *residual, int *coarse) {
+  for (int member = blockIdx.x * blockDim.x + threadIdx.x; member < batch; member += gridDim.x * blockDim.x) {
+    if (active && !active[member]) continue;
+    int more = 0;
+    for (int e = member * columns; e < (member + 1) * columns; ++e) {
+      residual[e] = left[e] / (size[e] > 0.0 ? size[e] : 1.0);
+      more |= residual[e] > tolerance;
+    }
+    coarse[member] = more;
+  }
+}
+
+/* unknowns = at + length delta with length = min(limit, cap / largest |delta|); numbers (units, 3) are those of octo_step_numbers,
+ * bounds (2) limit and cap of each member. Grid (units, batch); shared: PARTS doubles. */
+extern "C" __global__ void octo_advance(const double *bounds, const double *numbers, const double *at, const double *delta, double *unknowns) {
+  SHARED(part);
+  const int columns = 1;
+  AT_UNIT;
+  EACH(p, PARTS) {
+    double most = 0.0;
+    for (int e = p; e < units; e += PARTS) most = octo_larger(numbers[(member * units + e) * 3], most);
+    part[p] = most;
+  }
+  double most = octo_block_max(part), length = fmin(bounds[2 * member], bounds[2 * member + 1] / fmax(most, 1e-300));
+  EACH(i, NCV) unknowns[own_v + i] = at[own_v + i] + length * delta[own_v + i];
+}
+
+/* x with its sign turned. */
+extern "C" __global__ void octo_negative(int count, const double *x, double *out) {
+  for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) out[e] = -x[e];
+}
+
+/* ‖C‖₁ of each unit; count = batch units. */
+extern "C" __global__ void octo_unit_sizes(int count, const double *c, double *sizes) {
+  for (int unit = blockIdx.x * blockDim.x + threadIdx.x; unit < count; unit += gridDim.x * blockDim.x) {
+    double sum = 0.0;
+    for (int i = 0; i < MAV; ++i) sum += fabs(c[(size_t)unit * MAV + i]);
+    sizes[unit] = sum;
+  }
+}
+
+/* The minimiser z of gᵀz + zᵀBz / 2 over |z| <= radius, B = [[a, b], [b, c]] with the multiplier ``shift`` of the ball. */
+static __device__ inline double octo_two_at(double shift, double a, double b, double c, double g1, double g2, double *z1, double *z2) {
+  double d = fmax((a + shift) * (c + shift) - b * b, 1e-300);
+  *z1 = -((c + shift) * g1 - b * g2) / d;
+  *z2 = -((a + shift) * g2 - b * g1) / d;
+  return *z1 * *z1 + *z2 * *z2;
+}
+
+/* two_by_two of subproblem.py; a thread a member. */
+extern "C" __global__ void octo_two_by_two(int batch, const double *aa, const double *bb, const double *cc, const double *gg1,
+                                           const double *gg2, const double *radius, double *z1, double *z2) {
+  for (int k = blockIdx.x * blockDim.x + threadIdx.x; k < batch; k += gridDim.x * blockDim.x) {
+    double a = aa[k], b = bb[k], c = cc[k], g1 = gg1[k], g2 = gg2[k], room = radius[k] * radius[k];
+    double mean = 0.5 * (a + c), half = sqrt(0.25 * (a - c) * (a - c) + b * b);
+    double least = sqrt(g1 * g1 + g2 * g2) / fmax(radius[k], 1e-300); /* the multiplier where the Hessian is zero */
+    double low = fmax(0.0, half - mean) + 1e-14 * fmax(fabs(mean) + half, fmax(least, 1e-300)), high = low + least + 1e-300;
+    if (octo_two_at(low, a, b, c, g1, g2, z1 + k, z2 + k) <= room) continue;
+    for (int step = 0; step < 60; ++step) {
+      double middle = 0.5 * (low + high);
+      if (octo_two_at(middle, a, b, c, g1, g2, z1 + k, z2 + k) > room) low = middle;
+      else high = middle;
+    }
+    octo_two_at(high, a, b, c, g1, g2, z1 + k, z2 + k);
+  }
 }

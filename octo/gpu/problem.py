@@ -99,7 +99,7 @@ class DeviceProblem:
     def take(self, members: Any) -> DeviceProblem:
         """A batch of some members, by index (host or device); everything else is shared."""
         part: DeviceProblem = object.__new__(DeviceProblem)
-        part.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_scratch"})
+        part.__dict__.update({k: v for k, v in self.__dict__.items() if k != "scratch"})
         chosen = self.xp.asarray(members)
         for name in BATCHED:
             setattr(part, name, self.xp.ascontiguousarray(getattr(self, name)[chosen]))
@@ -108,7 +108,7 @@ class DeviceProblem:
 
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""
-        self.__dict__.pop("_scratch", None)
+        self.__dict__.pop("scratch", None)
 
     def unknowns(self, nodes: Any) -> Array:
         """(batch, K, nc) unknowns, on the device, of a trajectory (batch, N+2, n) on the host."""
@@ -118,27 +118,38 @@ class DeviceProblem:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
+        device = self.device
+        made = Evaluation(unknowns, *(device.empty(shape) for name, shape in self.shapes().items() if name != "unknowns"))
+        self.evaluate_into(made)
+        return made
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the arrays of an evaluation, in its order."""
+        batch, steps, n = self.batch, self.steps, self.n
+        return {
+            "unknowns": (batch, self.K, self.nc), "nodes": (batch, steps + 2, n), "fd": (batch, steps, n),
+            "terms": (batch, steps, self.program.terms), "C": (batch, self.K, self.ma), "summary": (batch, 4),
+        }  # fmt: skip
+
+    def evaluate_into(self, at: Evaluation) -> None:
+        """Everything of ``at`` from its unknowns."""
         device, program, tables = self.device, self.program, self._tables
-        steps, batch, n = self.steps, self.batch, self.n
-        nodes = device.empty((batch, steps + 2, n))
-        fd, terms = device.empty((batch, steps, n)), device.empty((batch, steps, program.terms))
-        summary, C = device.empty((batch, 4)), device.empty((batch, self.K, self.ma))
-        sizes = (steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
+        sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
-        self._flat("octo_nodes", nodes.size, *sizes, *slots, self.constant, unknowns, nodes)
-        kin = self._kin(nodes)
-        self._each_step("octo_value", SMALL, 8 * program.work, nodes, kin, self.p, fd)
-        self._each_step("octo_terms", SMALL, 8 * (program.rows + self.dynamics.nu), nodes, kin, self.p, self.q, fd, terms)
+        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, self.constant, at.unknowns, at.nodes)
+        kin = self._kin(at.nodes)
+        self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
+        room = 8 * (program.rows + self.dynamics.nu)
+        self._each_step("octo_terms", SMALL, room, at.nodes, kin, self.p, self.q, at.fd, at.terms)
         if program.between is not None:
-            program.between.values(self.anchor, unknowns, self.q, terms)
-        self._reduce(fd, C)
-        rows = self.K * self.ma
-        program.kernel("octo_summary")((batch,), device.threads(PARTS), steps, rows, terms, C, summary, shared=32 * PARTS)
-        return Evaluation(unknowns, nodes, fd, terms, C, summary)
+            program.between.values(self.anchor, at.unknowns, self.q, at.terms)
+        self._reduce(at.fd, at.C)
+        own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
+        program.kernel("octo_summary")((self.batch,), device.threads(PARTS), *own, shared=32 * PARTS)
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
         """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
-        program, tables, scratch = self.program, self._tables, self._scratch
+        program, tables, scratch = self.program, self._tables, self.scratch
         kin = self._kin(at.nodes)
         self._each_step(
             "octo_cost_derivatives", SMALL, 8 * self.dynamics.nu, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
@@ -165,7 +176,7 @@ class DeviceProblem:
     # -- launches -------------------------------------------------------------------------------------------------
 
     def _gather(self, at: Evaluation) -> Model:
-        device, tables, scratch = self.device, self._tables, self._scratch
+        device, tables, scratch = self.device, self._tables, self.scratch
         shape, parts, wide = (self.batch, self.K), self.host.stencil.parts, device.threads(WIDE)
         H, A = device.empty((*shape, 3, self.nc, self.nc)), device.empty((*shape, 3, self.ma, self.nc))
         b = device.empty((*shape, self.nc))
@@ -203,7 +214,7 @@ class DeviceProblem:
         self.program.kernel(name)(grid, self.device.threads(threads), self.steps, *arguments, shared=shared)
 
     @cached_property
-    def _scratch(self) -> dict[str, Array]:
+    def scratch(self) -> dict[str, Array]:
         """What linearize writes on its way to H and A."""
         program, n = self.program, self.n
         sizes: dict[str, tuple[int, ...]] = {

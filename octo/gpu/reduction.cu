@@ -1,29 +1,39 @@
-/* The kernels of linear.cu for one kind of matrix: NAME and NAME_BLOCK, the size of its blocks, are replaced (linear.py). */
+/* The kernels of linear.cu for one kind of matrix: NAME and NAME_BLOCK, the size of its blocks, are replaced (linear.py).
+ * active (batch), or none: the members that are worked on. */
 
 extern "C" __global__ void octo_NAME_pivots(int D, int first, double rounding, double shift, int places, int place, int spill,
-                                                double *diagonal, double *half, double *sign, int *counts) {
+                                                const int *active, double *diagonal, double *half, double *sign, int *counts) {
+  ONLY(active, blockIdx.y);
   octo_pivots_of<NAME_BLOCK>(D, first, rounding, shift, places, place, spill, diagonal, half, sign, counts);
 }
 
-extern "C" __global__ void octo_NAME_couple(int D, int first, const double *lower, const double *half, double *left, double *right) {
+extern "C" __global__ void octo_NAME_couple(int D, int first, const int *active, const double *lower, const double *half, double *left,
+                                                double *right) {
+  ONLY(active, blockIdx.z);
   octo_couple_of<NAME_BLOCK>(D, first, lower, half, left, right);
 }
 
-extern "C" __global__ void octo_NAME_complement(int D, int first, const double *diagonal, const double *sign, const double *left,
-                                                    const double *right, double *new_diagonal, double *new_lower) {
+extern "C" __global__ void octo_NAME_complement(int D, int first, const int *active, const double *diagonal, const double *sign,
+                                                    const double *left, const double *right, double *new_diagonal, double *new_lower) {
+  ONLY(active, blockIdx.z);
   octo_complement_of<NAME_BLOCK>(D, first, diagonal, sign, left, right, new_diagonal, new_lower);
 }
 
-extern "C" __global__ void octo_NAME_fold(int D, int first, int columns, const double *half, const double *sign, const double *left,
-                                              const double *right, const double *r, double *held, double *folded) {
+extern "C" __global__ void octo_NAME_fold(int D, int first, int columns, const int *active, const double *half, const double *sign,
+                                              const double *left, const double *right, const double *r, double *held, double *folded) {
+  ONLY(active, blockIdx.y);
   octo_fold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, r, held, folded);
 }
 
-extern "C" __global__ void octo_NAME_unfold(int D, int first, int columns, const double *half, const double *sign, const double *left,
-                                                const double *right, const double *held, const double *x, double *unfolded) {
+extern "C" __global__ void octo_NAME_unfold(int D, int first, int columns, const int *active, const double *half, const double *sign,
+                                                const double *left, const double *right, const double *held, const double *x,
+                                                double *unfolded) {
+  ONLY(active, blockIdx.y);
   octo_unfold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, held, x, unfolded);
 }
 
-extern "C" __global__ void octo_NAME_last(int columns, const double *half, const double *sign, const double *r, double *x) {
+extern "C" __global__ void octo_NAME_last(int columns, const int *active, const double *half, const double *sign, const double *r,
+                                              double *x) {
+  ONLY(active, blockIdx.y);
   octo_last_of<NAME_BLOCK>(columns, half, sign, r, x);
 }

@@ -28,6 +28,7 @@ from octo.problem.neighbours import NeighbourTerms
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
+HOSTED = frozenset(("numbers", "unit_sizes"))  # what an Evaluation keeps on the host once it was asked for
 GROUP = 8  # steps that the dynamics take at a time, at most
 
 
@@ -53,6 +54,11 @@ class Evaluation:
     def numbers(self) -> Array:
         """(batch, 4) the summary on the host: one copy of an iterate, whoever asks."""
         return host(self.summary)
+
+    @cached_property
+    def unit_sizes(self) -> Array:
+        """(batch, K) ‖C‖₁ of each unit, on the host."""
+        return host(abs(self.C).sum(axis=2))
 
     @property
     def energy(self) -> Array:
@@ -83,8 +89,8 @@ class Evaluation:
         """Some members, by index or by a mask."""
         chosen = like(np.asarray(members), self.C)
         made = Evaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
-        if "numbers" in self.__dict__:
-            made.__dict__["numbers"] = self.numbers[np.asarray(members)]
+        for name in HOSTED.intersection(self.__dict__):
+            made.__dict__[name] = getattr(self, name)[np.asarray(members)]
         return made
 
     def put(self, members: NDArray, other: Evaluation) -> None:
@@ -92,9 +98,11 @@ class Evaluation:
         chosen = like(np.asarray(members), self.C)
         for field in fields(self):
             getattr(self, field.name)[chosen] = getattr(other, field.name)
-        if "numbers" in self.__dict__:
-            self.__dict__["numbers"] = self.numbers.copy()
-            self.numbers[members] = other.numbers
+        for name in HOSTED.intersection(self.__dict__):
+            mine = self.__dict__.pop(name)
+            if name in other.__dict__:
+                self.__dict__[name] = mine.copy()
+                self.__dict__[name][members] = other.__dict__[name]
 
     def replaced(self, members: NDArray[np.bool_], other: Evaluation) -> Evaluation:
         """Members of ``other`` where the mask is set, of this one elsewhere; neither is changed."""

@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, host, inner, largest
-from octo.problem.compiled import CompiledProblem, Model
+from octo.arrays import Array
+from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
-from octo.solver.kkt import KKTFactor
+from octo.solver.factors import Factors, HostFactors
 from octo.solver.normal import NormalFactor
 from octo.solver.options import SqpOptions
+from octo.solver.subproblem import Three, Two, two_by_two
 
 
 class Backend:
-    """The CPU's products, factorisations and projections."""
+    """The CPU's models, trials, factorisations and projections."""
 
     name = "cpu"
 
@@ -37,18 +38,35 @@ class Backend:
     def finish(self) -> None:
         """At the end of a stage of an iteration: wait for the device, where stages are timed."""
 
+    def linearize(self, problem: CompiledProblem, at: Evaluation, lam: Array, exact: bool) -> Model:
+        """Eq. 9, with the curvature of lamᵀC and of the torques where ``exact``; it holds until the next one is asked for."""
+        return problem.linearize(at, lam if exact else None)
+
+    def evaluate(self, problem: CompiledProblem, unknowns: Array) -> Evaluation:
+        """E and C of the whole batch."""
+        return problem.evaluate(unknowns)
+
+    def evaluate_with(
+        self, problem: CompiledProblem, unknowns: Array, numbers: list[Array]
+    ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
+        """``evaluate``, and ``numbers`` (batch,) on the host with it."""
+        return self.evaluate(problem, unknowns), numbers
+
+    def two_by_two(self, hessian: Three, gradient: Two, radius: Array) -> Two:
+        """``subproblem.two_by_two``."""
+        return two_by_two(hessian, gradient, radius)
+
+    def together(self, problem: CompiledProblem) -> bool:
+        """Whether a trial of some members costs no less than that of all of them."""
+        return False
+
     def blocks(self, model: Model) -> KKTBlocks:
         """Eq. 12 with its products."""
         return KKTBlocks(model.H, model.A, model.b, model.C)
 
-    def step_numbers(self, blocks: KKTBlocks, delta: Array, lam: Array) -> tuple[Numbers, Numbers, Numbers]:
-        """‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) and bᵀΔ (batch,), on the host."""
-        dual = largest(blocks.b + blocks.constraints_transposed_times(lam))
-        return host(abs(delta).max(axis=2)), dual, inner(blocks.b, delta)
-
-    def factorize(self, H: Array, A: Array, sigma: Array, options: SqpOptions, threads: int) -> KKTFactor:
-        """[[H + diag(sigma), Aᵀ], [A, 0]] factored, sigma (batch, K) in NumPy."""
-        return kkt.factorize(H, A, sigma, method=options.linear_solver, threads=threads)
+    def factors(self, problem: CompiledProblem, blocks: KKTBlocks, at: Evaluation, lam: Array, options: SqpOptions) -> Factors:
+        """Where the KKT matrices of this iterate will be factored; ``blocks`` are of the last model."""
+        return HostFactors(blocks, lam, options, problem.threads)
 
     def normal(self, A: Array, threads: int = 1) -> NormalFactor:
         """AAᵀ factored."""

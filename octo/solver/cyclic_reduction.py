@@ -198,11 +198,11 @@ class CyclicReductionFactor:
                 break
             left_v, left_c = self._blocks.residual(dv, lam, self._sigma, columns_v, columns_c)
             self.residual = self._largest(left_v, left_c) / size
-            coarse = self.residual > tolerance
+            coarse = (self.residual > tolerance).any(axis=1)[:, None, None, None]
             if step == refine or not bool(coarse.any()):
                 break
-            more_v, more_lam = self._once(left_v, left_c)
-            dv, lam = dv + more_v, lam + more_lam
+            more_v, more_lam = self._once(left_v, left_c)  # of the coarse members only: no member depends on another
+            dv, lam = xp.where(coarse, dv + more_v, dv), xp.where(coarse, lam + more_lam, lam)
         keep = self.usable[:, None, None, None]
         dv, lam = xp.where(keep, dv, xp.nan), xp.where(keep, lam, xp.nan)
         return (dv, lam) if rhs_v.ndim == 4 else (dv[..., 0], lam[..., 0])

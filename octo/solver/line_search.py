@@ -15,9 +15,10 @@ from octo.arrays import Array, Numbers, array_module, choose, host, inner, large
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.blocks import KKTBlocks
+from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import ARMIJO, Filter
 from octo.solver.options import SqpOptions
-from octo.solver.regularisation import Factors, Regularisation
+from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock, Move
 
 Mask = NDArray[np.bool_]
@@ -33,11 +34,12 @@ RESTORATION_STEPS = 10
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """Where the line goes: Δ (batch, K, nc), and of it ‖Δ‖∞ and bᵀΔ (batch,)."""
+    """Where the line goes: Δ (batch, K, nc), of it ‖Δ‖∞ and bᵀΔ (batch,), and the trial of its first length, if there is one."""
 
     delta: Array
     largest: Numbers
     slope: Numbers
+    first: Evaluation | None
 
 
 class LineSearch:
@@ -46,13 +48,13 @@ class LineSearch:
     def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
         self.filter = Filter(at.size)
-        self.regularisation = Regularisation(problem.batch, options, backend)
+        self.regularisation = Regularisation(problem.batch, options)
         self.restorations = np.zeros(problem.batch, dtype=int)
         self.flat = np.zeros(problem.batch, dtype=int)  # iterations in a row without a change of E
 
-    def take(self, members: NDArray[np.intp]) -> None:
-        """Keep some members only."""
-        self.problem = self.problem.take(members)
+    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None:
+        """Keep some members only, those of ``problem``."""
+        self.problem = problem
         self.filter = self.filter.take(members)
         self.regularisation.take(members)
         self.restorations, self.flat = self.restorations[members], self.flat[members]
@@ -60,7 +62,11 @@ class LineSearch:
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
         blocks = self.backend.blocks(model)
-        factors, sigma, has, delta, multipliers, full, (dual, slope) = self._step(blocks, lam)
+        factors = self.backend.factors(self.problem, blocks, at, lam, self.options)
+        attempt, sigma, has = self._step(factors, blocks)
+        delta, multipliers, first = attempt.delta, attempt.multipliers, attempt.trial
+        units, dual, slope = attempt.numbers
+        full, slope = np.where(has, units.max(axis=1), np.inf), np.where(has, slope, 0.0)
         violation = at.largest
         o = self.options
         converged = (full <= o.step_tolerance) & (violation <= o.tolerance) & (dual <= o.dual_tolerance)
@@ -69,11 +75,11 @@ class LineSearch:
         if polish.any():  # E or its gradient has settled and the constraints have not: a step for them alone
             with self.clock("solve"):
                 still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
-            delta = choose(polish & has, still, delta)
-            slope, full_taken = np.where(has, inner(model.b, choose(has, delta, 0.0)), 0.0), largest(choose(has, delta, 0.0))
+            delta, first = choose(polish & has, still, delta), None
+            slope, full_taken = host(inner(model.b, choose(has, delta, 0.0))), host(largest(choose(has, delta, 0.0)))
         else:
             full_taken = full
-        direction = _Direction(delta, np.where(has, full_taken, 0.0), slope)
+        direction = _Direction(delta, np.where(has, full_taken, 0.0), slope, first)
         accepted, length, new, step, corrected = self._search(at, model, factors, direction, has & ~converged)
         growing = accepted & ~corrected & (sigma > 0.0) & (length == 1.0) & ~polish
         new, step = self._stretch(at, direction, growing, new, step)
@@ -92,32 +98,29 @@ class LineSearch:
             converged=converged,
         )  # fmt: skip
 
-    def _step(
-        self, blocks: KKTBlocks, lam: Array
-    ) -> tuple[Factors, Numbers, Mask, Array, Array, Numbers, tuple[Numbers, Numbers]]:
-        """The KKT step and its multipliers, ‖Δ‖∞, and of the iterate ‖∇E + Aᵀlam‖∞ and bᵀΔ.
+    def _step(self, factors: Factors, blocks: KKTBlocks) -> tuple[Attempt, Numbers, Mask]:
+        """The KKT step, the weights of its factors (batch,), and where there is one.
 
         Where single units would move beyond the cap, their own weights are raised first.
         """
         local = self.regularisation.local
         if local.shape[1] == 1:
             local = self.regularisation.local = np.zeros((blocks.batch, blocks.units))
+        limit = np.ones(blocks.batch)
         for attempt in range(HOLDS + 1):
             with self.clock("factor"):
-                factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
+                sigma, has = self.regularisation.factorize(factors, blocks.units)
             with self.clock("solve"):
-                delta, multipliers = factors.solve(-blocks.b, -blocks.C)
-            units, dual, slope = self.backend.step_numbers(blocks, delta, lam)
+                step = factors.attempt(-blocks.C, limit, self.options.cap)
+            units = step.numbers[0]
             has &= np.isfinite(units).all(axis=1)
-            units = np.where(has[:, None], units, 0.0)
-            beyond = units > HELD
+            beyond = (units > HELD) & has[:, None]
             few = (beyond.sum(axis=1) <= max(1, HELD_PART * blocks.units)) & beyond.any(axis=1)
             if attempt == HOLDS or not few.any():
-                full = np.where(has, units.max(axis=1), np.inf)
-                return factors, sigma, has, delta, multipliers, full, (dual, np.where(has, slope, 0.0))
+                break
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
-        raise AssertionError("unreachable")
+        return step, sigma, has
 
     def _stretch(
         self, at: Evaluation, direction: _Direction, growing: Mask, new: Evaluation, step: Numbers
@@ -141,7 +144,7 @@ class LineSearch:
         if not refused.any():
             local *= FORGET
             return
-        worse = host(abs(trial.C).sum(axis=2)) - host(abs(at.C).sum(axis=2))
+        worse = trial.unit_sizes - at.unit_sizes
         worse = np.where(np.isfinite(worse), worse, 1e9)
         for lag in (1, 2):
             worse[:, :-lag] = np.maximum(worse[:, :-lag], worse[:, lag:])
@@ -163,17 +166,17 @@ class LineSearch:
         for attempt in range(HALVINGS):
             if not pending.any():
                 break
-            step, moved = choose(pending, scaled(length, wanted), 0.0), length * most
-            trial = self._evaluate(at, step, pending)
+            moved, trial = length * most, direction.first if attempt == 0 else None
+            if trial is None:
+                trial = self._evaluate(at, choose(pending, scaled(length, wanted), 0.0), pending)
             there = (trial.size, trial.energy)
             good = pending & trial.finite & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
                 self._blame(at, trial, pending & ~good)
                 worse = pending & ~good & trial.finite & (there[0] >= here[0])
                 if worse.any():
-                    corrected, step, trial = self._correct(at, model, factors, step, trial, (here, slope, length), worse)
+                    corrected, trial, moved = self._correct(at, model, factors, trial, moved, (here, slope, length), worse)
                     good |= corrected
-                    moved = np.where(corrected, largest(step), moved) if corrected.any() else moved
             if good.any():
                 result, taken = result.replaced(good, trial), np.where(good, moved, taken)
                 accepted |= good
@@ -184,10 +187,10 @@ class LineSearch:
         return accepted, length, result, taken, corrected
 
     def _evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
-        """The batch at ``at`` + ``step``; only ``members`` are computed."""
+        """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be computed."""
         with self.clock("evaluate"):
-            if members.all():
-                return self.problem.evaluate(at.unknowns + step)
+            if members.all() or self.backend.together(self.problem):
+                return self.backend.evaluate(self.problem, at.unknowns + step)
             chosen = np.flatnonzero(members)
             own = like(chosen, step)
             whole = at.take(np.arange(len(members)))
@@ -195,30 +198,31 @@ class LineSearch:
             return whole
 
     def _correct(
-        self, at: Evaluation, model: Model, factors: Factors, step: Array, trial: Evaluation,
+        self, at: Evaluation, model: Model, factors: Factors, trial: Evaluation, moved: Numbers,
         search: tuple[tuple[Numbers, Numbers], Numbers, Numbers], pending: Mask,
-    ) -> tuple[Mask, Array, Evaluation]:  # fmt: skip
-        """Second-order corrections of a refused full step: where one is accepted, and ``step`` and ``trial`` with those."""
+    ) -> tuple[Mask, Evaluation, Numbers]:  # fmt: skip
+        """Second-order corrections of a refused full step: where one is accepted, and ``trial`` and ‖·‖∞ ``moved`` with those."""
         here, slope, length = search
         found, pending = np.zeros(len(slope), dtype=bool), pending.copy()
         residual = scaled(length, model.C) + trial.C
         before = trial.size
         for _ in range(CORRECTIONS):
             with self.clock("solve"):
-                delta, _ = factors.solve(-model.b, choose(pending, -residual, 0.0))
-            delta = choose(pending, scaled(length, delta), 0.0)
-            corrected = self._evaluate(at, delta, pending)
+                step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf)
+            corrected = step.trial
+            if corrected is None:
+                corrected = self._evaluate(at, choose(pending, scaled(length, step.delta), 0.0), pending)
             after, finite = corrected.size, corrected.finite
             good = pending & finite & self.filter.accepts(here, (after, corrected.energy), slope, length)
             if good.any():
-                trial, step = trial.replaced(good, corrected), choose(good, delta, step)
+                trial, moved = trial.replaced(good, corrected), np.where(good, length * step.largest, moved)
                 found |= good
             pending &= ~good & finite & (after <= 0.99 * before)
             if not pending.any():
                 break
             residual = scaled(length, residual) + corrected.C
             before = after
-        return found, step, trial
+        return found, trial, moved
 
     def _restore(self, at: Evaluation, lam: Array, failed: Mask) -> Mask:
         """Restore the constraints of ``failed`` members in place; the members that cannot be."""
@@ -247,7 +251,7 @@ class LineSearch:
             model = one.linearize(now, None)
         with self.clock("solve"):
             step = self.backend.normal(model.A).least_norm(-model.C)
-        length = min(1.0, 0.5 * self.options.cap / max(float(largest(step)[0]), 1e-300))
+        length = min(1.0, 0.5 * self.options.cap / max(float(host(largest(step))[0]), 1e-300))
         while length > 1e-4:
             with self.clock("evaluate"):
                 trial = one.evaluate(now.unknowns + length * step)

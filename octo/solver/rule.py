@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers
-from octo.problem.compiled import Evaluation, Model
+from octo.problem.compiled import CompiledProblem, Evaluation, Model
 
 STAGES = ("linearize", "factor", "solve", "evaluate")
 
@@ -57,4 +57,4 @@ class Rule(Protocol):
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
 
-    def take(self, members: NDArray[np.intp]) -> None: ...
+    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None: ...

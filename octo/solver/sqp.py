@@ -148,7 +148,7 @@ class _Run:
         self.members = [_Member() for _ in self.active]
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
         self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
-        self.whole = problem
+        self.backend, self.batch = backend, problem.batch
         self.moved = np.ones(problem.batch, dtype=bool)
         self.model: Model | None = None
 
@@ -173,7 +173,7 @@ class _Run:
         exact = self.options.hessian == "exact" and iteration >= self.options.gauss_newton_first
         if self.model is None or self.moved.any() or iteration == self.options.gauss_newton_first:
             with self.clock("linearize"):
-                self.model = self.problem.linearize(self.at, self.lam if exact else None)
+                self.model = self.backend.linearize(self.problem, self.at, self.lam, exact)
         model = self.model
         before, violation = self.at, self.violation
         move = self.rule.move(self.at, self.lam, model, iteration)
@@ -247,10 +247,10 @@ class _Run:
             self.at, self.lam, self.moved = self.at.take(keep), self.lam[own], self.moved[keep]
             self.best, self.best_lam, self.best_score = self.best.take(keep), self.best_lam[own], self.best_score[keep]
             self.model = None
-            self.rule.take(keep)
+            self.rule.take(keep, self.problem)
 
     def _result(self) -> Result:
-        order = range(self.whole.batch)
+        order = range(self.batch)
         ends = [self.done[k] for k in order]
         at = Evaluation(*(np.concatenate([getattr(e[1], field.name) for e in ends]) for field in fields(Evaluation)))
         return Result(

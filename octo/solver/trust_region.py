@@ -24,7 +24,7 @@ class TrustRegion:
 
     def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
-        self.regularisation = Regularisation(problem.batch, options, backend)
+        self.regularisation = Regularisation(problem.batch, options)
         self.radius = np.full(problem.batch, np.inf)
         self.mu = np.zeros(problem.batch)
         self.refused = np.zeros(problem.batch, dtype=int)
@@ -45,9 +45,9 @@ class TrustRegion:
                 scaled.q[:, :, k] /= like(np.where(start > 0.0, start, 1.0)[:, None], scaled.q)
         return scaled
 
-    def take(self, members: NDArray[np.intp]) -> None:
-        """Keep some members only."""
-        self.problem = self.problem.take(members)
+    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None:
+        """Keep some members only, those of ``problem``."""
+        self.problem = problem
         self.regularisation.take(members)
         self.radius, self.mu, self.refused = self.radius[members], self.mu[members], self.refused[members]
 
@@ -56,18 +56,23 @@ class TrustRegion:
         blocks = self.backend.blocks(model)
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
         with self.clock("factor"):
-            factors, sigma, has = self.regularisation.factorize(blocks, self.problem.threads)
+            factors = self.backend.factors(self.problem, blocks, at, lam, self.options)
+            sigma, has = self.regularisation.factorize(factors, blocks.units)
             normal = self.backend.normal(model.A, self.problem.threads)
         with self.clock("solve"):
             full, multipliers = factors.solve(-model.b, -model.C)
             tangential, _ = factors.solve(-model.b, array_module(model.C).zeros_like(model.C))
             directions = Directions(full, tangential, normal.least_norm(-model.C), multipliers)
-            step = minimize(blocks, directions, normal.project, np.where(np.isfinite(self.radius), self.radius, UNBOUNDED))
-        self._raise_penalty(model.C, step.energy, step.residual)
-        length = np.sqrt(inner(step.delta, step.delta))
-        self.radius = np.where(np.isfinite(self.radius), self.radius, length)
+            radius = np.where(np.isfinite(self.radius), self.radius, UNBOUNDED)
+            step = minimize(blocks, directions, normal.project, radius, self.backend.two_by_two)
+            square, wanted = inner(step.delta, step.delta), inner(model.C, model.C)
+            numbers = [square, wanted, step.energy, step.residual, largest(step.delta), largest(full), dual]
         with self.clock("evaluate"):
-            trial = self.problem.evaluate(at.unknowns + step.delta)
+            trial, numbers = self.backend.evaluate_with(self.problem, at.unknowns + step.delta, numbers)
+        square, wanted, energy, residual, moved, most, dual = numbers
+        self._raise_penalty(wanted, energy, residual)
+        length = np.sqrt(square)
+        self.radius = np.where(np.isfinite(self.radius), self.radius, length)
         weight = self.problem.weight
         violation = trial.largest * weight
         ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))  # length 0: nothing is left to do
@@ -76,13 +81,12 @@ class TrustRegion:
         self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
         after = at.replaced(ok, trial)
         lam = choose(ok, multipliers, lam)
-        moved = largest(step.delta)
         self.refused = np.where(ok, 0, self.refused + 1)
         left = after.largest * weight
         return Move(
             at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
-            dual=dual, step=largest(full), taken=np.where(ok, moved, 0.0),
-            ratio=reduction / np.maximum(-step.energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
+            dual=dual, step=most, taken=np.where(ok, moved, 0.0),
+            ratio=reduction / np.maximum(-energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
             factorizations=self.regularisation.factorizations.copy(),
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
         )  # fmt: skip
@@ -90,8 +94,8 @@ class TrustRegion:
     def _merit(self, at: Evaluation) -> Numbers:
         return at.energy + 0.5 * self.mu * at.square
 
-    def _raise_penalty(self, C: Array, energy: Numbers, residual: Numbers) -> None:
-        """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0: monotone."""
-        gain = 0.5 * (inner(C, C) - residual**2)
+    def _raise_penalty(self, square: Numbers, energy: Numbers, residual: Numbers) -> None:
+        """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0, ``square`` ‖C_0‖₂²: monotone."""
+        gain = 0.5 * (square - residual**2)
         needed = np.where(gain > 1e-30, energy / ((1.0 - RHO) * np.maximum(gain, 1e-30)), 0.0)
         self.mu = np.maximum(self.mu, needed)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 copies = 0  # to the host: each of them waits for a device
+capturing = False  # a graph is recorded: nothing may be computed, allocated or copied by this module
 
 
 def _bare(value: Any) -> Any:
@@ -23,12 +24,19 @@ def _bare(value: Any) -> Any:
     return value
 
 
+def _legal() -> None:
+    if capturing:
+        raise RuntimeError("an array is computed while a graph is recorded: its memory would be given away before the graph runs")
+
+
 def _made(value: Any) -> Any:
+    _legal()
     return ndarray(np.asarray(value))
 
 
 def _counted() -> None:
     global copies
+    _legal()
     copies += 1
 
 
@@ -65,6 +73,7 @@ class ndarray:  # noqa: N801  (the name CuPy's has)
         return _made(self._values[_bare(key)])
 
     def __setitem__(self, key: Any, value: Any) -> None:
+        _legal()
         self._values[_bare(key)] = _bare(value)
 
     def __abs__(self) -> Any:
@@ -93,6 +102,7 @@ for _name in ("and", "or", "eq", "ne", "lt", "le", "gt", "ge"):
 
 def _in_place(name: str) -> Any:
     def apply(self: ndarray, other: Any) -> Any:
+        _legal()
         getattr(self._values, name)(_bare(other))
         return self
 
@@ -129,7 +139,7 @@ def _function(name: str) -> Any:
     return apply
 
 
-for _name in ("full", "zeros", "ones", "zeros_like", "where", "isfinite", "argmax", "ascontiguousarray"):
+for _name in ("full", "zeros", "ones", "zeros_like", "where", "isfinite", "argmax", "ascontiguousarray", "maximum", "sqrt"):
     globals()[_name] = _function(_name)
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from octo.errors import ShapeError
-from octo.gpu.linear import DeviceBlocks, DeviceFactor, DeviceNormal, Linear
+from octo.gpu.factor import DeviceFactor
+from octo.gpu.linear import DeviceBlocks, Linear
+from octo.gpu.normal import DeviceNormal
 from octo.solver.normal import NormalFactor
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]

@@ -11,7 +11,9 @@ from test_solve import SETTINGS, batch_of, both, same_path
 import octo
 from octo.arrays import host
 from octo.gpu import cuda
-from octo.gpu.linear import DeviceFactor, DeviceNormal, Linear
+from octo.gpu.factor import DeviceFactor
+from octo.gpu.linear import Linear
+from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem
 from octo.solver.normal import NormalFactor
 

@@ -8,7 +8,7 @@ from scipy.optimize import LinearConstraint, NonlinearConstraint
 from scipy.optimize import minimize as scipy_minimize
 
 from octo.solver.normal import NormalFactor
-from octo.solver.subproblem import Directions, Step, _two_by_two, inner, minimize
+from octo.solver.subproblem import Directions, Step, inner, minimize, two_by_two
 
 
 def directions(system) -> tuple[Directions, NormalFactor]:
@@ -129,7 +129,7 @@ def test_two_by_two(hessian):
     for radius in (0.1, 1.0, 5.0):
         g = random.standard_normal(2)
         (a, b, c), arrays = hessian, [np.array([v]) for v in (*hessian, *g, radius)]
-        z1, z2 = _two_by_two((arrays[0], arrays[1], arrays[2]), (arrays[3], arrays[4]), arrays[5])
+        z1, z2 = two_by_two((arrays[0], arrays[1], arrays[2]), (arrays[3], arrays[4]), arrays[5])
         assert z1[0] ** 2 + z2[0] ** 2 <= radius**2 * (1 + 1e-9)
         x, y = radius * size * np.cos(angle), radius * size * np.sin(angle)
         values = g[0] * x + g[1] * y + 0.5 * (a * x * x + 2 * b * x * y + c * y * y)

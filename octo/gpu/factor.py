@@ -1,0 +1,156 @@
+"""The KKT matrices of a batch on a device: equilibrated, factored by block cyclic reduction, solved with refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from octo.errors import ShapeError
+from octo.gpu.device import Array
+from octo.gpu.linear import PARTS, Linear, Reduction, columns_of
+from octo.solver.cyclic_reduction import EQUILIBRATIONS, ROUNDING, SHIFT
+
+
+@dataclass(frozen=True, eq=False)
+class Solving:
+    """One right-hand side and what is known of its solution: fixed arrays, so that a refinement can be launched again.
+
+    v, lam: the solution. left_v, left_c: what is left of the right-hand side (rhs_v, rhs_c; None: zero).
+    size, top, residual (batch, columns): largest entries of the one and of the other, and their ratio.
+    coarse (batch,): 1 where the ratio is above the tolerance: the members that a refinement works on.
+    """
+
+    rhs_v: Array
+    rhs_c: Array | None
+    v: Array
+    lam: Array
+    left_v: Array
+    left_c: Array
+    size: Array
+    top: Array
+    residual: Array
+    coarse: Array
+    tolerance: float
+
+    @property
+    def columns(self) -> int:
+        return columns_of(self.v)
+
+
+class DeviceFactor:
+    """A factored batch of KKT matrices on a device, with the interface and the meaning of ``CyclicReductionFactor``.
+
+    sigma (batch, K) or None; H, A and sigma are held by reference. active (batch,): the members to factor; None: all.
+    Everything here is launches: nothing waits for the device. (batch,): finite is 1 where the matrix is, good where its inertia
+    is right; negative and shifted are counts.
+    """
+
+    def __init__(self, linear: Linear, H: Array, A: Array, sigma: Array | None, active: Array | None = None):
+        self._linear, self._held = linear, (H, A, sigma)
+        device = linear.device
+        batch, K = int(H.shape[0]), int(H.shape[1])
+        self.shape = (batch, K, linear.nc, linear.ma)
+        D, B = -(-K // 2), 2 * (linear.nc + linear.ma)
+        grid, one = (D, batch), (1, batch)
+        diagonal, lower = device.empty((batch, D, B, B)), device.empty((batch, max(D - 1, 1), B, B))
+        blocks = device.empty((batch, D), np.int32)
+        linear.each("octo_kkt_blocks", grid, K, active, H, A, sigma, diagonal, lower, blocks, shared=8 * PARTS)
+        self.finite, self.good, self.negative, self.shifted = (device.empty((batch,), np.int32) for _ in range(4))
+        linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS, shared=8 * PARTS)
+        scales: list[Array] = [None, *(device.empty((batch, D, B)) for _ in range(EQUILIBRATIONS))]
+        for old, new in pairwise(scales):
+            linear.each("octo_kkt_equilibrate", grid, active, diagonal, lower, old, new)
+        self._scale = scales[-1]
+        linear.each("octo_kkt_scale", grid, active, self.finite, self._scale, diagonal, lower)
+        self._reduced = Reduction(linear, "kkt", diagonal, lower, ROUNDING, SHIFT, active)
+        found = (self.good, self.negative, self.shifted)
+        counts = self._reduced.counts
+        linear.each("octo_kkt_verdict", one, D, K, active, self.finite, counts, *found, threads=PARTS, shared=16 * PARTS)
+        self.residual: Array | None = None
+
+    @property
+    def usable(self) -> Array:
+        """(batch,) where the matrix is finite."""
+        return self.finite != 0
+
+    @property
+    def inertia_ok(self) -> Array:
+        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        return self.good != 0
+
+    @cached_property
+    def first_bad(self) -> Array:
+        """(batch,) first unit of the first block with more negative eigenvalues than constraint rows, −1 where none shows it."""
+        xp = self._linear.device.xp
+        excess = self._reduced.counts[:, :, 0] > 2 * self.shape[3]
+        block = self._linear.device.array(2 * self._reduced.order, np.int64)[xp.argmax(excess, axis=1)]
+        return xp.where(self.usable & (self.negative > 0) & excess.any(axis=1), block, -1)
+
+    def solve(
+        self, rhs_v: Array, rhs_c: Array | None = None, *, refine: int = 3, tolerance: float = 1e-10, check: bool = True
+    ) -> tuple[Array, Array]:
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``.
+
+        A member is refined where its residual asks for it, which the device decides: all ``refine`` refinements are launched.
+        """
+        batch, K, nc, ma = self.shape
+        if rhs_v.shape[:3] != (batch, K, nc):
+            raise ShapeError("rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns")
+        if rhs_c is not None and rhs_c.shape != (batch, K, ma, *rhs_v.shape[3:]):
+            raise ShapeError("rhs_c", rhs_c.shape, (batch, K, ma, *rhs_v.shape[3:]))
+        xp = self._linear.device.xp
+        solving = self.begin(xp.ascontiguousarray(rhs_v), None if rhs_c is None else xp.ascontiguousarray(rhs_c), tolerance)
+        for _ in range(refine):
+            self.refine(solving)
+        self.residual = solving.residual
+        return solving.v, solving.lam
+
+    def begin(
+        self, rhs_v: Array, rhs_c: Array | None, tolerance: float = 1e-10, usable: Array | None = None,
+        out: tuple[Array, Array, Array] | None = None,
+    ) -> Solving:  # fmt: skip
+        """The solution without refinement, and its residual; NaN for members that are not ``usable`` (finite, unless given).
+
+        ``out`` is where the solution and its residual go.
+        """
+        linear, (batch, K, _, ma) = self._linear, self.shape
+        device, columns = linear.device, columns_of(rhs_v)
+        rhs_c = None if ma == 0 else rhs_c
+        if out is None:
+            lam = device.empty((batch, K, ma, *rhs_v.shape[3:]))
+            out = device.empty(rhs_v.shape), lam, device.empty((batch, columns))
+        v, lam, residual = out
+        lefts = device.empty(v.shape), device.empty(lam.shape)
+        size, top, coarse = linear.largest(rhs_v, rhs_c), device.empty((batch, columns)), device.empty((batch,), np.int32)
+        solving = Solving(rhs_v, rhs_c, v, lam, *lefts, size, top, residual, coarse, tolerance)
+        self._once(solving, (rhs_v, rhs_c), None, usable)
+        self._check(solving, None)
+        return solving
+
+    def refine(self, solving: Solving, usable: Array | None = None) -> None:
+        """One refinement of the members that are coarse, and their residual."""
+        self._once(solving, (solving.left_v, solving.left_c), solving.coarse, usable)
+        self._check(solving, solving.coarse)
+
+    def _check(self, s: Solving, active: Array | None) -> None:
+        linear, (batch, K, _, ma) = self._linear, self.shape
+        both = (s.left_v, s.left_c)
+        linear.each("octo_kkt_residual", (K, batch), s.columns, active, *self._held, s.rhs_v, s.rhs_c, s.v, s.lam, *both)
+        linear.largest(s.left_v, s.left_c if ma else None, active, s.top)
+        linear.flat("octo_kkt_check", batch, s.columns, s.tolerance, active, s.top, s.size, s.residual, s.coarse)
+
+    def _once(self, s: Solving, rhs: tuple[Array, Array | None], active: Array | None, usable: Array | None) -> None:
+        """Solve for ``rhs``: the solution, or what is added to that of the active members."""
+        linear, (batch, K, _, ma), D = self._linear, self.shape, self._reduced.D
+        usable = self.finite if usable is None else usable
+        r = linear.device.empty((batch, D, self._reduced.B, s.columns))
+        rhs_v, rhs_c = rhs
+        linear.each(
+            "octo_kkt_join", (D, batch), K, s.columns, active, usable, self._scale, rhs_v, None if ma == 0 else rhs_c, r
+        )  # fmt: skip
+        x = self._reduced.solve(r, active)
+        more = int(active is not None)
+        linear.each("octo_kkt_part", (D, batch), K, s.columns, more, active, usable, self._scale, x, s.v, s.lam)

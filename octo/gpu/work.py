@@ -1,0 +1,279 @@
+"""What the solve of one batch keeps at its place on the device, and the sequences of launches between two copies to the host.
+
+An iteration is: a model; for each weight a factorisation, after which one flag of each member comes to the host; for each step
+its solution, one refinement where it is coarse, and the trial of its first length, after which the numbers that decide about
+all of it come in one copy; more trials. The batch stays whole: members that a launch is not for are marked in ``active`` and
+its blocks leave at once, so that neither the addresses nor the grids change until a member leaves the solve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.gpu.device import Array, Device
+from octo.gpu.factor import DeviceFactor, Solving
+from octo.gpu.linear import Linear
+from octo.gpu.normal import NormalSequences
+from octo.gpu.problem import DeviceProblem
+from octo.gpu.sequence import Sequence
+from octo.problem.compiled import Evaluation, Model
+from octo.solver.factors import Attempt
+
+TOLERANCE = 1e-10  # of a solution's relative residual
+BESIDE = 8  # numbers of each member that may come to the host with a trial
+REFINEMENTS = 3  # the first with every step, more where the host is told that it was not enough
+
+
+class Slab:
+    """Arrays one after another in one, so that some or all of them are copied at once."""
+
+    def __init__(self, device: Device, shapes: dict[str, tuple[int, ...]], flat: Array | None = None):
+        self.device, self.shapes = device, shapes
+        self.starts = dict(zip(shapes, np.cumsum([0, *map(prod, shapes.values())]).tolist(), strict=False))
+        self.size = sum(map(prod, shapes.values()))
+        self.flat = device.empty((self.size,)) if flat is None else flat
+
+    def __getitem__(self, name: str) -> Array:
+        return self.flat[self._of(name)].reshape(self.shapes[name])
+
+    def _of(self, name: str) -> slice:
+        return slice(self.starts[name], self.starts[name] + prod(self.shapes[name]))
+
+    def copied(self, first: str) -> Slab:
+        """A copy, from one array to the end."""
+        names = list(self.shapes)
+        kept = {name: self.shapes[name] for name in names[names.index(first) :]}
+        return Slab(self.device, kept, self.flat[self.starts[first] :].copy())
+
+    def host(self, first: str, last: str) -> dict[str, NDArray[np.float64]]:
+        """Some arrays on the host, in one copy that waits for the device."""
+        begin, end = self.starts[first], self._of(last).stop
+        values = self.device.host(self.flat[begin:end])
+        names = list(self.shapes)
+        some = names[names.index(first) : names.index(last) + 1]
+        places = {name: slice(self.starts[name] - begin, self._of(name).stop - begin) for name in some}
+        return {name: values[place].reshape(self.shapes[name]) for name, place in places.items()}
+
+    def evaluation(self) -> Evaluation:
+        """The arrays of an iterate."""
+        made = Evaluation(*(self[field.name] for field in fields(Evaluation)))
+        made.__dict__["slab"] = self
+        return made
+
+
+class Work:
+    """Of one placed batch. ``place`` says where the steps start; everything else is sequences over fixed arrays."""
+
+    def __init__(self, problem: DeviceProblem, linear: Linear):
+        device, batch, K = problem.device, problem.batch, problem.K
+        self.problem, self.linear, self.device = problem, linear, device
+        iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
+        step: dict[str, tuple[int, ...]] = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
+        numbers = {"units": (batch, K, 3), "residual": (batch, 1), "beside": (BESIDE, batch)}
+        self.at = Slab(device, iterate).evaluation()
+        self.trial = Slab(device, {**step, **numbers, **iterate})
+        self.tried = self.trial.evaluation()
+        self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
+        self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
+        self.active = device.empty((batch,), np.int32)
+        self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "residual", "beside", "sizes")}
+        self._placed: tuple[Any, Any] = (None, None)
+        self._written: dict[str, NDArray[Any]] = {}
+        self.models = {exact: Modelled(self, exact) for exact in (True, False)}
+        self._evaluate = Sequence(device, self._launch_evaluate)
+
+    def place(self, at: Evaluation, lam: Array) -> None:
+        """Steps start at ``at``, with multipliers ``lam``."""
+        if self._placed[0] is not at:
+            own: Slab = self.at.__dict__["slab"]
+            slab: Slab | None = at.__dict__.get("slab")
+            if slab is not None and slab.shapes == own.shapes:
+                self.device.copy(slab.flat, own.flat)
+            else:
+                for field in fields(Evaluation):
+                    self.device.copy(getattr(at, field.name), getattr(self.at, field.name))
+        if self._placed[1] is not lam:
+            self.device.copy(lam, self.lam)
+        self._placed = (at, lam)
+
+    def write(self, name: str, values: NDArray[Any]) -> None:
+        """``values`` into the fixed array of that name, where they are others than before."""
+        if name not in self._written or not np.array_equal(self._written[name], values):
+            self._written[name] = values.copy()
+            self.device.write(self._written[name], getattr(self, name))
+
+    def linearize(self, at: Evaluation, lam: Array, exact: bool) -> Model:
+        self.place(at, lam)
+        _ = self.problem.scratch  # allocated before the first sequence, which would take it for its own
+        return self.models[exact].linearize(at)
+
+    def of(self, name: str, array: Array) -> Modelled | None:
+        """What belongs to the model that ``linearize`` gave, by its H or its A; None for another's."""
+        return next((own for own in self.models.values() if own.model is not None and getattr(own.model, name) is array), None)
+
+    def close(self) -> None:
+        """Give everything back; graphs and arrays refer to one another."""
+        for own in self.models.values():
+            own.close()
+        self.__dict__.clear()
+
+    def evaluate(self, unknowns: Array) -> Evaluation:
+        """A trial, in arrays of its own; its numbers are on the host."""
+        self.device.copy(unknowns, self.tried.unknowns)
+        self._evaluate()
+        return self.evaluated(self.trial.copied("summary"), self.trial.host("summary", "sizes"))
+
+    def evaluate_with(self, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
+        """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
+        self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
+        self.device.copy(unknowns, self.tried.unknowns)
+        self._evaluate()
+        found = self.trial.host("beside", "sizes")
+        return self.evaluated(self.trial.copied("summary"), found), list(found["beside"][: len(numbers)])
+
+    @staticmethod
+    def evaluated(slab: Slab, numbers: dict[str, NDArray[np.float64]]) -> Evaluation:
+        """An evaluation whose numbers are on the host already."""
+        made = slab.evaluation()
+        made.__dict__.update(numbers=numbers["summary"], unit_sizes=numbers["sizes"])
+        return made
+
+    def _launch_evaluate(self) -> bool:
+        self.launch_trial()
+        return True
+
+    def launch_trial(self) -> None:
+        """Everything of ``tried`` from its unknowns."""
+        self.problem.evaluate_into(self.tried)
+        self.linear.unit_sizes(self.tried.C, self.parts["sizes"])
+
+
+class Modelled:
+    """The sequences of one kind of model: with the curvature of the constraints, or without."""
+
+    def __init__(self, work: Work, exact: bool):
+        self._work, self._exact = work, exact
+        self.model: Model | None = None
+        device = work.device
+        self._linearize = Sequence(device, lambda: work.problem.linearize(work.at, work.lam if exact else None))
+        self._factor = Sequence(device, self._launch_factor)
+        self._attempt = Sequence(device, self._launch_attempt)
+        self._again = Sequence(device, self._launch_again)
+        self._solve = Sequence(device, self._launch_solve)
+        self._rhs: tuple[Array, Array] | None = None
+        self._normal: NormalSequences | None = None
+
+    def close(self) -> None:
+        if self._normal is not None:
+            self._normal.close()
+        self.__dict__.clear()
+
+    def linearize(self, at: Evaluation) -> Model:
+        self.model = self._linearize()
+        return Model(self.model.H, self.model.A, self.model.b, at.C)
+
+    def normal(self) -> NormalSequences:
+        """AAᵀ of the model, factored."""
+        if self._normal is None:
+            self._normal = NormalSequences(self._work.linear, self._own.A)
+        self._normal.factor()
+        return self._normal
+
+    def factor(self) -> NDArray[np.bool_]:
+        """Factor the active members with their weights: where the inertia of each member is right."""
+        self.factored = self._factor()
+        return np.asarray(self._work.device.host(self.factored.good) != 0)
+
+    def attempt(self) -> Attempt:
+        """The step of the right-hand side (−b, rhs_c) and the trial of its first length."""
+        work = self._work
+        self._solving = self._attempt()
+        numbers = work.trial.host("units", "sizes")
+        for _ in range(REFINEMENTS - 1):
+            if not (numbers["residual"] > TOLERANCE).any():  # NaN: there is no factor
+                break
+            self._again()
+            numbers = work.trial.host("units", "sizes")
+        slab = work.trial.copied("delta")
+        units = numbers["units"]
+        found = units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
+        return Attempt(slab["delta"], slab["lam"], lambda: found, work.evaluated(slab, numbers))
+
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        """Any right-hand side; NaN for members without a factor."""
+        device = self._work.device
+        if self._rhs is None:
+            self._rhs = device.empty(rhs_v.shape), device.empty(rhs_c.shape)
+        for source, target in zip((rhs_v, rhs_c), self._rhs, strict=True):
+            device.copy(source, target)
+        solving = self._solve()
+        return solving.v.copy(), solving.lam.copy()
+
+    def _launch_factor(self) -> DeviceFactor:
+        work, model = self._work, self._own
+        return DeviceFactor(work.linear, model.H, model.A, work.weight, work.active)
+
+    def _launch_attempt(self) -> Solving:
+        work, factor = self._work, self.factored
+        parts = work.parts
+        out = (parts["delta"], parts["lam"], parts["residual"])
+        solving = factor.begin(work.linear.negative(self._own.b), work.rhs_c, TOLERANCE, factor.good, out)
+        self._launch_step(solving)
+        return solving
+
+    def _launch_again(self) -> bool:
+        self._launch_step(self._solving)
+        return True
+
+    def _launch_step(self, solving: Solving) -> None:
+        """A refinement of what is coarse, the numbers of the step, and its trial."""
+        work, parts, model = self._work, self._work.parts, self._own
+        self.factored.refine(solving, self.factored.good)
+        work.linear.step_numbers(model.A, model.b, solving.v, work.lam, parts["units"])
+        work.linear.advance(work.bounds, parts["units"], work.at.unknowns, solving.v, work.tried.unknowns)
+        work.launch_trial()
+
+    def _launch_solve(self) -> Solving:
+        assert self._rhs is not None
+        solving = self.factored.begin(*self._rhs, TOLERANCE, self.factored.good)
+        for _ in range(REFINEMENTS):
+            self.factored.refine(solving, self.factored.good)
+        return solving
+
+    @property
+    def _own(self) -> Model:
+        assert self.model is not None
+        return self.model
+
+
+class DeviceFactors:
+    """``octo.solver.factors.Factors`` on a device: the batch is factored in place, whole, some members or all of them."""
+
+    def __init__(self, work: Work, own: Modelled, at: Evaluation, lam: Array):
+        self._work, self._own = work, own
+        work.place(at, lam)
+        self._weight = np.zeros((work.problem.batch, work.problem.K))
+
+    def clear(self) -> None:
+        """Nothing: what is factored again replaces what was."""
+
+    def add(self, members: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.bool_]:
+        active = np.zeros(len(self._weight), dtype=np.int32)
+        active[members] = 1
+        self._weight[members] = weight
+        self._work.write("weight", self._weight)
+        self._work.write("active", active)
+        return self._own.factor()[members]
+
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        return self._own.solve(rhs_v, rhs_c)
+
+    def attempt(self, rhs_c: Array, limit: NDArray[np.float64], cap: float) -> Attempt:
+        self._work.write("bounds", np.stack([limit, np.full(len(limit), cap)], axis=1))
+        self._work.device.copy(rhs_c, self._work.rhs_c)
+        return self._own.attempt()

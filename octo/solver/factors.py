@@ -1,0 +1,101 @@
+"""KKT factors of a batch at one iterate, each member's with its own weight, and the steps they give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.arrays import Array, Numbers, array_module, host, inner, largest, like
+from octo.problem.compiled import Evaluation
+from octo.solver import kkt
+from octo.solver.blocks import KKTBlocks
+from octo.solver.options import SqpOptions
+
+
+class Attempt:
+    """A KKT step Δ (batch, K, nc) with its multipliers (batch, K, ma), and what decides about it.
+
+    trial: the evaluation at Δ times its first length, where it came in one copy with the numbers; None: not evaluated yet.
+    numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the iterate and bᵀΔ (batch,), on the host.
+    """
+
+    def __init__(
+        self, delta: Array, multipliers: Array, numbers: Callable[[], tuple[Numbers, Numbers, Numbers]],
+        trial: Evaluation | None = None,
+    ):  # fmt: skip
+        self.delta, self.multipliers, self.trial, self._numbers = delta, multipliers, trial, numbers
+
+    @cached_property
+    def numbers(self) -> tuple[Numbers, Numbers, Numbers]:
+        return self._numbers()
+
+    @cached_property
+    def largest(self) -> Numbers:
+        """(batch,) ‖Δ‖∞."""
+        return host(largest(self.delta)) if self.trial is None else self.numbers[0].max(axis=1)
+
+
+class Factors(Protocol):
+    """What a backend offers at one iterate."""
+
+    def clear(self) -> None:
+        """Forget what was factored."""
+        ...
+
+    def add(self, members: NDArray[np.intp], weight: Numbers) -> NDArray[np.bool_]:
+        """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members, weight (members, K): where its inertia is right."""
+        ...
+
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without a factor."""
+        ...
+
+    def attempt(self, rhs_c: Array, limit: Numbers, cap: float) -> Attempt:
+        """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap / ‖Δ‖∞), limit (batch,)."""
+        ...
+
+
+class HostFactors:
+    """On the CPU: only the members that are asked for are factored, and no trial is evaluated before it is wanted."""
+
+    def __init__(self, blocks: KKTBlocks, lam: Array, options: SqpOptions, threads: int):
+        self.blocks, self._lam, self._options, self._threads = blocks, lam, options, threads
+        self.groups: list[tuple[Numbers, Numbers, Any]] = []  # members factored together, those that are good, their factor
+
+    def clear(self) -> None:
+        self.groups = []
+
+    def add(self, members: NDArray[np.intp], weight: Numbers) -> NDArray[np.bool_]:
+        blocks = self.blocks
+        whole, own = len(members) == blocks.batch, like(members, blocks.H)
+        H, A = (blocks.H, blocks.A) if whole else (blocks.H[own], blocks.A[own])
+        factor = kkt.factorize(H, A, weight, method=self._options.linear_solver, threads=self._threads)
+        good = host(factor.inertia_ok)
+        if good.any():
+            self.groups.append((members, good, factor))
+        return good
+
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+        if len(self.groups) == 1 and len(self.groups[0][0]) == len(rhs_v):
+            return self.groups[0][2].solve(rhs_v, rhs_c)
+        xp = array_module(rhs_v)
+        dv, lam = xp.full(rhs_v.shape, xp.nan), xp.full(rhs_c.shape, xp.nan)
+        for members, good, factor in self.groups:
+            own, solved, kept = (like(index, rhs_v) for index in (members, members[good], np.flatnonzero(good)))
+            v, multipliers = factor.solve(rhs_v[own], rhs_c[own])
+            dv[solved], lam[solved] = v[kept], multipliers[kept]
+        return dv, lam
+
+    def attempt(self, rhs_c: Array, limit: Numbers, cap: float) -> Attempt:
+        blocks, lam = self.blocks, self._lam
+        delta, multipliers = self.solve(-blocks.b, rhs_c)
+
+        def numbers() -> tuple[Numbers, Numbers, Numbers]:
+            dual = host(largest(blocks.b + blocks.constraints_transposed_times(lam)))
+            return host(abs(delta).max(axis=2)), dual, host(inner(blocks.b, delta))
+
+        return Attempt(delta, multipliers, numbers)
