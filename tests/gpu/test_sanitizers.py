@@ -36,7 +36,7 @@ def recorded(threads: int) -> Recorder:
     for problem in (conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()):
         other, backend = DeviceProblem(problem, device), DeviceBackend(device)
         for options in (SqpOptions(), SqpOptions.paper()):
-            sqp.run(other, device.array(conftest._wiggle(problem)), None, replace(options, max_iterations=2), None, backend)
+            sqp.run(other, device.array(conftest.wiggle_near_ground(problem)), None, replace(options, max_iterations=2), None, backend)
     return recorder
 
 
