@@ -35,8 +35,9 @@ def recorded(threads: int) -> Recorder:
     device = EmulatedDevice(threads, recorder=recorder)
     for problem in (conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()):
         other, backend = DeviceProblem(problem, device), DeviceBackend(device)
+        unknowns = device.array(conftest.wiggle_near_ground(problem))
         for options in (SqpOptions(), SqpOptions.paper()):
-            sqp.run(other, device.array(conftest.wiggle_near_ground(problem)), None, replace(options, max_iterations=2), None, backend)
+            sqp.run(other, unknowns, None, replace(options, max_iterations=2), None, backend)
     return recorder
 
 
