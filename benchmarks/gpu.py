@@ -2,7 +2,7 @@
 
 Needs a CUDA GPU, CuPy and NVRTC (pip install -e '.[cuda13,view]' or cuda12); nothing is downloaded. On a machine without
 one, ``--emulate`` runs the same kernels on the CPU, which says whether this script works and nothing about speed.
-``--once`` solves one small problem for two iterations and measures nothing: for compute-sanitizer (docs/gpu.md).
+``--once`` solves one small problem for three iterations and measures nothing: for compute-sanitizer (docs/gpu.md).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import octo
+from octo import arrays
 from octo.gpu import bound, cuda, nvrtc
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
@@ -35,9 +36,9 @@ DT = 0.025
 GROUPS = {  # kernels by what they do
     "derivatives": "kin_of_nodes jacobian curvature cost_derivatives",
     "products": "step_model gather_hessian gather_constraints",
-    "factorisation": "kkt_blocks kkt_equilibrate kkt_scale kkt_pivots kkt_couple kkt_complement",
-    "solution": "kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual largest",
-    "trial": "nodes value terms summary constraints",
+    "factorisation": "kkt_blocks kkt_finite kkt_equilibrate kkt_scale kkt_pivots kkt_couple kkt_complement kkt_verdict",
+    "solution": "negative kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual largest kkt_check",
+    "trial": "step_numbers advance nodes value terms summary constraints unit_sizes",
 }
 
 
@@ -61,9 +62,9 @@ class TimedModule:
 
 
 def timed(device: Any, seconds: dict[str, float]) -> Any:
-    """The same device, whose kernels add up their time in ``seconds``."""
+    """The same device, whose kernels add up their time in ``seconds``: each is launched on its own."""
     made = object.__new__(type(device))
-    made.__dict__.update(device.__dict__)
+    made.__dict__.update(device.__dict__, graphs=False)
     made.module = lambda text: TimedModule(device.module(text), device, seconds)
     return made
 
@@ -78,7 +79,7 @@ class Bench:
     def __init__(self, device: Any, short: bool):
         self.device, self.short, self.backend = device, short, DeviceBackend(device)
         self.mammal = octo.gallery.mammal()
-        self.iterations = 3 if short else 30
+        self.iterations = 6 if short else 30
 
     def run(self, problem: octo.Problem, seeds: int, options: SqpOptions, backend: Any = None, threads: int = 0) -> sqp.Result:
         """``threads`` > 0: on the CPU with that many."""
@@ -93,11 +94,30 @@ class Bench:
         return sqp.run(placed, placed.unknowns(nodes), None, options, None, backend)
 
     def milliseconds(self, problem: octo.Problem, seeds: int = 1, threads: int = 0) -> float:
-        """Of one iteration, warmed up by a first run."""
+        """Of one iteration, warmed up by a first run and, for what is captured there, by the first iterations."""
         options = SqpOptions(max_iterations=self.iterations)
         self.run(problem, seeds, replace(options, max_iterations=2), threads=threads)
-        result = self.run(problem, seeds, options, threads=threads)
-        return 1e3 * result.seconds / max(1, int(result.iterations.max()))
+        return milliseconds_of(self.run(problem, seeds, options, threads=threads))
+
+    def launching(self, problem: octo.Problem) -> dict[str, dict[str, float]]:
+        """ms of one iteration and what is launched and waited for in it, with CUDA graphs and kernel by kernel."""
+        device, out = self.device, {}
+        had, options = device.graphs, SqpOptions(max_iterations=self.iterations)
+        for name, graphs in (("graphs", had), ("kernel_by_kernel", False)):
+            device.graphs = graphs
+            self.run(problem, 1, replace(options, max_iterations=2))
+            before, copies = replace(device.counts), arrays.copies
+            result = self.run(problem, 1, options)
+            copies, count = arrays.copies - copies, max(1, int(result.iterations[0]))
+            spent = {key: value - getattr(before, key) for key, value in vars(device.counts).items()}
+            out[name] = {
+                "captured": device.graphs, "ms": milliseconds_of(result), "copies": copies / count,
+                "factorisations": float(result.factorizations[0]) / count, "kernels": spent["launches"] / count,
+                "kernels_in_graphs": spent["replayed"] / count, "graphs": spent["graphs"] / count,
+                "captures": spent["captures"], "capture_ms": 1e3 * spent["capture_seconds"],
+            }  # fmt: skip
+        device.graphs = had and out["graphs"]["captured"]
+        return out
 
     def stages(self, problem: octo.Problem) -> dict[str, Any]:
         """ms of one iteration by what its kernels do, each kernel waited for; factorisations and trials an iteration."""
@@ -125,6 +145,16 @@ class Bench:
         return {"plans": count, "seconds": result.seconds, "plans_a_second": count / result.seconds, "converged": converged}
 
 
+WARM = 3  # iterations: in the first sequences are launched kernel by kernel, in the second they are captured
+
+
+def milliseconds_of(result: sqp.Result) -> float:
+    """Of one iteration, the first ones aside."""
+    times = max((history["seconds"] for history in result.history), key=len)
+    first = min(WARM, len(times)) - 1
+    return 1e3 * float(times[-1] - times[first]) / max(1, len(times) - 1 - first)
+
+
 def measure(bench: Bench, ipopt: bool, say: Callable[[str], None]) -> dict[str, Any]:
     short, cores = bench.short, len(os.sched_getaffinity(0))
     steps = 40 if short else 400
@@ -132,6 +162,7 @@ def measure(bench: Bench, ipopt: bool, say: Callable[[str], None]) -> dict[str, 
     out: dict[str, Any] = {}
     say("one iteration")
     out["iteration_ms"] = {basis: bench.milliseconds(problem) for basis, problem in problems.items()}
+    out["launching"] = {basis: bench.launching(problem) for basis, problem in problems.items()}
     out["stages"] = {basis: bench.stages(problem) for basis, problem in problems.items()}
     out["bound_ms"] = {basis: bench.bounds(problem) for basis, problem in problems.items()}
     out["measured_over_bound"] = {basis: out["iteration_ms"][basis] / max(out["bound_ms"][basis].values()) for basis in problems}
@@ -211,8 +242,8 @@ def draw(found: dict[str, Any], path: Path) -> None:
 
 
 def once(device: Any) -> None:
-    """Two iterations of each rule of a small problem, every kernel."""
-    for options in (SqpOptions(max_iterations=2), SqpOptions.paper(max_iterations=2)):
+    """Three iterations of each rule of a small problem, every kernel: launched, captured and replayed."""
+    for options in (SqpOptions(max_iterations=3), SqpOptions.paper(max_iterations=3)):
         bench = Bench(device, short=True)
         print(bench.run(walk(octo.gallery.mammal(), 8, "nodes"), 2, options).at.energy)
 
@@ -221,7 +252,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="small sizes: whether it works, not how fast")
     parser.add_argument("--emulate", action="store_true", help="run the kernels on the CPU; writes only where --out says")
-    parser.add_argument("--once", action="store_true", help="two iterations of a small problem, and nothing measured")
+    parser.add_argument("--once", action="store_true", help="three iterations of a small problem, and nothing measured")
     parser.add_argument("--no-ipopt", action="store_true", help="leave IPOPT out")
     parser.add_argument("--out", type=Path, help="the JSON; the figure is beside it (default benchmarks/gpu.json)")
     arguments = parser.parse_args()
@@ -249,7 +280,8 @@ def main() -> int:
         draw(found, path.with_suffix(".png"))
     except ImportError:
         print("no figure: matplotlib is not installed", file=sys.stderr)
-    print(json.dumps({name: found[name] for name in ("iteration_ms", "measured_over_bound", "chain_40s", "plans")}, indent=1))
+    said = ("iteration_ms", "launching", "measured_over_bound", "chain_40s", "plans")
+    print(json.dumps({name: found[name] for name in said}, indent=1))
     return 0
 
 

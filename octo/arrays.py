@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 Array = Any  # numpy.ndarray, or a device's
 Numbers = NDArray[Any]
+copies = 0  # from a device to the host, so far
 
 
 def array_module(array: Array) -> Any:
@@ -23,7 +24,11 @@ def array_module(array: Array) -> Any:
 
 def host(array: Array) -> Numbers:
     """``array`` as a NumPy array: itself, or a copy from the device, which this waits for."""
-    return array if isinstance(array, np.ndarray) else np.asarray(array.get())
+    global copies
+    if isinstance(array, np.ndarray):
+        return array
+    copies += 1
+    return np.asarray(array.get())
 
 
 def like(values: Numbers, array: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,13 @@ from octo.solver.subproblem import Three, Two
 TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
 
 
+class _Own(threading.local):
+    """Of a thread that solves: the problem placed last, and the batch that is worked on."""
+
+    last: DeviceProblem | None = None
+    at_work: tuple[DeviceProblem, Work] | None = None
+
+
 class DeviceBackend(Backend):
     """What ``sqp.run`` asks of a device. ``linear_solver`` and ``threads`` are the CPU's: here it is cyclic reduction always.
 
@@ -33,8 +41,7 @@ class DeviceBackend(Backend):
     def __init__(self, device: Device, timed: bool = False):
         self.device, self.timed = device, timed
         self._linear: dict[tuple[int, int], Linear] = {}
-        self._last: DeviceProblem | None = None
-        self._at_work: tuple[DeviceProblem, Work] | None = None
+        self._own = _Own()
 
     def place(self, problem: CompiledProblem) -> DeviceProblem:
         """``problem`` on the device; one with the same generated code shares what was compiled for the one before.
@@ -44,12 +51,13 @@ class DeviceBackend(Backend):
         DeviceError: the device has too little memory, or the robot is too large for its shared memory.
         """
         self._release()  # before what is free is measured: the passes of a solve come one after another
-        if self._last is not None:
-            self._last.release()
-        last = self._last if self._last is not None and self._last.host.functions is problem.functions else None
+        before = self._own.last
+        if before is not None:
+            before.release()
+        last = before if before is not None and before.host.functions is problem.functions else None
         self._check_memory(problem)
-        self._last = DeviceProblem(problem, self.device, last)
-        return self._last
+        self._own.last = DeviceProblem(problem, self.device, last)
+        return self._own.last
 
     def _check_memory(self, problem: CompiledProblem) -> None:
         each, free = bytes_of(problem), self.device.free_bytes()
@@ -106,21 +114,23 @@ class DeviceBackend(Backend):
         return DeviceFactors(work, own, at, lam)
 
     def normal(self, A: Array, threads: int = 1) -> Any:
-        own = None if self._at_work is None else self._at_work[1].of("A", A)
+        at_work = self._own.at_work
+        own = None if at_work is None else at_work[1].of("A", A)
         return DeviceNormal(self._of(A), A) if own is None else own.normal()
 
     def work(self, problem: DeviceProblem) -> Work:
         """What is kept for the solve of a placed batch; that of another batch is given back."""
-        if self._at_work is None or self._at_work[0] is not problem:
+        at_work = self._own.at_work
+        if at_work is None or at_work[0] is not problem:
             self._release()
-            work = Work(problem, self.linear(problem.nc, problem.ma))
-            self._at_work = (problem, work)
-        return self._at_work[1]
+            at_work = self._own.at_work = problem, Work(problem, self.linear(problem.nc, problem.ma))
+        return at_work[1]
 
     def _release(self) -> None:
-        if self._at_work is not None:
-            problem, work = self._at_work
-            self._at_work = None
+        if self._own.at_work is not None:
+            problem, work = self._own.at_work
+            self._own.at_work = None
+            self.device.synchronize()  # an interrupt may have left a graph under way
             work.close()
             problem.release()
 

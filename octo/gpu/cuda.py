@@ -152,15 +152,15 @@ class CudaDevice(Sequenced):
         try:
             with self.xp.cuda.Stream(non_blocking=True) as stream:
                 stream.begin_capture(THREAD_LOCAL)
-                self.capturing, self.captured = True, 0
+                self.here.capturing, self.here.captured = True, 0
                 try:
                     launches()
                 finally:
-                    self.capturing = False
+                    self.here.capturing = False
                     graph = stream.end_capture()  # also where a launch was refused: the stream must leave the capture
         except (RuntimeError, NotImplementedError) as error:  # CuPy's errors of CUDA are the former
             raise NoGraph(_first_line(error)) from error
-        return CudaGraph(self, graph, self.captured)
+        return CudaGraph(self, graph, self.here.captured)
 
     def synchronize(self) -> None:
         """Wait until everything launched is done."""

@@ -14,6 +14,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import threading
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -94,7 +95,7 @@ class EmulatedKernel:
         sizes = (*grid, 1, 1)[:3]
         launch = Launch((ctypes.c_uint * 3)(*sizes), threads, shared, self.device.crews)
         self.device.launched()
-        if self.device.capturing:
+        if self.device.here.capturing:
             self.device.recording.append(Recorded(self, launch, values, arguments))
         else:
             self.run(launch, values, arguments)
@@ -104,7 +105,8 @@ class EmulatedKernel:
         if self.device.recorder is not None:
             arrays = [None if a is None else self.device.plain(a) if not np.isscalar(a) else a for a in arguments]
             self.device.recorder(self, launch, arrays)
-        self._launch(ctypes.byref(launch), (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)))
+        with self.device.lock:  # blockDim and gridDim are one of a library
+            self._launch(ctypes.byref(launch), (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)))
 
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"
@@ -187,6 +189,7 @@ class EmulatedDevice(Sequenced):
         self._threads, self.crews, self.xp, self.recorder = threads, crews, xp, recorder
         self.shared_limit = SHARED_LIMIT
         self.memory = 2**62
+        self.lock = threading.RLock()
         self.recording: list[Recorded] = []
         self.module = functools.cache(functools.partial(EmulatedModule, self))
 
@@ -219,17 +222,18 @@ class EmulatedDevice(Sequenced):
     def capture(self, launches: Callable[[], Any]) -> EmulatedGraph:
         """As CUDA's: launches are recorded and not run. What CUDA refuses then, or would do wrong in silence, raises."""
         self.illegal("another capture")
-        self.recording, self.capturing, self.captured = [], True, 0
         strict = None if self.xp is np else self.xp
-        if strict is not None:
-            strict.capturing = True
-        try:
-            launches()
-        finally:
-            self.capturing = False
+        with self.lock:
+            self.recording, self.here.capturing = [], True
             if strict is not None:
-                strict.capturing = False
-        return EmulatedGraph(self, self.recording)
+                strict.capturing = True
+            try:
+                launches()
+            finally:
+                self.here.capturing = False
+                if strict is not None:
+                    strict.capturing = False
+            return EmulatedGraph(self, self.recording)
 
     def synchronize(self) -> None:
         """Nothing is ever under way."""

@@ -7,6 +7,8 @@ arrays, and everything it allocates in its first run is what it finds in every l
 from __future__ import annotations
 
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,26 +34,34 @@ class Graph(Protocol):
 
 @dataclass(eq=False)
 class Counts:
-    """What a device was asked for: launches of octo's kernels one by one, kernels that graphs launched, and graphs."""
+    """What a device was asked for: kernels launched one by one, kernels that graphs launched, launches of graphs, captures."""
 
     launches: int = 0
     replayed: int = 0
     graphs: int = 0
     captures: int = 0
+    capture_seconds: float = 0.0
+
+
+class Here(threading.local):
+    """What a thread is doing with a device: solves in several threads share it."""
+
+    def __init__(self) -> None:
+        self.workspace: Workspace | None = None
+        self.capturing = False
+        self.captured = 0  # kernels of the sequence that is being captured
 
 
 class Sequenced:
     """The part of a device that runs sequences. graphs: whether they are captured."""
 
     def __init__(self, graphs: bool):
-        self.graphs, self.capturing, self.counts = graphs, False, Counts()
-        self.captured = 0  # kernels of the sequence that is being captured
-        self._workspace: Workspace | None = None
+        self.graphs, self.counts, self.here = graphs, Counts(), Here()
 
     def launched(self) -> None:
         """Count one kernel."""
-        if self.capturing:
-            self.captured += 1
+        if self.here.capturing:
+            self.here.captured += 1
         else:
             self.counts.launches += 1
 
@@ -65,21 +75,22 @@ class Sequenced:
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """Uninitialised memory; within a sequence, what it had there the time before."""
-        return self.fresh(shape, dtype) if self._workspace is None else self._workspace.empty(shape, dtype)
+        workspace = self.here.workspace
+        return self.fresh(shape, dtype) if workspace is None else workspace.empty(shape, dtype)
 
     @contextmanager
     def within(self, workspace: Workspace) -> Iterator[None]:
         """``empty`` takes from ``workspace``."""
-        before, self._workspace = self._workspace, workspace
+        before, self.here.workspace = self.here.workspace, workspace
         workspace.begin()
         try:
             yield
         finally:
-            self._workspace = before
+            self.here.workspace = before
 
     def illegal(self, what: str) -> None:
         """Refuse what a capture cannot hold."""
-        if self.capturing:
+        if self.here.capturing:
             raise DeviceError(f"{what} while a sequence is captured: it would not be in the graph")
 
     def without_graphs(self, why: NoGraph) -> None:
@@ -120,9 +131,11 @@ class Sequence(Generic[T]):
         """The first run compiles and allocates; the second is captured, where the device has graphs."""
         device = self._device
         if self._graph is None and self._made is not None and device.graphs:
+            began = time.perf_counter()
             try:
                 self._graph = device.capture(self._run)
                 device.counts.captures += 1
+                device.counts.capture_seconds += time.perf_counter() - began
             except NoGraph as why:
                 device.without_graphs(why)
         if self._graph is None or self._made is None:

@@ -24,6 +24,11 @@ def test_every_part_of_it(tmp_path):
     found = json.loads((tmp_path / "gpu.json").read_text())
     assert {"hardware", "date", "iteration_ms", "stages", "batch", "steps", "dof", "plans", "ipopt"} <= set(found)
     assert set(found["iteration_ms"]) == {"hermite", "nodes"}
+    for rows in found["launching"].values():
+        graphs, alone = rows["graphs"], rows["kernel_by_kernel"]
+        assert graphs["captured"] and graphs["kernels_in_graphs"] > 0.0 and graphs["captures"] > 0
+        assert not alone["captured"] and alone["kernels_in_graphs"] == alone["graphs"] == 0.0
+        assert graphs["kernels"] + graphs["kernels_in_graphs"] == pytest.approx(alone["kernels"])
     assert all(value > 0.0 for stages in found["stages"].values() for value in stages.values())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,21 @@ def test_members_that_leave(swing_up_batch):
     assert devices[0].counts.captures > 8
 
 
+def test_two_threads_on_one_device(swing_up_batch):
+    """Each has its own workspaces, and a capture of the one is none of the other's."""
+    problem, nodes = swing_up_batch
+    backend, options = DeviceBackend(EmulatedDevice()), SqpOptions(max_iterations=25)
+
+    def run(seed: int):
+        placed = backend.place(problem.take(np.array([seed])))
+        return sqp.run(placed, placed.unknowns(nodes[[seed]]), None, options, None, backend)
+
+    alone = [run(seed) for seed in range(3)]
+    with ThreadPoolExecutor(3) as pool:
+        for one, other in zip(alone, pool.map(run, range(3)), strict=True):
+            same_bits(one, other)
+
+
 def test_what_is_not_active_is_left_alone(random_system):
     """A member keeps its factor while the others are factored with other weights."""
     device = EmulatedDevice(3)
@@ -109,8 +125,8 @@ ILLEGAL = {
     "arithmetic": lambda gpu, y: y + y,
     "an assignment": lambda gpu, y: y.__setitem__(0, 1.0),
     "a decision": lambda gpu, y: bool(y),
-    "one array more": lambda gpu, y: [gpu.empty((1,)) for _ in range(2 if gpu.capturing else 1)],
-    "another shape": lambda gpu, y: gpu.empty((2 if gpu.capturing else 1,)),
+    "one array more": lambda gpu, y: [gpu.empty((1,)) for _ in range(2 if gpu.here.capturing else 1)],
+    "another shape": lambda gpu, y: gpu.empty((2 if gpu.here.capturing else 1,)),
 }
 
 
@@ -122,7 +138,7 @@ def test_what_a_graph_cannot_hold(what):
     sequence()
     with pytest.raises((DeviceError, RuntimeError)):
         sequence()
-    assert not gpu.capturing and not strict.capturing
+    assert not gpu.here.capturing and not strict.capturing
     gpu.host(y + y)
 
 
@@ -198,7 +214,7 @@ def test_how_cupy_is_asked():
     gpu = cuda_device(Stream(log))
 
     def launches():
-        assert gpu.capturing
+        assert gpu.here.capturing
         gpu.launched()
         gpu.launched()
         with pytest.raises(DeviceError, match="an allocation"):
@@ -207,18 +223,18 @@ def test_how_cupy_is_asked():
     graph = gpu.capture(launches)
     graph.launch()
     assert log == ["enter", "begin 1", "end", "leave", "launch"]
-    assert isinstance(graph, CudaGraph) and gpu.counts.replayed == 2 and gpu.counts.launches == 0 and not gpu.capturing
+    assert isinstance(graph, CudaGraph) and gpu.counts.replayed == 2 and gpu.counts.launches == 0 and not gpu.here.capturing
 
 
 def test_a_refused_capture_leaves_the_stream(capsys):
     log: list[str] = []
     gpu = cuda_device(Stream(log, "cudaErrorStreamCaptureInvalidated: operation failed"))
     runs = []
-    sequence = Sequence(gpu, lambda: runs.append(gpu.capturing) or True)
+    sequence = Sequence(gpu, lambda: runs.append(gpu.here.capturing) or True)
     for _ in range(3):
         sequence()
     assert log == ["enter", "begin 1", "end", "leave"]
-    assert runs == [False, True, False, False] and not gpu.capturing
+    assert runs == [False, True, False, False] and not gpu.here.capturing
     assert capsys.readouterr().err.count("cudaErrorStreamCaptureInvalidated") == 1
 
 

@@ -9,6 +9,7 @@ import pytest
 import strict
 
 import octo
+from octo import arrays
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
@@ -90,11 +91,12 @@ def test_how_often_the_host_waits(setting):
     problem, nodes = batch_of("mammal", "nodes", seeds=(0,))
     device = EmulatedDevice(xp=strict, recorder=count)
     other, backend = DeviceProblem(problem, device), DeviceBackend(device)
-    strict.copies = 0
+    strict.copies, before = 0, arrays.copies
     found = sqp.run(other, other.unknowns(nodes), None, replace(SETTINGS[setting][0], max_iterations=30), None, backend)
     assert len(found.history[0]["energy"]) == 30
     assert launched["octo_kkt_blocks"] == found.factorizations[0]
     assert strict.copies == launched["octo_kkt_blocks"] + launched["octo_summary"] + 7
+    assert strict.copies == arrays.copies - before
     assert device.counts.launches + device.counts.replayed == sum(launched.values())
 
 
