@@ -73,7 +73,7 @@ class Device(Protocol):
         ...
 
     def copy(self, source: Array, target: Array) -> None:
-        """One array of the device into another."""
+        """One contiguous array of the device into another of its shape and type. The host does not wait."""
         ...
 
     def synchronize(self) -> None:

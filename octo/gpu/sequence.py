@@ -93,6 +93,14 @@ class Sequenced:
         if self.here.capturing:
             raise DeviceError(f"{what} while a sequence is captured: it would not be in the graph")
 
+    def check_copy(self, source: Any, target: Any) -> None:
+        """Refuse to copy what is not the same piece of memory for both."""
+        self.illegal("a copy")
+        same = source.shape == target.shape and source.dtype == target.dtype
+        if not (same and source.flags.c_contiguous and target.flags.c_contiguous):
+            what = f"{source.dtype} {source.shape}", f"{target.dtype} {target.shape}"
+            raise TypeError(f"{what[0]} cannot be copied to {what[1]} as it lies in memory")
+
     def without_graphs(self, why: NoGraph) -> None:
         """Launch one by one from now on, and say so."""
         self.graphs = False

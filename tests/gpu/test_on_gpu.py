@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_sequence import same_bits
 from test_solve import SETTINGS, batch_of, both, same_path
 
 import octo
@@ -70,6 +71,18 @@ def test_the_same_result_twice():
     problem, nodes = batch_of("mammal", "nodes")
     first, second = (both(problem, nodes, replace(SETTINGS["default"][0], max_iterations=10), cuda.device())[1] for _ in range(2))
     np.testing.assert_array_equal(first.at.unknowns, second.at.unknowns)
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_graphs_give_the_bits_of_the_launches(monkeypatch, setting):
+    gpu, problem = cuda.device(), batch_of("mammal", "nodes")
+    options, found = replace(SETTINGS[setting][0], max_iterations=12), []
+    for graphs in (True, False):
+        monkeypatch.setattr(gpu, "graphs", graphs)
+        before = replace(gpu.counts)
+        found.append(both(*problem, options, gpu)[1])
+        assert (gpu.counts.replayed > before.replayed) == graphs
+    same_bits(*found)
 
 
 def test_a_walk():

@@ -13,6 +13,7 @@ from octo import arrays
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
+from octo.gpu.work import DeviceFactors
 from octo.problem.compiled import CompiledProblem
 from octo.solve import first_nodes
 from octo.solver import sqp
@@ -98,6 +99,22 @@ def test_how_often_the_host_waits(setting):
     assert strict.copies == launched["octo_kkt_blocks"] + launched["octo_summary"] + 7
     assert strict.copies == arrays.copies - before
     assert device.counts.launches + device.counts.replayed == sum(launched.values())
+
+
+def test_solutions_that_one_refinement_does_not_mend(monkeypatch):
+    """The host is told, and asks for two more, as on the CPU; each costs a copy more."""
+    monkeypatch.setattr("octo.gpu.work.TOLERANCE", 1e-30)
+    attempts = []
+    monkeypatch.setattr(DeviceFactors, "attempt", lambda *a, _=DeviceFactors.attempt: (attempts.append(1), _(*a))[1])
+    options = replace(SETTINGS["default"][0], max_iterations=10)
+    strict.copies = 0
+    expected, found = both(*batch_of("mammal", "nodes", seeds=(0,)), options)
+    many, strict.copies = strict.copies, 0
+    same_path(expected, found, 1e-6)
+    monkeypatch.undo()
+    _, other = both(*batch_of("mammal", "nodes", seeds=(0,)), options)
+    same_path(other, found, 1e-6)
+    assert many == strict.copies + 2 * len(attempts)
 
 
 def test_trials_of_some_members(swing_up_batch, monkeypatch):
