@@ -8,62 +8,24 @@ its blocks leave at once, so that neither the addresses nor the grids change unt
 
 from __future__ import annotations
 
-from dataclasses import fields
-from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.gpu.device import Array, Device
+from octo.gpu.device import Array
 from octo.gpu.factor import DeviceFactor, Solving
 from octo.gpu.linear import Linear
 from octo.gpu.normal import NormalSequences
 from octo.gpu.problem import DeviceProblem
 from octo.gpu.sequence import Sequence
+from octo.gpu.slab import FIELDS, Slab
 from octo.problem.compiled import Evaluation, Model
 from octo.solver.factors import Attempt
 
 TOLERANCE = 1e-10  # of a solution's relative residual
 BESIDE = 8  # numbers of each member that may come to the host with a trial
 REFINEMENTS = 3  # the first with every step, more where the host is told that it was not enough
-
-
-class Slab:
-    """Arrays one after another in one, so that some or all of them are copied at once."""
-
-    def __init__(self, device: Device, shapes: dict[str, tuple[int, ...]], flat: Array | None = None):
-        self.device, self.shapes = device, shapes
-        self.starts = dict(zip(shapes, np.cumsum([0, *map(prod, shapes.values())]).tolist(), strict=False))
-        self.size = sum(map(prod, shapes.values()))
-        self.flat = device.empty((self.size,)) if flat is None else flat
-
-    def __getitem__(self, name: str) -> Array:
-        return self.flat[self._of(name)].reshape(self.shapes[name])
-
-    def _of(self, name: str) -> slice:
-        return slice(self.starts[name], self.starts[name] + prod(self.shapes[name]))
-
-    def copied(self, first: str) -> Slab:
-        """A copy, from one array to the end."""
-        names = list(self.shapes)
-        kept = {name: self.shapes[name] for name in names[names.index(first) :]}
-        return Slab(self.device, kept, self.flat[self.starts[first] :].copy())
-
-    def host(self, first: str, last: str) -> dict[str, NDArray[np.float64]]:
-        """Some arrays on the host, in one copy that waits for the device."""
-        begin, end = self.starts[first], self._of(last).stop
-        values = self.device.host(self.flat[begin:end])
-        names = list(self.shapes)
-        some = names[names.index(first) : names.index(last) + 1]
-        places = {name: slice(self.starts[name] - begin, self._of(name).stop - begin) for name in some}
-        return {name: values[place].reshape(self.shapes[name]) for name, place in places.items()}
-
-    def evaluation(self) -> Evaluation:
-        """The arrays of an iterate."""
-        made = Evaluation(*(self[field.name] for field in fields(Evaluation)))
-        made.__dict__["slab"] = self
-        return made
 
 
 class Work:
@@ -75,8 +37,8 @@ class Work:
         iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
         step: dict[str, tuple[int, ...]] = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
         numbers = {"units": (batch, K, 3), "residual": (batch, 1), "beside": (BESIDE, batch)}
-        self.at = Slab(device, iterate).evaluation()
-        self.trial = Slab(device, {**step, **numbers, **iterate})
+        self.at = Slab.fresh(device, iterate).evaluation()
+        self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
         self.tried = self.trial.evaluation()
         self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
@@ -92,18 +54,19 @@ class Work:
         if self._placed[0] is not at:
             own: Slab = self.at.__dict__["slab"]
             slab: Slab | None = at.__dict__.get("slab")
-            if slab is not None and slab.shapes == own.shapes:
+            if slab is not None and slab.layout.shapes == own.layout.shapes:
                 self.device.copy(slab.flat, own.flat)
             else:
-                for field in fields(Evaluation):
-                    self.device.copy(getattr(at, field.name), getattr(self.at, field.name))
+                for name in FIELDS:
+                    self.device.copy(getattr(at, name), getattr(self.at, name))
         if self._placed[1] is not lam:
             self.device.copy(lam, self.lam)
         self._placed = (at, lam)
 
     def write(self, name: str, values: NDArray[Any]) -> None:
         """``values`` into the fixed array of that name, where they are others than before."""
-        if name not in self._written or not np.array_equal(self._written[name], values):
+        before = self._written.get(name)
+        if before is None or not (before == values).all():
             self._written[name] = values.copy()
             self.device.write(self._written[name], getattr(self, name))
 
@@ -126,14 +89,14 @@ class Work:
         """A trial, in arrays of its own; its numbers are on the host."""
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
-        return self.evaluated(self.trial.copied("summary"), self.trial.host("summary", "sizes"))
+        return self.evaluated(self.trial.copied("summary"), self.trial.host(self.device, "summary", "sizes"))
 
     def evaluate_with(self, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
         self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
-        found = self.trial.host("beside", "sizes")
+        found = self.trial.host(self.device, "beside", "sizes")
         return self.evaluated(self.trial.copied("summary"), found), list(found["beside"][: len(numbers)])
 
     @staticmethod
@@ -193,14 +156,13 @@ class Modelled:
         """The step of the right-hand side (−b, rhs_c) and the trial of its first length."""
         work = self._work
         self._solving = self._attempt()
-        numbers = work.trial.host("units", "sizes")
+        numbers = work.trial.host(work.device, "units", "sizes")
         for _ in range(REFINEMENTS - 1):
             if not (numbers["residual"] > TOLERANCE).any():  # NaN: there is no factor
                 break
             self._again()
-            numbers = work.trial.host("units", "sizes")
-        slab = work.trial.copied("delta")
-        units = numbers["units"]
+            numbers = work.trial.host(work.device, "units", "sizes")
+        slab, units = work.trial.copied("delta"), numbers["units"]
         found = units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
         return Attempt(slab["delta"], slab["lam"], lambda: found, work.evaluated(slab, numbers))
 
