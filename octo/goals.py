@@ -52,7 +52,7 @@ class Goal:
         ProblemError: no actuator, or no floating base to move.
         """
         if robot.nu == 0:
-            raise ProblemError(f"robot {robot.name!r} has no actuator: octo solve needs at least one actuated joint")
+            raise ProblemError(f"robot {robot.name!r} has no actuator: at least one joint must be actuated")
         if robot.base != "floating":
             raise ProblemError(f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
 

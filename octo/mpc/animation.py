@@ -48,6 +48,8 @@ def animate(
     ------
     ProblemError: the basis is not nodes, or a term or the start has values of its own for each step.
     """
+    if not isinstance(problem, Problem):
+        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
     if problem.basis_object.name != "nodes" or problem.x_end is not None:
         raise ProblemError("animate needs the basis 'nodes' and a free end")
     N, dt = int(problem.steps), float(problem.dt)

@@ -16,8 +16,8 @@ from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeEr
 from octo.model.convention import Convention
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
-from octo.mpc.low_level import LowLevel, default_damping, default_stiffness
-from octo.mpc.measurement import check, check_device, measured, plausible, time_of
+from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
+from octo.mpc.measurement import check_device, checked, measured, plausible, time_of
 from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
@@ -74,6 +74,10 @@ class Controller:
         guide: Guide | None = None,
     ):
         check_device(device)
+        if not isinstance(problem, Problem):
+            raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+        if guide is not None and not callable(guide):
+            raise ProblemError(f"guide is {guide!r}, must be a function guide(controller, t, x)")
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
         if problem.basis_object.name != "nodes" or problem.x_end is not None:
@@ -98,8 +102,8 @@ class Controller:
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
         kp = default_stiffness(problem) if stiffness is None else stiffness
-        kd = default_damping(problem, kp) if damping is None else damping
-        kp, kd = (np.broadcast_to(np.asarray(k, dtype=float), (self.robot.nu,)) for k in (kp, kd))
+        kp = gains("stiffness", kp, self.robot.nu)
+        kd = gains("damping", default_damping(problem, kp) if damping is None else damping, self.robot.nu)
         self._grid = Grid(problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
@@ -177,13 +181,11 @@ class Controller:
         ------
         ShapeError, ValueRangeError: q or v have another shape, are not finite or out of all bounds.
         """
-        nodes = self.horizon.nodes
+        nodes, t = self.horizon.nodes, number("t", t)
         if q is None:
             x, before = self.problem.start, self.problem.start - self.dt * self.problem.start_velocity
         else:
-            speed = np.zeros(self.convention.nv) if v is None else np.asarray(v, dtype=float)
-            place = np.asarray(q, dtype=float)
-            check(place, speed, self.convention)
+            place, speed = checked(q, np.zeros(self.convention.nv) if v is None else v, self.convention)
             x, before = self.convention.to_octo(place, speed, self.dt, self.problem.start)
         nodes[:] = x
         nodes[0] = before
@@ -217,9 +219,11 @@ class Controller:
 
         Raises
         ------
-        ShapeError: of another robot, or shorter than the horizon. ValueRangeError: another dt.
+        ProblemError: no solution. ShapeError: of another robot, or shorter than the horizon. ValueRangeError: another dt.
         """
-        N, n = self.problem.steps, self.robot.nx
+        N, n, t = self.problem.steps, self.robot.nx, number("t", t)
+        if not isinstance(solution, Solution):
+            raise ProblemError(f"solution is {type(solution).__name__!r}, must be a Solution")
         if solution.x.shape[1] != n or solution.steps < N:
             raise ShapeError("solution.x", solution.x.shape, f"(at least {N + 2}, {n})")
         if abs(solution.dt - self.dt) > 1e-12:

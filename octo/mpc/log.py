@@ -44,7 +44,7 @@ class Log:
     contacts that touch the ground, N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
     command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations);
     these six are NaN where no command came, or no measurement that one could come from.
-    falls: s; impulses: N s.
+    falls: s; impulses: N s. interrupted: by Ctrl-C, before its end.
     """
 
     robot: Character
@@ -55,6 +55,7 @@ class Log:
     statuses: list[str] = field(default_factory=list)
     falls: list[float] = field(default_factory=list)
     impulses: list[float] = field(default_factory=list)
+    interrupted: bool = False
     memory_start: int = 0
     memory_end: int = 0
     torque: Array = field(default_factory=lambda: np.zeros(0))
@@ -99,6 +100,7 @@ class Log:
     def finish(self) -> None:
         """Keep what was recorded."""
         self.columns = {name: values[: self.count] for name, values in self.columns.items()}
+        self.statuses = self.statuses[: self.count]
 
     def __getattr__(self, name: str) -> Array:
         columns = self.__dict__.get("columns", {})
@@ -193,6 +195,7 @@ class Log:
             "velocity": [float(v) for v in mean],
             "command": [float(v) for v in wanted],
             "falls": len(self.falls),
+            "interrupted": self.interrupted,
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
             "torque_excess": float(self._of_calls("excess").max()),
@@ -209,12 +212,13 @@ class Log:
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
+        falls = f"{r['falls']} fall{'' if r['falls'] == 1 else 's'}"
         walked = (
             f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of {wanted[1]:.2f} m/s, turning {went[2]:.2f} of "
             f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
         )
         return (
-            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {r['falls']} falls; {statuses}\n"
+            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {falls}; {statuses}\n"
             f"{walked if self.robot.base == 'floating' else ''}"
             f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); {r['missed_deadlines']} missed "
             f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -55,6 +56,11 @@ class Push:
     seconds: float = 0.2
     degrees: float = 0.0
     start: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ("force", "degrees", "start"):
+            number(f"push.{name}", getattr(self, name))
+        positive("push.seconds", self.seconds, "s")
 
     def at(self, t: float, rotation: Array) -> Array:
         """(3,) N, world axes, level."""
@@ -132,18 +138,35 @@ def run(
         long after the start and after a fall the controller's first plan is followed, and no call is made.
     each: called as ``each(t, controller)`` before every call of the controller, to change its references.
 
+    Returns
+    -------
+    The log; at Ctrl-C what there is of it, from two ticks on, with ``interrupted`` set.
+
     Raises
     ------
-    ValueRangeError: naming the argument. ProblemError: a push on a base that does not float.
+    ValueRangeError: naming the argument. ProblemError: not a controller, a plant or a push; a push on a base that does not float.
     Once the loop runs only what a guide or ``each`` raises comes through.
     """
+    _check_kinds(controller, plant, push, each)
     tick, count, ticks = timing(seconds, rate, plant.timestep, push, delay)
+    whole("seed", seed, 0)
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     if push is not None and plant.character.base != "floating":
         raise ProblemError(f"push needs a floating base: the base of {plant.character.name!r} is fixed")
     loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), delay, push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
+
+
+def _check_kinds(controller: object, plant: object, push: object, each: object) -> None:
+    for name, value, good, wanted in (
+        ("controller", controller, isinstance(controller, Controller), "a Controller"),
+        ("plant", plant, hasattr(plant, "contacts"), "a MujocoPlant, a SimulatorPlant or their like"),
+        ("push", push, push is None or isinstance(push, Push), "a Push"),
+        ("each", each, each is None or callable(each), "a function each(t, controller)"),
+    ):
+        if not good:
+            raise ProblemError(f"{name} is {type(value).__name__!r}, must be {wanted}")
 
 
 def timing(
@@ -192,18 +215,31 @@ class _Loop:
 
     def synchronous(self) -> Log:
         self._begin()
-        log = self.log
-        for k in range(self.ticks):
-            t = k * self.tick
-            self._measure(t)
-            measured = self._arrived()
-            command = None if measured is None else self._call(measured, t)
-            self._run_tick(t)
-            log.record(t, self.plant, command, measured is not None)
-            if self._look(t):
-                self.queue.clear()
-                self.controller.reset(*self._seen(self.plant.q, self.plant.v), t + 0.5 * self.tick)
+        with self._until_interrupted():
+            for k in range(self.ticks):
+                self._wait_for_all(k * self.tick)
         return self._end()
+
+    def _wait_for_all(self, t: float) -> None:
+        """A tick in which the plant waits for the controller."""
+        self._measure(t)
+        measured = self._arrived()
+        command = None if measured is None else self._call(measured, t)
+        self._run_tick(t)
+        self.log.record(t, self.plant, command, measured is not None)
+        if self._look(t):
+            self.queue.clear()
+            self.controller.reset(*self._seen(self.plant.q, self.plant.v), t + 0.5 * self.tick)
+
+    @contextmanager
+    def _until_interrupted(self) -> Iterator[None]:
+        """Ctrl-C ends the loop; what was logged is kept if it is a motion."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            if self.log.count < 2:
+                raise
+            self.log.interrupted = True
 
     def _begin(self) -> None:
         self.controller.reset(*self._seen(self.plant.q, self.plant.v), 0.0)
@@ -273,10 +309,11 @@ class _Loop:
         thread.start()
         began = time.perf_counter()
         try:
-            for k in range(self.ticks):
-                self._pace(k * self.tick, began)
-                if self.error is not None:
-                    break
+            with self._until_interrupted():
+                for k in range(self.ticks):
+                    self._pace(k * self.tick, began)
+                    if self.error is not None:
+                        break
         finally:
             self.stop.set()
             self.fresh.set()

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.checks import numbers
 from octo.dynamics.balance import GRAVITY
+from octo.errors import ShapeError, ValueRangeError
 from octo.model.mass_matrix import mass_matrix
 from octo.mpc.plan import Grid, Plan
 from octo.problem.problem import Problem
@@ -20,6 +22,16 @@ STIFFNESS = 1.1  # of mg·ℓ a rad, kp
 SWING = 0.23  # of √(ℓ/g), kd over kp
 PERIOD = 0.002  # s, in which the low level is expected to be called
 LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable
+
+
+def gains(field: str, value: Any, nu: int) -> Array:
+    """(nu,) of one number or as many; ValueRangeError, ShapeError where they are something else or negative."""
+    array = numbers(field, value)
+    if array.shape not in ((), (nu,)):
+        raise ShapeError(field, array.shape, f"a number or ({nu},)")
+    if (array < 0.0).any():
+        raise ValueRangeError(f"{field} is {float(array.min())}, must not be negative")
+    return np.broadcast_to(array, (nu,))
 
 
 def default_stiffness(problem: Problem) -> float:

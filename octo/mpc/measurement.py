@@ -42,15 +42,21 @@ def plausible(q: Array, v: Array, convention: Convention) -> bool:
     return not convention.floating or bool(SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST)
 
 
-def check(q: Array, v: Array, convention: Convention) -> None:
-    """Raises ShapeError, or ValueRangeError where they are not plausible."""
+def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
+    """q and v as arrays. Raises ShapeError, or ValueRangeError where they are not plausible."""
+    arrays = []
     for name, value, size in (("q", q, convention.nq), ("v", v, convention.nv)):
-        if value.shape != (size,):
-            raise ShapeError(name, value.shape, (size,))
-    if not plausible(q, v, convention):
+        try:
+            arrays.append(np.asarray(value, dtype=float))
+        except (TypeError, ValueError, OverflowError):
+            raise ValueRangeError(f"{name} is {value!r}, must be numbers") from None
+        if arrays[-1].shape != (size,):
+            raise ShapeError(name, arrays[-1].shape, (size,))
+    if not plausible(arrays[0], arrays[1], convention):
         raise ValueRangeError(
             f"q and v must be finite, at most {FARTHEST:g} and {FASTEST:g}, a quaternion from {SHORTEST:g} to {LONGEST:g} long"
         )
+    return arrays[0], arrays[1]
 
 
 def check_device(device: str) -> None:

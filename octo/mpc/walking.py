@@ -54,11 +54,16 @@ def walking_problem(
     ------
     ProblemError: the base does not float, or no sphere can touch the ground; what :class:`octo.Problem` refuses.
     """
+    if not isinstance(robot, Character):
+        raise ProblemError(f"robot is {robot!r}, must be a Character: what octo.load gives")
+    for name in {"costs", "law", "x0"} & described.keys():
+        raise ProblemError(f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)")
+    positive("friction", friction)
     if robot.base != "floating":
         raise ProblemError(f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
     if not robot.terrain_contacts:
         raise ProblemError(f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the ground")
-    held = stance(robot) if pose is None else np.asarray(pose, dtype=float)
+    held = stance(robot) if pose is None else numbers("pose", pose, (robot.nx,))
     draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
@@ -86,9 +91,10 @@ class VelocityCommand:
     def __init__(
         self, velocity: Sequence[float] = (0.3, 0.0), yaw_rate: float = 0.0, acceleration: tuple[float, float] = ACCELERATION
     ):
-        self.velocity = numbers("velocity", tuple(velocity)[:2], (2,))
+        self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
-        self.acceleration = (positive("acceleration", acceleration[0]), positive("acceleration", acceleration[1]))
+        linear, turning = numbers("acceleration", acceleration, (2,)).tolist()
+        self.acceleration = (positive("acceleration", linear, "m/s²"), positive("acceleration", turning, "rad/s²"))
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
-from octo.errors import ShapeError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Array, Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
@@ -52,6 +52,8 @@ class MujocoPlant:
         mujoco = import_mujoco("a plant in MuJoCo")
         self.character = character
         self.terrain = terrain or Plane()
+        if not isinstance(self.terrain, Plane):
+            raise ProblemError(f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other ground here")
         if number("friction", friction) < 0.0:
             raise ValueRangeError(f"friction is {friction}, must not be negative")
         if number("bumps", bumps) < 0.0:
@@ -59,7 +61,7 @@ class MujocoPlant:
         self.timestep = positive("timestep", timestep, "s")
         text = mjcf_text(
             loaded(character, payload), terrain=self.terrain, friction=friction, timestep=timestep,
-            gravity=numbers("gravity", tuple(gravity), (3,)), bumps=strewn(bumps, seed) if bumps > 0.0 else (),
+            gravity=numbers("gravity", gravity, (3,)), bumps=strewn(bumps, seed) if bumps > 0.0 else (),
         )  # fmt: skip
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
@@ -151,7 +153,7 @@ class MujocoPlant:
 
     def step(self, u: Array, seconds: float | None = None) -> None:
         """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by default one)."""
-        self.data.ctrl[:] = np.asarray(u, dtype=float) / self._gear
+        self.data.ctrl[:] = numbers("u", u, (self.character.nu,)) / self._gear
         self.data.xfrc_applied[self._base, :3] = self.push
         count = 1 if seconds is None else max(1, round(seconds / self.timestep))
         self._mujoco.mj_step(self.model, self.data, count)
@@ -217,6 +219,8 @@ class MujocoPlant:
 
 def loaded(character: Character, payload: float) -> Character:
     """The character with ``payload`` times the base body's mass added to it, its inertia in proportion."""
+    if not isinstance(character, Character):
+        raise ProblemError(f"character is {character!r}, must be a Character: what octo.load gives")
     share = 1.0 + number("payload", payload)
     if share <= 0.0:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")

@@ -13,7 +13,6 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
-from octo.errors import ShapeError
 from octo.model.character import Array, Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.kinematics import body_poses
@@ -43,8 +42,8 @@ class SimulatorPlant:
         timestep: float = 0.005,
         payload: float = 0.0,
     ):
-        self.character, self.timestep = character, positive("timestep", timestep, "s")
         self.dynamics = RobotDynamics(loaded(character, payload), law, terrain)
+        self.character, self.timestep = character, positive("timestep", timestep, "s")
         self._p = self.dynamics.layout.pack(**{**(parameters or {}), "dt": self.timestep})
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
@@ -98,9 +97,7 @@ class SimulatorPlant:
 
     def step(self, u: Array, seconds: float | None = None) -> None:
         """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by default one)."""
-        u = np.asarray(u, dtype=float)
-        if u.shape != (self.character.nu,):
-            raise ShapeError("u", u.shape, (self.character.nu,))
+        u = numbers("u", u, (self.character.nu,))
         load = np.zeros(self.character.nx)
         load[self.character.actuated] = np.clip(u, -self._limit, self._limit)
         if self.character.base == "floating":

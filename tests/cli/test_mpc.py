@@ -103,3 +103,20 @@ def test_without_a_compiler_it_says_once_that_it_is_slow(tmp_path):
     assert done.returncode == 0 and "10 solved" in done.stdout
     assert done.stderr.count("\n") == 1 and "OCTO_NO_COMPILER is set" in done.stderr
     assert len(list((tmp_path / "slow").iterdir())) == 4
+
+
+def test_ctrl_c_in_mid_run_writes_what_there_was(tmp_path):
+    """A real signal, once the loop runs; the next second, not the hundred asked for, is written."""
+    code = (
+        "import os, signal, sys, threading\nfrom octo.cli.main import main\nfrom octo.mpc.loop import _Loop\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\nbegin = _Loop._begin\n"
+        "def begun(self):\n    begin(self)\n    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+        "_Loop._begin = begun\nsys.exit(main(sys.argv[1:]))"
+    )
+    words = ["mpc", "mammal", "--realtime", "--horizon", "12", "--seconds", "100", "--out", str(tmp_path / "cut")]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 130 and done.stderr.count("\n") == 1
+    assert "octo: interrupted at t = " in done.stderr and "of 100: what there was is written" in done.stderr
+    report = json.loads((tmp_path / "cut" / "report.json").read_text())
+    assert report["interrupted"] and 0.02 <= report["seconds"] < 20.0
+    assert len(list((tmp_path / "cut").iterdir())) == 4

@@ -258,3 +258,22 @@ def test_a_controller_in_pinocchio_s_form_is_given_it(problem, robot, realtime):
     np.testing.assert_allclose(logs[1].x[:5], logs[0].x[:5], atol=0.1 if realtime else 1e-6)
     assert logs[1].statuses.count("solved") >= (10 if realtime else 40)
     assert logs[1].falls == [] and logs[1].x[-1, 2] > 0.8 * start[2]
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_ctrl_c_keeps_the_log_so_far(controller, plant, realtime):
+    contacts, calls = plant.contacts, []
+
+    def interrupted():
+        calls.append(0)
+        if len(calls) > 30:
+            raise KeyboardInterrupt
+        return contacts()
+
+    plant.contacts = interrupted
+    log = run(controller, plant, 5.0, realtime=realtime)
+    assert log.interrupted and log.report()["interrupted"] and len(log.t) == len(log.statuses) == 30
+    assert log.solution().steps == 14
+    calls[:] = [0] * 29
+    with pytest.raises(KeyboardInterrupt):  # one tick is no motion
+        run(controller, plant, 5.0, realtime=realtime)
