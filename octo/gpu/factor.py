@@ -19,7 +19,8 @@ class Solving:
     """One right-hand side and what is known of its solution: fixed arrays, so that a refinement can be launched again.
 
     v, lam: the solution. left_v, left_c: what is left of the right-hand side (rhs_v, rhs_c; None: zero).
-    size, top, residual (batch, columns): largest entries of the one and of the other, and their ratio.
+    size, top (batch, columns): largest entries of the one and of the other. first, residual: their ratio without refinement
+    and after the last one, of the members that had one.
     coarse (batch,): 1 where the ratio is above the tolerance: the members that a refinement works on.
     """
 
@@ -31,6 +32,7 @@ class Solving:
     left_c: Array
     size: Array
     top: Array
+    first: Array
     residual: Array
     coarse: Array
     tolerance: float
@@ -38,6 +40,20 @@ class Solving:
     @property
     def columns(self) -> int:
         return columns_of(self.v)
+
+    @classmethod
+    def of(
+        cls, linear: Linear, rhs_v: Array, rhs_c: Array | None, tolerance: float, out: tuple[Array, ...] | None = None
+    ) -> Solving:
+        """For a right-hand side (batch, K, nc[, count]), (batch, K, ma[, count]); ``out``: v, lam, first and residual."""
+        device, columns, (batch, K) = linear.device, columns_of(rhs_v), rhs_v.shape[:2]
+        if out is None:
+            lam = device.empty((batch, K, linear.ma, *rhs_v.shape[3:]))
+            out = device.empty(rhs_v.shape), lam, device.empty((batch, columns)), device.empty((batch, columns))
+        v, lam, first, residual = out
+        lefts = device.empty(v.shape), device.empty(lam.shape)
+        size, top, coarse = device.empty((batch, columns)), device.empty((batch, columns)), device.empty((batch,), np.int32)
+        return cls(rhs_v, rhs_c if linear.ma else None, v, lam, *lefts, size, top, first, residual, coarse, tolerance)
 
 
 class DeviceFactor:
@@ -102,45 +118,31 @@ class DeviceFactor:
         if rhs_c is not None and rhs_c.shape != (batch, K, ma, *rhs_v.shape[3:]):
             raise ShapeError("rhs_c", rhs_c.shape, (batch, K, ma, *rhs_v.shape[3:]))
         xp = self._linear.device.xp
-        solving = self.begin(xp.ascontiguousarray(rhs_v), None if rhs_c is None else xp.ascontiguousarray(rhs_c), tolerance)
+        rhs_c = None if rhs_c is None else xp.ascontiguousarray(rhs_c)
+        solving = Solving.of(self._linear, xp.ascontiguousarray(rhs_v), rhs_c, tolerance)
+        self.begin(solving)
         for _ in range(refine):
             self.refine(solving)
-        self.residual = solving.residual
+        self.residual = xp.where(solving.first > tolerance, solving.residual, solving.first) if refine else solving.first
         return solving.v, solving.lam
 
-    def begin(
-        self, rhs_v: Array, rhs_c: Array | None, tolerance: float = 1e-10, usable: Array | None = None,
-        out: tuple[Array, Array, Array] | None = None,
-    ) -> Solving:  # fmt: skip
-        """The solution without refinement, and its residual; NaN for members that are not ``usable`` (finite, unless given).
-
-        ``out`` is where the solution and its residual go.
-        """
-        linear, (batch, K, _, ma) = self._linear, self.shape
-        device, columns = linear.device, columns_of(rhs_v)
-        rhs_c = None if ma == 0 else rhs_c
-        if out is None:
-            lam = device.empty((batch, K, ma, *rhs_v.shape[3:]))
-            out = device.empty(rhs_v.shape), lam, device.empty((batch, columns))
-        v, lam, residual = out
-        lefts = device.empty(v.shape), device.empty(lam.shape)
-        size, top, coarse = linear.largest(rhs_v, rhs_c), device.empty((batch, columns)), device.empty((batch,), np.int32)
-        solving = Solving(rhs_v, rhs_c, v, lam, *lefts, size, top, residual, coarse, tolerance)
-        self._once(solving, (rhs_v, rhs_c), None, usable)
-        self._check(solving, None)
-        return solving
+    def begin(self, solving: Solving, usable: Array | None = None) -> None:
+        """The solution without refinement, and its residual; NaN for members that are not ``usable`` (finite, unless given)."""
+        self._linear.largest(solving.rhs_v, solving.rhs_c, None, solving.size)
+        self._once(solving, (solving.rhs_v, solving.rhs_c), None, usable)
+        self._check(solving, solving.first, None)
 
     def refine(self, solving: Solving, usable: Array | None = None) -> None:
         """One refinement of the members that are coarse, and their residual."""
         self._once(solving, (solving.left_v, solving.left_c), solving.coarse, usable)
-        self._check(solving, solving.coarse)
+        self._check(solving, solving.residual, solving.coarse)
 
-    def _check(self, s: Solving, active: Array | None) -> None:
+    def _check(self, s: Solving, residual: Array, active: Array | None) -> None:
         linear, (batch, K, _, ma) = self._linear, self.shape
         both = (s.left_v, s.left_c)
         linear.each("octo_kkt_residual", (K, batch), s.columns, active, *self._held, s.rhs_v, s.rhs_c, s.v, s.lam, *both)
         linear.largest(s.left_v, s.left_c if ma else None, active, s.top)
-        linear.flat("octo_kkt_check", batch, s.columns, s.tolerance, active, s.top, s.size, s.residual, s.coarse)
+        linear.flat("octo_kkt_check", batch, s.columns, s.tolerance, active, s.top, s.size, residual, s.coarse)
 
     def _once(self, s: Solving, rhs: tuple[Array, Array | None], active: Array | None, usable: Array | None) -> None:
         """Solve for ``rhs``: the solution, or what is added to that of the active members."""

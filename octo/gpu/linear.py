@@ -69,11 +69,9 @@ class Linear:
         grid = (at.shape[1], at.shape[0])
         self.each("octo_advance", grid, bounds, numbers, at, delta, unknowns, threads=PARTS, shared=8 * PARTS)
 
-    def negative(self, v: Array) -> Array:
-        """−v."""
-        out = self.device.empty(v.shape)
+    def negative(self, v: Array, out: Array) -> None:
+        """out = −v."""
         self.flat("octo_negative", v.size, v, out)
-        return out
 
     def unit_sizes(self, C: Array, sizes: Array) -> None:
         """sizes (batch, K) = ‖C‖₁ of each unit."""

@@ -1,9 +1,11 @@
 """What the solve of one batch keeps at its place on the device, and the sequences of launches between two copies to the host.
 
 An iteration is: a model; for each weight a factorisation, after which one flag of each member comes to the host; for each step
-its solution, one refinement where it is coarse, and the trial of its first length, after which the numbers that decide about
-all of it come in one copy; more trials. The batch stays whole: members that a launch is not for are marked in ``active`` and
-its blocks leave at once, so that neither the addresses nor the grids change until a member leaves the solve.
+its solution and the trial of its first length, after which the numbers that decide about all of it come in one copy; more
+trials. A solution whose residual is coarse is refined and tried again. Where the last step's was, a refinement of the members
+that the device finds coarse goes with the next step at once: the numbers are the same, the copies fewer. The batch stays
+whole: members that a launch is not for are marked in ``active`` and its blocks leave at once, so that neither the addresses
+nor the grids change until a member leaves the solve.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from octo.solver.factors import Attempt
 
 TOLERANCE = 1e-10  # of a solution's relative residual
 BESIDE = 8  # numbers of each member that may come to the host with a trial
-REFINEMENTS = 3  # the first with every step, more where the host is told that it was not enough
+REFINEMENTS = 3  # at most, while a residual is coarse
 
 
 class Work:
@@ -36,14 +38,14 @@ class Work:
         self.problem, self.linear, self.device = problem, linear, device
         iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
         step: dict[str, tuple[int, ...]] = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
-        numbers = {"units": (batch, K, 3), "residual": (batch, 1), "beside": (BESIDE, batch)}
+        numbers = {"units": (batch, K, 3), "first": (batch, 1), "residual": (batch, 1), "beside": (BESIDE, batch)}
         self.at = Slab.fresh(device, iterate).evaluation()
         self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
         self.tried = self.trial.evaluation()
         self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
         self.active = device.empty((batch,), np.int32)
-        self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "residual", "beside", "sizes")}
+        self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")}
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
         self.models = {exact: Modelled(self, exact) for exact in (True, False)}
@@ -126,7 +128,10 @@ class Modelled:
         self._linearize = Sequence(device, lambda: work.problem.linearize(work.at, work.lam if exact else None))
         self._factor = Sequence(device, self._launch_factor)
         self._attempt = Sequence(device, self._launch_attempt)
+        self._refined = Sequence(device, self._launch_refined)
         self._again = Sequence(device, self._launch_again)
+        self._step: Solving | None = None  # (−b, rhs_c) and what is known of its solution
+        self._coarse = False  # whether the last step's solution was, before it was refined
         self._solve = Sequence(device, self._launch_solve)
         self._rhs: tuple[Array, Array] | None = None
         self._normal: NormalSequences | None = None
@@ -154,14 +159,22 @@ class Modelled:
 
     def attempt(self) -> Attempt:
         """The step of the right-hand side (−b, rhs_c) and the trial of its first length."""
-        work = self._work
-        self._solving = self._attempt()
+        work, refinements = self._work, int(self._coarse)
+        if self._step is None:
+            out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
+            self._step = Solving.of(work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out)
+        (self._refined if self._coarse else self._attempt)()
         numbers = work.trial.host(work.device, "units", "sizes")
-        for _ in range(REFINEMENTS - 1):
-            if not (numbers["residual"] > TOLERANCE).any():  # NaN: there is no factor
+        coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
+        self._coarse = bool(coarse.any())
+        while True:
+            if refinements:
+                coarse &= numbers["residual"] > TOLERANCE
+            if refinements == REFINEMENTS or not coarse.any():
                 break
             self._again()
             numbers = work.trial.host(work.device, "units", "sizes")
+            refinements += 1
         slab, units = work.trial.copied("delta"), numbers["units"]
         found = units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
         return Attempt(slab["delta"], slab["lam"], lambda: found, work.evaluated(slab, numbers))
@@ -180,29 +193,38 @@ class Modelled:
         work, model = self._work, self._own
         return DeviceFactor(work.linear, model.H, model.A, work.weight, work.active)
 
-    def _launch_attempt(self) -> Solving:
-        work, factor = self._work, self.factored
-        parts = work.parts
-        out = (parts["delta"], parts["lam"], parts["residual"])
-        solving = factor.begin(work.linear.negative(self._own.b), work.rhs_c, TOLERANCE, factor.good, out)
-        self._launch_step(solving)
-        return solving
+    def _launch_attempt(self) -> bool:
+        return self._launch_begin() and self._launch_step()
+
+    def _launch_refined(self) -> bool:
+        return self._launch_begin() and self._launch_refine() and self._launch_step()
 
     def _launch_again(self) -> bool:
-        self._launch_step(self._solving)
+        return self._launch_refine() and self._launch_step()
+
+    def _launch_begin(self) -> bool:
+        assert self._step is not None
+        self._work.linear.negative(self._own.b, self._step.rhs_v)
+        self.factored.begin(self._step, self.factored.good)
         return True
 
-    def _launch_step(self, solving: Solving) -> None:
-        """A refinement of what is coarse, the numbers of the step, and its trial."""
+    def _launch_refine(self) -> bool:
+        assert self._step is not None
+        self.factored.refine(self._step, self.factored.good)
+        return True
+
+    def _launch_step(self) -> bool:
+        """The numbers of the step, and its trial."""
         work, parts, model = self._work, self._work.parts, self._own
-        self.factored.refine(solving, self.factored.good)
-        work.linear.step_numbers(model.A, model.b, solving.v, work.lam, parts["units"])
-        work.linear.advance(work.bounds, parts["units"], work.at.unknowns, solving.v, work.tried.unknowns)
+        work.linear.step_numbers(model.A, model.b, parts["delta"], work.lam, parts["units"])
+        work.linear.advance(work.bounds, parts["units"], work.at.unknowns, parts["delta"], work.tried.unknowns)
         work.launch_trial()
+        return True
 
     def _launch_solve(self) -> Solving:
         assert self._rhs is not None
-        solving = self.factored.begin(*self._rhs, TOLERANCE, self.factored.good)
+        solving = Solving.of(self._work.linear, *self._rhs, TOLERANCE)
+        self.factored.begin(solving, self.factored.good)
         for _ in range(REFINEMENTS):
             self.factored.refine(solving, self.factored.good)
         return solving
