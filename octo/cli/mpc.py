@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
     parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
     parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")
-    parser.add_argument("--payload", type=number, default=0.0, help="unknown to the plan, of the trunk's mass (default 0)")
+    parser.add_argument("--payload", type=number, default=0.0, help="parts of the trunk's mass, unknown to the plan (default 0)")
     parser.add_argument("--noise", type=number, default=0.0, help="of the sensors, 1 is a robot's (default 0)")
     parser.add_argument("--bumps", type=number, default=0.0, help="m, height of boxes the plan does not know (default 0)")
     parser.add_argument("--push", metavar="N,S,DEG", help="newtons on the base for seconds from t = 5 s on, degrees from ahead")

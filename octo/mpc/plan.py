@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.solver.elimination import address
+
 Array = NDArray[np.float64]
 FADING = 0.5  # of the joints' velocity, from one step beyond the plan's end to the next
 
@@ -38,7 +40,7 @@ class Plan:
         self.steps, self.dt, N = grid.steps, grid.dt, grid.steps
         size = grid.rows * grid.n
         block = np.empty(1 + size + grid.rows * grid.nu)
-        self.address = block.ctypes.data
+        self.address = address(block)
         block[0] = time
         self.x, self.u = block[1 : 1 + size].reshape(grid.rows, grid.n), block[1 + size :].reshape(grid.rows, grid.nu)
         self.x[: N + 2] = nodes
@@ -46,7 +48,8 @@ class Plan:
         self.x[N + 2 :] += nodes[-1]
         self.u[:N] = u
         self.u[N:] = u[-1]
-        block.flags.writeable = self.x.flags.writeable = self.u.flags.writeable = False
+        for array in (block, self.x, self.u):
+            array.setflags(write=False)  # .flags.writeable = …, like .ctypes, leaves a name in Python's cache every time
 
     @property
     def end(self) -> float:
