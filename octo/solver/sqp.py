@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,12 @@ class Iterate:
     iteration: int
     energy: Array  # (batch,)
     violation: Array  # (batch,) N
-    nodes: Array  # (batch, N+2, n)
+    at: Evaluation = field(repr=False)
+
+    @cached_property
+    def nodes(self) -> Array:
+        """(batch, N+2, n); of a device only for those who ask."""
+        return host(self.at.nodes)
 
     @property
     def words(self) -> str:
@@ -60,7 +66,7 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, host(at.nodes))
+        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, at)
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
@@ -252,7 +258,7 @@ class _Run:
     def _result(self) -> Result:
         order = range(self.batch)
         ends = [self.done[k] for k in order]
-        at = Evaluation(*(np.concatenate([getattr(e[1], field.name) for e in ends]) for field in fields(Evaluation)))
+        at = Evaluation(*(np.concatenate([getattr(e[1], part.name) for e in ends]) for part in fields(Evaluation)))
         return Result(
             at=at,
             lam=np.concatenate([e[2] for e in ends]),
