@@ -20,8 +20,6 @@ from octo.solver.blocks import KKTBlocks
 from octo.solver.options import SqpOptions
 from octo.solver.subproblem import Three, Two
 
-TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
-
 
 class _Own(threading.local):
     """Of a thread that solves: the problem placed last, and the batch that is worked on."""
@@ -105,7 +103,7 @@ class DeviceBackend(Backend):
         return out
 
     def together(self, problem: Any) -> bool:
-        return bool(problem.batch * problem.steps <= TOGETHER)
+        return self.work(problem).together
 
     def factors(self, problem: Any, blocks: KKTBlocks, at: Evaluation, lam: Array, options: SqpOptions) -> DeviceFactors:
         work = self.work(problem)

@@ -25,6 +25,7 @@ from octo.gpu.slab import FIELDS, Slab
 from octo.problem.compiled import Evaluation, Model
 from octo.solver.factors import Attempt
 
+TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
 TOLERANCE = 1e-10  # of a solution's relative residual
 BESIDE = 8  # numbers of each member that may come to the host with a trial
 REFINEMENTS = 3  # at most, while a residual is coarse
@@ -50,6 +51,11 @@ class Work:
         self._written: dict[str, NDArray[Any]] = {}
         self.models = {exact: Modelled(self, exact) for exact in (True, False)}
         self._evaluate = Sequence(device, self._launch_evaluate)
+
+    @property
+    def together(self) -> bool:
+        """Whether a trial of some members costs no less than that of all of them."""
+        return self.problem.batch * self.problem.steps <= TOGETHER
 
     def place(self, at: Evaluation, lam: Array) -> None:
         """Steps start at ``at``, with multipliers ``lam``."""
@@ -176,8 +182,19 @@ class Modelled:
             numbers = work.trial.host(work.device, "units", "sizes")
             refinements += 1
         slab, units = work.trial.copied("delta"), numbers["units"]
-        found = units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
-        return Attempt(slab["delta"], slab["lam"], lambda: found, work.evaluated(slab, numbers))
+        return Attempt(slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers))
+
+    def untried(self, rhs_c: Array) -> Attempt:
+        """The step without its trial, which some members want only."""
+        work, model = self._work, self._own
+        delta, lam = self.solve(-model.b, rhs_c)
+        units = work.device.empty((*model.b.shape[:2], 3))
+
+        def numbers() -> tuple[Any, Any, Any]:
+            work.linear.step_numbers(model.A, model.b, delta, work.lam, units)
+            return _numbers(work.device.host(units))
+
+        return Attempt(delta, lam, numbers)
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         """Any right-hand side; NaN for members without a factor."""
@@ -235,6 +252,11 @@ class Modelled:
         return self.model
 
 
+def _numbers(units: NDArray[np.float64]) -> tuple[Any, Any, Any]:
+    """Those of an Attempt, from what ``Linear.step_numbers`` says of each unit."""
+    return units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
+
+
 class DeviceFactors:
     """``octo.solver.factors.Factors`` on a device: the batch is factored in place, whole, some members or all of them."""
 
@@ -257,7 +279,11 @@ class DeviceFactors:
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         return self._own.solve(rhs_v, rhs_c)
 
-    def attempt(self, rhs_c: Array, limit: NDArray[np.float64], cap: float) -> Attempt:
+    def attempt(
+        self, rhs_c: Array, limit: NDArray[np.float64], cap: float, members: NDArray[np.bool_] | None = None
+    ) -> Attempt:
+        if members is not None and not members.all() and not self._work.together:
+            return self._own.untried(rhs_c)
         self._work.write("bounds", np.stack([limit, np.full(len(limit), cap)], axis=1))
         self._work.device.copy(rhs_c, self._work.rhs_c)
         return self._own.attempt()

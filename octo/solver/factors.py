@@ -54,8 +54,11 @@ class Factors(Protocol):
         """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without a factor."""
         ...
 
-    def attempt(self, rhs_c: Array, limit: Numbers, cap: float) -> Attempt:
-        """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap / ‖Δ‖∞), limit (batch,)."""
+    def attempt(self, rhs_c: Array, limit: Numbers, cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
+        """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap / ‖Δ‖∞), limit (batch,).
+
+        members (batch,): those that it is for; None: all.
+        """
         ...
 
 
@@ -90,7 +93,7 @@ class HostFactors:
             dv[solved], lam[solved] = v[kept], multipliers[kept]
         return dv, lam
 
-    def attempt(self, rhs_c: Array, limit: Numbers, cap: float) -> Attempt:
+    def attempt(self, rhs_c: Array, limit: Numbers, cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
         blocks, lam = self.blocks, self._lam
         delta, multipliers = self.solve(-blocks.b, rhs_c)
 

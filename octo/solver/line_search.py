@@ -208,7 +208,7 @@ class LineSearch:
         before = trial.size
         for _ in range(CORRECTIONS):
             with self.clock("solve"):
-                step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf)
+                step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf, pending)
             corrected = step.trial
             if corrected is None:
                 corrected = self._evaluate(at, choose(pending, scaled(length, step.delta), 0.0), pending)

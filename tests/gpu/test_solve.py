@@ -13,7 +13,7 @@ from octo import arrays
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
-from octo.gpu.work import DeviceFactors
+from octo.gpu.work import DeviceFactors, Modelled
 from octo.problem.compiled import CompiledProblem
 from octo.solve import first_nodes
 from octo.solver import sqp
@@ -122,6 +122,10 @@ def test_solutions_that_are_coarse(monkeypatch):
 
 def test_trials_of_some_members(swing_up_batch, monkeypatch):
     """Where a batch fills a GPU, only the members that want a trial get one."""
-    monkeypatch.setattr("octo.gpu.backend.TOGETHER", 0)
-    expected, found = both(*swing_up_batch, SqpOptions(max_iterations=20))
-    same_path(expected, found, 1e-6)
+    monkeypatch.setattr("octo.gpu.work.TOGETHER", 0)
+    untried = []
+    monkeypatch.setattr(Modelled, "untried", lambda *a, _=Modelled.untried: (untried.append(1), _(*a))[1])
+    for batch, iterations in ((swing_up_batch, 20), (batch_of("mammal", "nodes"), 20)):
+        expected, found = both(*batch, SqpOptions(max_iterations=iterations))
+        same_path(expected, found, 1e-6)
+    assert untried
