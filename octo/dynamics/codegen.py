@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from octo.dynamics import slots, stages
-from octo.dynamics.emit import function_in_lanes
+from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
@@ -25,7 +25,14 @@ from octo.model.terrain import Plane, Terrain
 
 Array = NDArray[np.float64]
 
-HEAD = "#ifndef __CUDACC_RTC__\n#include <math.h>\n#include <stddef.h>\n#endif\n"
+HEAD = """#ifndef __CUDACC_RTC__
+#include <math.h>
+#include <stddef.h>
+#elif !defined(NAN)
+#define NAN __longlong_as_double(0x7ff8000000000000LL)
+#define INFINITY __longlong_as_double(0x7ff0000000000000LL)
+#endif
+"""
 LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
@@ -46,7 +53,8 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]
     if not lanes:
-        return "\n".join([HEAD, _generated(functions), _macros(sizes), *tables, *common, source("phases.c")])
+        plain = _brisk("\n".join(map(function_of_numbers, functions)), functions)
+        return "\n".join([HEAD, plain, _macros(sizes), *tables, *common, source("phases.c")])
     shared = [stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")] for function in functions]
     made = [function_in_lanes(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
     places, coupled, jac, hess = slots.of_robot(character)

@@ -1,10 +1,12 @@
-"""SX functions as C over ``real``, a vector with one time step in each lane (lanes.c), instruction by instruction.
+"""SX functions as C, instruction by instruction: over ``real``, a vector with one time step in each lane (lanes.c), or over
+numbers, which is CUDA too. CasADi's own text asks of every argument whether it is there, and a compiler pays for that.
 
 An operation without an entry in the tables below is refused by name: nothing is guessed about the text.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection
 
 import casadi as ca
@@ -24,6 +26,10 @@ FUNCTIONS = {
     ca.OP_LOG1P: "log1p", ca.OP_ERF: "erf", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs",
     ca.OP_SIGN: "sign", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod",
     ca.OP_COPYSIGN: "copysign", ca.OP_HYPOT: "hypot", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
+}  # fmt: skip
+NUMBERS = {  # truth is 0 or 1, a double
+    **ARITHMETIC, **COMPARISON, ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}",
+    ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0.0", ca.OP_SIGN: "{0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : {0}",
 }  # fmt: skip
 TYPES = {"number": "double", "vector": "real", "mask": "octo_mask"}
 
@@ -53,6 +59,44 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
             lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
             places[outputs[0]] = _Value(made.kind, f"a{k}")
     return "\n".join([*lines, "}"])
+
+
+def function_of_numbers(function: ca.Function) -> str:
+    """C text ``static void name(const double *const *arg, double *const *res)`` of an SX function with dense outputs.
+
+    Quotients of one denominator are products with its reciprocal: a division is many instructions on a GPU.
+    """
+    made: list[tuple[str, int, list[str]]] = []  # what is assigned to, an operation, its operands
+    places: dict[int, str] = {}
+    for k in range(function.n_instructions()):
+        operation, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            places[outputs[0]] = _constant(function.instruction_constant(k))
+        elif operation == ca.OP_OUTPUT:
+            made.append((f"res[{outputs[0]}][{outputs[1]}]", ca.OP_ASSIGN, [places[inputs[0]]]))
+        else:
+            operands = [f"arg[{inputs[0]}][{inputs[1]}]"] if operation == ca.OP_INPUT else [places[i] for i in inputs]
+            made.append((f"const double a{k}", ca.OP_ASSIGN if operation == ca.OP_INPUT else operation, operands))
+            places[outputs[0]] = f"a{k}"
+    quotients = Counter(operands[1] for _, operation, operands in made if operation == ca.OP_DIV)
+    inverse: dict[str, str] = {}
+    lines = [f"static void {function.name()}(const double *const *arg, double *const *res) {{"]
+    for target, operation, operands in made:
+        if operation == ca.OP_DIV and quotients[operands[1]] > 1:
+            if operands[1] not in inverse:
+                inverse[operands[1]] = f"b{len(inverse)}"
+                lines.append(f"  const double {inverse[operands[1]]} = 1.0 / {operands[1]};")
+            operation, operands = ca.OP_MUL, [operands[0], inverse[operands[1]]]
+        lines.append(f"  {target} = {_number(function, operation, operands)};")
+    return "\n".join([*lines, "}"])
+
+
+def _number(function: ca.Function, operation: int, operands: list[str]) -> str:
+    if operation in NUMBERS:
+        return NUMBERS[operation].format(*operands)
+    if operation in FUNCTIONS:
+        return f"{FUNCTIONS[operation]}({', '.join(operands)})"
+    raise _unknown(function, operation)
 
 
 class _Value:
@@ -85,8 +129,13 @@ def _apply(function: ca.Function, operation: int, values: list[_Value]) -> _Valu
         return _Value("vector", f"WHERE({values[0].mask()}, {values[1].vector()})")
     if operation in FUNCTIONS:
         return _Value("vector", f"octo_{FUNCTIONS[operation]}({', '.join(value.vector() for value in values)})")
+    raise _unknown(function, operation)
+
+
+def _unknown(function: ca.Function, operation: int) -> ModelError:
     names = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
-    raise ModelError(f"{function.name()} uses CasADi's operation {names.get(operation, operation)}, which octo cannot write as C")
+    name = names.get(operation, operation)
+    return ModelError(f"{function.name()} uses CasADi's operation {name}, which octo cannot write as C")
 
 
 def _constant(value: float) -> str:

@@ -201,8 +201,8 @@ static void octo_write_joints(const octo_input *in, const octo_work *s, double *
   }
 }
 
-void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
-               const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
+static void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
+                      const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
   const octo_input in = {{x_next, x, x_prev}, {kin_next, kin, kin_prev}, p, lam, order};
   octo_work *s = (octo_work *)(((size_t)work + 63) & ~(size_t)63);
   octo_load(&in, s);

@@ -15,7 +15,7 @@ typedef int octo_mask;
 #define NOT(mask) (!(mask))
 #define ANY(mask) (mask)
 #define ARGUMENT double
-#define STAGE(name, arg, res) name(arg, res, 0, 0, 0)
+#define STAGE(name, arg, res) name(arg, res)
 static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(angle); *c = cos(angle); }
 #endif
 
@@ -79,7 +79,7 @@ static inline void octo_move(int j, real displacement, real *R, real *t, real *x
 }
 
 /* Poses of the bodies and world twists of the degrees of freedom at one node: kin (12 NB + 6 NX). */
-void octo_kin(const real *x, real *kin) {
+static void octo_kin(const real *x, real *kin) {
   for (int b = 0; b < NB; ++b) {
     real *R = kin + 12 * b, *t = R + 9;
     const double *fixed = octo_body_pose + 12 * b;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from octo.errors import DeviceError
 from octo.gpu.device import Array, Device
-from octo.gpu.linear import DeviceBlocks, Linear
+from octo.gpu.linear import DeviceBlocks, Linear, text
 from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem, bytes_of
 from octo.gpu.work import DeviceFactors, Work
@@ -70,7 +71,10 @@ class DeviceBackend(Backend):
 
     def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
-        self.place(problem)
+        with ThreadPoolExecutor(1) as pool:
+            beside = pool.submit(self.device.compile, [text(problem.nc, problem.ma)])
+            self.place(problem)
+            beside.result()
         self.linear(problem.nc, problem.ma)
 
     def finish(self) -> None:

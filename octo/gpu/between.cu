@@ -9,13 +9,12 @@ static __device__ inline double octo_between_weight(int length, const double *q,
   return sum;
 }
 
-/* r (BR) and, with jac, its derivatives (BZ); one thread for each term. */
+/* r (BR) and, with jac, its derivatives (BZ); one thread for each term's values, one for its derivatives. */
 static __device__ inline void octo_between_of(const double *controls, const double *q, double *r, double *jac) {
-  EACH(k, BETWEEN) {
-    const double *arg[8] = {controls, controls + BC, q};
-    double *res[4] = {r + octo_between_first_row[k], jac ? jac + octo_between_first_entry[k] : 0}, w[BW + 1];
-    int iw[BIW + 1];
-    octo_between(k, arg, res, iw, w);
+  EACH(k, jac ? 2 * BETWEEN : BETWEEN) {
+    const double *arg[3] = {controls, controls + BC, q};
+    double *res[1] = {k < BETWEEN ? r + octo_between_first_row[k] : jac + octo_between_first_entry[k - BETWEEN]};
+    octo_between(k, arg, res);
   }
   BARRIER;
 }

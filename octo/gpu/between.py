@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import casadi as ca
 import numpy as np
 
+from octo.dynamics.emit import function_of_numbers
 from octo.gpu.device import Array, Device, source
 from octo.problem.neighbours import NeighbourTerms
 
@@ -21,31 +22,35 @@ class Between:
 
     def __init__(self, terms: NeighbourTerms, device: Device):
         self.device, self.size = device, terms.size
-        functions = [function for _, function in terms.functions]
-        patterns = [function.sparsity_out(1) for function in functions]
+        functions, patterns = [function for _, function in terms.functions], []
+        made: list[list[ca.Function]] = [[], []]  # values, derivatives
+        for function in functions:
+            inputs = function.sx_in()
+            r, jac = function(*inputs)
+            patterns.append(jac.sparsity())
+            for kind, output in zip(made, (r, ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)), strict=True):
+                name = f"octo_between_{'slope' if kind is made[1] else 'value'}{len(kind)}"
+                kind.append(ca.Function(name, inputs, [output], {"cse": True}))
         first_row = np.cumsum([0, *(function.numel_out(0) for function in functions)])
         first_entry = np.cumsum([0, *(pattern.nnz() for pattern in patterns)])
         self.rows, self.entries = int(first_row[-1]), int(first_entry[-1])
         sizes = {
             "BETWEEN": len(functions), "BR": self.rows, "BZ": self.entries, "BC": terms.size, "BTERM": terms.count,
-            "BQ": terms.references, "BW": max(f.sz_w() for f in functions), "BIW": max(f.sz_iw() for f in functions),
+            "BQ": terms.references,
         }  # fmt: skip
         tables: dict[str, Iterable[int]] = {
             "term": [term for term, _ in terms.functions], "first_row": first_row, "first_entry": first_entry,
             "entry_row": [row + first for p, first in zip(patterns, first_row[:-1], strict=True) for row in p.row()],
             "entry_column": [column for p in patterns for column in p.get_col()],
         }  # fmt: skip
-        generator = ca.CodeGenerator("octo_between.c", {"with_header": False, "include_math": False, "casadi_int": "int"})
-        for function in functions:
-            generator.add(function)
-        cases = " ".join(f"case {k}: {function.name()}(arg, res, iw, w, 0); break;" for k, function in enumerate(functions))
+        cases = " ".join(f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate([*made[0], *made[1]]))
         text = [
-            generator.dump(),
+            source("common.cuh"),
+            *map(function_of_numbers, [*made[0], *made[1]]),
             *(f"#define {name} {value}" for name, value in sizes.items()),
             *(f"static const int octo_between_{name}[] = {{{_listed(values)}}};" for name, values in tables.items()),
-            "static void octo_between(int k, const double **arg, double **res, int *iw, double *w) {",
+            "static void octo_between(int k, const double **arg, double **res) {",
             f"  switch (k) {{ {cases} }}\n}}",
-            source("common.cuh"),
             source("between.cu"),
         ]
         self.kernel = device.module("\n".join(text)).kernel

@@ -10,6 +10,7 @@
 
 #ifndef NAN
 #define NAN __longlong_as_double(0x7ff8000000000000LL)
+#define INFINITY __longlong_as_double(0x7ff0000000000000LL)
 #endif
 
 #ifndef LANE

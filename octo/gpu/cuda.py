@@ -7,7 +7,8 @@ import hashlib
 import importlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,10 @@ class CudaDevice(Sequenced):
 
     def _module(self, text: str) -> CudaModule:
         return CudaModule(self, cubin(text, self.architecture, self.xp.__version__))
+
+    def compile(self, texts: Sequence[str]) -> None:
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(lambda text: cubin(text, self.architecture, self.xp.__version__), texts))
 
     def threads(self, wanted: int) -> int:
         return wanted

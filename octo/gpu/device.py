@@ -5,7 +5,7 @@ A kernel's arguments are device arrays, None (a null pointer), Python ints (int)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from importlib import resources
 from typing import Any, Protocol
@@ -42,6 +42,10 @@ class Device(Protocol):
 
     def module(self, text: str) -> Module:
         """Compile CUDA text, or take it from the cache."""
+        ...
+
+    def compile(self, texts: Sequence[str]) -> None:
+        """Compile texts side by side, into the cache."""
         ...
 
     def threads(self, wanted: int) -> int:

@@ -16,7 +16,8 @@ import subprocess
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,10 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
             raise DeviceError(f"{words} could not compile octo's CUDA text: {done.stderr.strip()[:2000]}")
         os.replace(compiled, made)
     return made
+
+
+def _library(text: str) -> Path:
+    return compile_program(program(text), (*FLAGS, "-shared"), ".so")
 
 
 class Launch(ctypes.Structure):
@@ -166,7 +171,7 @@ class EmulatedModule:
 
     def __init__(self, device: EmulatedDevice, text: str):
         self._device, self._text = device, text
-        self._library = ctypes.CDLL(str(compile_program(program(text), (*FLAGS, "-shared"), ".so")))
+        self._library = ctypes.CDLL(str(_library(text)))
         self.kernel = functools.cache(self._kernel)
 
     def _kernel(self, name: str) -> EmulatedKernel:
@@ -192,6 +197,10 @@ class EmulatedDevice(Sequenced):
         self.lock = threading.RLock()
         self.recording: list[Recorded] = []
         self.module = functools.cache(functools.partial(EmulatedModule, self))
+
+    def compile(self, texts: Sequence[str]) -> None:
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(_library, texts))
 
     def threads(self, wanted: int) -> int:
         return self._threads

@@ -14,18 +14,23 @@ WIDE, PIVOT, TILE, PARTS = 256, 256, 144, 128
 CHOICES = 16  # of linear.cu
 
 
+def text(nc: int, ma: int) -> str:
+    """The CUDA text for units of nc variables and ma constraint rows."""
+    sizes = f"#define NCV {nc}\n#define MAV {ma}\n"
+    files = ("common.cuh", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
+    kinds = {"kkt": 2 * (nc + ma), "gram": 2 * ma}
+    reductions = [
+        source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name) for name, B in kinds.items() if B
+    ]
+    return "\n".join([sizes, *map(source, files), *reductions])
+
+
 class Linear:
     """The kernels for units of nc variables and ma constraint rows."""
 
     def __init__(self, device: Device, nc: int, ma: int):
         self.device, self.nc, self.ma = device, nc, ma
-        sizes = f"#define NCV {nc}\n#define MAV {ma}\n"
-        files = ("common.cuh", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
-        kinds = {"kkt": 2 * (nc + ma), "gram": 2 * ma}
-        reductions = [
-            source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name) for name, B in kinds.items() if B
-        ]
-        self.text = "\n".join([sizes, *map(source, files), *reductions])
+        self.text = text(nc, ma)
         self.module = device.module(self.text)
         self.kernel = self.module.kernel
 

@@ -19,10 +19,10 @@ extern "C" __global__ void octo_nodes(int count, int steps, int units, int slots
   }
 }
 
-typedef struct { const double *x[3], *kin[3], *p, *q, *u; } octo_place_of_step;
+typedef struct { const double *x[3], *kin[3], *p, *q; double *u; } octo_place_of_step; /* u: (NU), then sine and cosine of ANGLES */
 
 static __device__ inline octo_place_of_step octo_place_at(int steps, size_t member, size_t step, const double *nodes, const double *kin,
-                                                          const double *p, const double *q, const double *u) {
+                                                          const double *p, const double *q, double *u) {
   size_t node = member * (steps + 2) + step;
   octo_place_of_step at;
   for (int k = 0; k < 3; ++k) {
@@ -33,39 +33,49 @@ static __device__ inline octo_place_of_step octo_place_at(int steps, size_t memb
   return at;
 }
 
-/* Residuals r and, with jac and touch, their derivatives: a warp for each piece over the state, a thread for each contact. */
-static __device__ inline void octo_costs_of_step(const octo_place_of_step *at, double *r, double *jac, double *touch) {
+/* Residuals r and, with jac and touch, their derivatives: a warp for each piece, over contacts a thread for each of them. */
+static __device__ inline void octo_costs_of_step(const octo_place_of_step *at, const double *fd, double *r, double *jac, double *touch) {
+  double *sines = at->u + NU;
+  EACH(j, NU) at->u[j] = fd[octo_actuated[j]];
+  EACH(k, ANGLES) {
+    const double *source = octo_angle_input[k] < 3 ? at->x[octo_angle_input[k]] : at->q;
+    double angle = source[octo_angle_element[k]] + octo_angle_offset[k];
+    sines[2 * k] = sin(angle);
+    sines[2 * k + 1] = cos(angle);
+  }
+  BARRIER;
   const double *arg[8];
-  double *res[4], w[COST_W + 1];
-  int iw[COST_IW + 1], pieces = jac ? PIECES : VALUES;
-  arg[0] = at->x[0]; arg[1] = at->x[1]; arg[2] = at->x[2]; arg[3] = at->u; arg[4] = at->p; arg[5] = at->q;
-  if (LANE % 32 == 0)
-    for (int k = LANE / 32; k < pieces; k += (LANES + 31) / 32) {
+  double *res[1];
+  int pieces = jac ? PIECES : VALUES, own = jac ? CONTACT_PIECES : CONTACT_VALUES, warp = LANE / 32;
+  for (int k = warp; k < pieces + own; k += (LANES + 31) / 32) {
+    if (k < pieces) {
+      if (LANE % 32 != 0) continue;
+      arg[0] = at->x[0]; arg[1] = at->x[1]; arg[2] = at->x[2]; arg[3] = at->u; arg[4] = at->p; arg[5] = at->q; arg[6] = sines;
       res[0] = (k < VALUES ? r : jac) + octo_piece_at[k];
-      octo_piece(k, arg, res, iw, w);
+      octo_piece(k, arg, res);
+      continue;
     }
 #if NFC > 0
-  EACH(k, NFC) {
-    for (int node = 0; node < 3; ++node) arg[node] = at->kin[node] + 12 * octo_cost_contact_body[k];
-    arg[3] = octo_cost_contact_data + 4 * k;
-    res[0] = r + NR + k * CR;
-    if (touch) { res[1] = touch + k * CR * 18; octo_contact_cost_jac(arg, res, iw, w, 0); }
-    else octo_contact_cost(arg, res, iw, w, 0);
-  }
+    int piece = k - pieces, lanes = LANES - 32 * warp < 32 ? LANES - 32 * warp : 32;
+    for (int c = LANE % 32; c < NFC; c += lanes) {
+      for (int node = 0; node < 3; ++node) arg[node] = at->kin[node] + 12 * octo_cost_contact_body[c];
+      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at->p; arg[5] = at->q;
+      res[0] = (piece < CONTACT_VALUES ? r + NR + c * CR : touch + c * CR * 18) + octo_contact_piece_at[piece];
+      octo_contact_piece(piece, arg, res);
+    }
 #endif
+  }
+  BARRIER;
 }
 
-/* Each step's share of each term; shared: MROWS + NU doubles. */
+/* Each step's share of each term; shared: MROWS + NU + 2 ANGLES doubles. */
 extern "C" __global__ void octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd,
                                       double *terms) {
   SHARED(r);
   double *u = r + MROWS;
   size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
   octo_place_of_step at = octo_place_at(steps, blockIdx.y, blockIdx.x, nodes, kin, p, q, u);
-  EACH(j, NU) u[j] = fd[item * NX + octo_actuated[j]];
-  BARRIER;
-  octo_costs_of_step(&at, r, 0, 0);
-  BARRIER;
+  octo_costs_of_step(&at, fd + item * NX, r, 0, 0);
   EACH(k, NTERM) {
     double sum = 0.0;
     for (int row = 0; row < MROWS; ++row) {
@@ -112,7 +122,7 @@ extern "C" __global__ void octo_constraints(int count, int steps, int rows, cons
 }
 
 /* Residuals r (MROWS), their derivatives jac (NZ) and touch (TOUCH), and the multipliers lam (NX) of a step's FD: dE/du on the
- * actuated rows, Sᵀ multipliers on the others (none without multipliers). Shared: NU doubles. */
+ * actuated rows, Sᵀ multipliers on the others (none without multipliers). Shared: NU + 2 ANGLES doubles. */
 extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const double *test_value,
                                                  const double *nodes, const double *kin, const double *p, const double *q,
                                                  const double *row_scale, const double *fd, const double *multipliers, double *r, double *jac,
@@ -121,10 +131,7 @@ extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests,
   size_t member = blockIdx.y, step = blockIdx.x, item = member * steps + step;
   octo_place_of_step at = octo_place_at(steps, member, step, nodes, kin, p, q, u);
   r += item * MROWS; jac += item * NZ; touch += item * TOUCH; lam += item * NX;
-  EACH(j, NU) u[j] = fd[item * NX + octo_actuated[j]];
-  BARRIER;
-  octo_costs_of_step(&at, r, jac, touch);
-  BARRIER;
+  octo_costs_of_step(&at, fd + item * NX, r, jac, touch);
   EACH(j, NU) {
     double sum = 0.0;
 #if NR > 0

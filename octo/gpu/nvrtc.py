@@ -92,10 +92,13 @@ def _read(library: ctypes.CDLL, what: str, program: ctypes.c_void_p) -> bytes:
 
 
 def _kernels(log: str) -> dict[str, Kernel]:
-    """The kernels' lines of ptxas' log."""
-    pattern = (
-        r"Compiling entry function '(\w+)'.*?(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads"
-        r".*?Used (\d+) registers"
-    )
-    found = re.findall(pattern, log, re.DOTALL)
-    return {name: Kernel(name, int(used), int(stack), int(stores), int(loads)) for name, stack, stores, loads, used in found}
+    """What ptxas' log says of each kernel; spills are those of the functions that it calls too."""
+    found = {}
+    for section in log.split("Compiling entry function '")[1:]:
+        name = section.split("'", 1)[0]
+        frames = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", section)
+        used = re.search(r"Used (\d+) registers", section)
+        if frames and used:
+            stores, loads = (sum(int(frame[k]) for frame in frames) for k in (1, 2))
+            found[name] = Kernel(name, int(used[1]), int(frames[0][0]), stores, loads)
+    return found

@@ -1,11 +1,14 @@
-"""The costs over a step's state, cut into pieces that threads of a block evaluate side by side.
+"""The costs of a step, cut into pieces that threads of a block evaluate side by side.
 
-One function of all terms and of all their derivatives is a long chain for one thread, and spills. A piece is the value of
-one term, or its derivatives with respect to one of (x_next, x, x_prev, u).
+One function of all terms and of all their derivatives is a long chain for one thread, and spills. A piece over the state is the
+value of one term, or its derivatives with respect to one of (x_next, x, x_prev, u): for one thread. A piece over contacts is
+the value or the derivatives of their terms: for a thread for each contact. What needs many numbers at the same time is
+halved. Sines and cosines of coordinates, which most pieces ask for, are computed once, by all threads.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,54 +17,151 @@ from numpy.typing import NDArray
 
 from octo.problem.codegen import CostFunctions
 
+LIVE = 130  # numbers that a piece may need at the same time; a thread has registers for 127, and some are constants
+TRIGONOMETRY = {ca.OP_SIN: 0, ca.OP_COS: 1}
+ANGULAR = (0, 1, 2, 5)  # inputs of the costs' functions whose sines and cosines are shared: x_next, x, x_prev, q
+
+Angle = tuple[int, int, float]
+
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """functions: first ``values`` that write rows of r from ``at`` on, then those that write entries of the Jacobian.
+    """state, contact: functions and the place of what they write, first those of values (r), then those of derivatives.
 
-    rows, columns (NZ,): of the entries, those with respect to u last.
+    angles: (input, element, what is added to it) whose sine and cosine are the last input of ``state``.
+    rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
     """
 
-    functions: list[ca.Function]
-    at: list[int]
-    values: int
+    state: _Cut
+    contact: _Cut
+    angles: list[Angle]
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
     @classmethod
     def of(cls, functions: CostFunctions) -> Pieces:
-        """The pieces of all terms over the state."""
+        """The pieces of all terms."""
         inputs = functions.state.sx_in()
         r, terms = functions.state(*inputs), np.array(functions.state_terms, dtype=int)
-        made: list[ca.Function] = []
-        at: list[int] = []
-
-        def add(output: ca.SX, place: int) -> None:
-            made.append(ca.Function(f"octo_piece_{len(made)}", inputs, [output], {"cse": True}))
-            at.append(place)
-
-        own = {int(term): np.flatnonzero(terms == term) for term in dict.fromkeys(terms.tolist())}
-        for rows in own.values():
-            add(r[rows.tolist()], int(rows[0]))
-        values, count, first = len(made), 0, 0
-        entry_rows, entry_columns = [], []
+        own = [np.flatnonzero(terms == term) for term in dict.fromkeys(terms.tolist())]
+        whole = [(r[term.tolist()], int(term[0])) for term in own]
+        entry_rows: list[int] = []
+        entry_columns: list[int] = []
+        values, first = len(whole), 0
         for group in inputs[:4]:
-            for rows in own.values():
-                jac = ca.jacobian(r[rows.tolist()], group)
+            for term in own:
+                jac = ca.jacobian(r[term.tolist()], group)
                 if jac.nnz():
-                    add(ca.vertcat(*jac.nonzeros()), count)
-                    entry_rows += [int(rows[k]) for k in jac.sparsity().row()]
+                    whole.append((ca.vertcat(*jac.nonzeros()), len(entry_rows)))
+                    entry_rows += [int(term[k]) for k in jac.sparsity().row()]
                     entry_columns += [first + k for k in jac.sparsity().get_col()]
-                    count += jac.nnz()
             first += group.numel()
-        return cls(made, at, values, np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int))
+        made = _Rewritten(inputs, [piece for piece, _ in whole])
+        state = _Cut.of("octo_piece", [*inputs, made.sines], made.outputs, [at for _, at in whole], values)
+        rows, columns = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
+        return cls(state, _contact_pieces(functions), made.angles, rows, columns)
+
+    @property
+    def functions(self) -> list[ca.Function]:
+        return [*self.state.functions, *self.contact.functions]
 
     def text(self) -> str:
         """C text that calls piece k; the functions stand before it."""
-        cases = " ".join(f"case {k}: octo_piece_{k}(arg, res, iw, w, 0); break;" for k in range(len(self.functions)))
+        columns = list(zip(*self.angles, strict=True)) or [(0,), (0,), (0.0,)]
+        source, element, offset = (", ".join(map(repr, column)) for column in columns)
         return "\n".join([
-            f"#define PIECES {len(self.functions)}", f"#define VALUES {self.values}",
-            f"static const int octo_piece_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
-            "static void octo_piece(int k, const double **arg, double **res, int *iw, double *w) {",
+            f"#define ANGLES {len(self.angles)}",
+            f"static const int octo_angle_input[] = {{{source}}}, octo_angle_element[] = {{{element}}};",
+            f"static const double octo_angle_offset[] = {{{offset}}};",
+            self.state.text("PIECES", "VALUES"), self.contact.text("CONTACT_PIECES", "CONTACT_VALUES"),
+        ])  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """Functions of one output: the first ``values`` write r, from ``at`` on, the others its derivatives."""
+
+    name: str
+    functions: list[ca.Function]
+    at: list[int]
+    values: int
+
+    @classmethod
+    def of(cls, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], at: Sequence[int], values: int) -> _Cut:
+        """Of columns that are written from ``at`` on, halved as often as it takes."""
+        made = cls(name, [], [], 0)
+        for k, (output, place) in enumerate(zip(outputs, at, strict=True)):
+            made._add(list(inputs), output, place)
+            if k + 1 == values:
+                made = cls(name, made.functions, made.at, len(made.functions))
+        return made
+
+    def _add(self, inputs: list[ca.SX], output: ca.SX, place: int) -> None:
+        function = ca.Function(f"{self.name}_{len(self.functions)}", inputs, [output], {"cse": True})
+        half = output.numel() // 2
+        if function.sz_w() > LIVE and half:
+            self._add(inputs, output[:half], place)
+            self._add(inputs, output[half:], place + half)
+        else:
+            self.functions.append(function)
+            self.at.append(place)
+
+    def text(self, count: str, values: str) -> str:
+        cases = " ".join(f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(self.functions))
+        return "\n".join([
+            f"#define {count} {len(self.functions)}", f"#define {values} {self.values}",
+            f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
+            f"static void {self.name}(int k, const double **arg, double **res) {{",
             f"  switch (k) {{ {cases} }}", "}", "",
         ])  # fmt: skip
+
+
+def _contact_pieces(functions: CostFunctions) -> _Cut:
+    if functions.contact_jac is None:
+        return _Cut("octo_contact_piece", [], [], 0)
+    inputs = functions.contact_jac.sx_in()
+    return _Cut.of("octo_contact_piece", inputs, functions.contact_jac(*inputs), [0, 0], 1)
+
+
+class _Rewritten:
+    """Outputs with symbols in the place of sines and cosines of an element of the inputs ANGULAR, or of one plus a number.
+
+    sines: the symbols, sine before cosine of each of ``angles``.
+    """
+
+    def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]):
+        self._pairs: dict[Angle, tuple[ca.SX, ca.SX]] = {}
+        self._value: dict[int, ca.SX] = {}
+        self._angle: dict[int, Angle | None] = {}
+        given = [symbol.elements() for symbol in inputs]
+        made = [[ca.SX(0)] * output.numel() for output in outputs]
+        function = ca.Function("whole", list(inputs), list(outputs), {"cse": True})
+        for k in range(function.n_instructions()):
+            operation, take, put = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+            if operation == ca.OP_OUTPUT:
+                made[put[0]][put[1]] = self._value[take[0]]
+            elif operation == ca.OP_INPUT:
+                self._keep(put[0], given[take[0]][take[1]], (take[0], take[1], 0.0) if take[0] in ANGULAR else None)
+            elif operation == ca.OP_CONST:
+                self._keep(put[0], ca.SX(function.instruction_constant(k)), None)
+            else:
+                self._apply(operation, take, put[0])
+        self.outputs, self.angles = [ca.vertcat(*column) for column in made], list(self._pairs)
+        symbols = [symbol for pair in self._pairs.values() for symbol in pair]
+        self.sines = ca.vertcat(*symbols) if symbols else ca.SX.sym("none")
+
+    def _keep(self, place: int, value: ca.SX, angle: Angle | None) -> None:
+        self._value[place], self._angle[place] = value, angle
+
+    def _apply(self, operation: int, take: Sequence[int], place: int) -> None:
+        values, angle = [self._value[k] for k in take], self._angle[take[0]]
+        if operation in TRIGONOMETRY and angle is not None:
+            name = f"angle{len(self._pairs)}"
+            pair = self._pairs.setdefault(angle, (ca.SX.sym(f"sin_{name}"), ca.SX.sym(f"cos_{name}")))
+            self._keep(place, pair[TRIGONOMETRY[operation]], None)
+            return
+        value = ca.SX.unary(operation, *values) if len(values) == 1 else ca.SX.binary(operation, *values)
+        moved = None
+        if operation in (ca.OP_ADD, ca.OP_SUB) and angle is not None and values[1].is_constant():
+            moved = (angle[0], angle[1], angle[2] + (float(values[1]) if operation == ca.OP_ADD else -float(values[1])))
+        self._keep(place, value, moved)

@@ -18,6 +18,7 @@ from octo.problem.compiled import CompiledProblem, Evaluation, Model
 SMALL = 128  # threads of a block for a step
 WIDE = 256  # for sums over blocks
 PARTS = 128  # of common.cuh
+DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")  # of dynamics.cu
 BATCHED = ("p", "q", "row_scale", "constant", "anchor")
 
 
@@ -30,15 +31,17 @@ class Program:
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces = Pieces.of(functions)
-        costs = [codegen.residual_text(functions, dynamics, pieces), pieces.text()]
-        parts = [text, *costs, *map(source, ("common.cuh", "dynamics.cu", "model.cu"))]
-        self.text = "\n".join(parts)
-        self.module = device.module(self.text)
+        costs = [codegen.residual_text(functions, dynamics, pieces.functions, pieces.rows, pieces.columns), pieces.text()]
+        parts = [[text, source("common.cuh"), source("dynamics.cu")], [text, *costs, source("common.cuh"), source("model.cu")]]
+        self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
+        device.compile(self.texts)
+        self.dynamics, self.model = map(device.module, self.texts)
         self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
         self.rows = functions.rows
+        self.arguments = dynamics.nu + 2 * len(pieces.angles)  # doubles that the costs of a step share
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * len(functions.contact_terms) * 18
         self.terms = len(functions.references.terms)
@@ -53,7 +56,7 @@ class Program:
             )
 
     def kernel(self, name: str) -> Kernel:
-        return self.module.kernel(name)
+        return (self.dynamics if name in DYNAMICS else self.model).kernel(name)
 
 
 class DeviceProblem:
@@ -139,7 +142,7 @@ class DeviceProblem:
         self._flat("octo_nodes", at.nodes.size, *sizes, *slots, self.constant, at.unknowns, at.nodes)
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
-        room = 8 * (program.rows + self.dynamics.nu)
+        room = 8 * (program.rows + program.arguments)
         self._each_step("octo_terms", SMALL, room, at.nodes, kin, self.p, self.q, at.fd, at.terms)
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
@@ -152,7 +155,7 @@ class DeviceProblem:
         program, tables, scratch = self.program, self._tables, self.scratch
         kin = self._kin(at.nodes)
         self._each_step(
-            "octo_cost_derivatives", SMALL, 8 * self.dynamics.nu, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
+            "octo_cost_derivatives", SMALL, 8 * program.arguments, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
             tables["test_row"], tables["test_value"], at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam,
             scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"],
         )  # fmt: skip

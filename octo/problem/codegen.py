@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.dynamics import symbolic
 from octo.dynamics.balance import GRAVITY
-from octo.dynamics.emit import function_in_lanes
+from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.model.kinematics import sphere_centers
@@ -217,55 +217,30 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     text = [function_in_lanes(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
     if functions.contact is not None:  # sphere and p
         text += [function_in_lanes(function, {3, 4}) for function in (functions.contact, functions.contact_jac)]
-    parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "rows.c", "scatter.c", "assemble.c"))
-    return "\n".join([*text, _tables(functions, dynamics, [], None), *parts])
-
-
-def residual_text(functions: CostFunctions, dynamics: Dynamics, state: StateFunctions | None = None) -> str:
-    """The generated functions of the costs and their tables, in C that is CUDA too; stands after the text of the dynamics.
-
-    ``state``: other functions in the place of those over the state, whose entries are ordered in their own way.
-    """
-    generator = ca.CodeGenerator("octo_costs.c", {"with_header": False, "include_math": False, "casadi_int": "int"})
-    made = [functions.state, functions.state_jac] if state is None else [*state.functions]
-    if functions.contact is not None:
-        made += [functions.contact, functions.contact_jac]
-    for function in made:
-        generator.add(function)
-    text = [
-        "#undef CASADI_CODEGEN_PREFIX\n#undef CASADI_PREFIX\n#undef CASADI_NAMESPACE_CONCAT\n#undef _CASADI_NAMESPACE_CONCAT\n"
-        "#define CASADI_CODEGEN_PREFIX octo_costs_\n",
-        generator.dump(),
-        _tables(functions, dynamics, made, state),
-        (resources.files("octo.problem") / "rows.c").read_text(),
-    ]
-    return "\n".join(text)
-
-
-class StateFunctions(Protocol):
-    """What else may stand for the functions over the state: see ``octo.gpu.pieces``."""
-
-    @property
-    def functions(self) -> list[ca.Function]: ...
-
-    @property
-    def rows(self) -> NDArray[np.intp]: ...
-
-    @property
-    def columns(self) -> NDArray[np.intp]: ...
-
-
-def _tables(functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function], state: StateFunctions | None) -> str:
-    """Sizes as macros, index tables as constant arrays."""
     sparsity = functions.state_sparsity
-    rows, columns = np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
-    if state is not None:
-        rows, columns = state.rows, state.columns
+    tables = _tables(functions, dynamics, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int))
+    parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "rows.c", "scatter.c", "assemble.c"))
+    return "\n".join([*text, tables, *parts])
+
+
+def residual_text(
+    functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function], rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> str:
+    """``made`` of the costs' functions and their tables, in C that is CUDA too; stands after the text of the dynamics.
+
+    rows, columns (NZ,): of the derivatives over the state, in the order that ``made`` writes them.
+    """
+    written = [function_of_numbers(function) for function in made]
+    rows_text = (resources.files("octo.problem") / "rows.c").read_text()
+    return "\n".join([*written, _tables(functions, dynamics, rows, columns), rows_text])
+
+
+def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:
+    """Sizes as macros, index tables as constant arrays."""
     sizes = {
         "MU": len(dynamics.unactuated), "NU": dynamics.nu, "NQ": max(functions.references.size, 1),
-        "NTERM": len(functions.references.terms), "NR": len(functions.state_terms), "NZ": sparsity.nnz(),
+        "NTERM": len(functions.references.terms), "NR": len(functions.state_terms), "NZ": len(rows),
         "CR": len(functions.contact_terms), "NFC": len(functions.contact_spheres),
-        "COST_W": max((f.sz_w() for f in made), default=0), "COST_IW": max((f.sz_iw() for f in made), default=0),
     }  # fmt: skip
     lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     tables: dict[str, Any] = {

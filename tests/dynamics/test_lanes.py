@@ -11,6 +11,7 @@ from test_tree_pass import TERRAINS, harden, inflate, sink, touching, trajectory
 
 from octo import native
 from octo.dynamics import codegen
+from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import CustomDynamics, RobotDynamics, unfold
 from octo.errors import ModelError
 from octo.model.gallery import CHARACTERS
@@ -89,22 +90,23 @@ def test_a_nan_stays_in_its_lane(mixed, node):
         assert all(np.isnan(other[0, k]).any() for k in touched)
 
 
+def every_operation(x_next, x, x_prev, p):
+    """All that emit.py knows."""
+    y, z = ca.sin(x) / 2, p["push"] + x_prev
+    smooth = ca.tan(y) + ca.asin(y) + ca.acos(y) + ca.atan(z) + ca.sinh(y) + ca.cosh(y) + ca.tanh(z) + ca.asinh(z)
+    smooth += ca.acosh(2 + y) + ca.atanh(y) + ca.exp(y) + ca.expm1(y) + ca.log(2 + y) + ca.log1p(y) + ca.erf(z)
+    smooth += ca.sqrt(2 + y) + ca.cos(z) + ca.fabs(z) + ca.sign(z) + (2 + y) ** 1.7 + (2 + y) ** z + ca.atan2(y, z)
+    smooth += ca.hypot(y, z) + ca.fmin(y, z) + ca.fmax(y, x_next)
+    steps = ca.floor(z) + ca.ceil(z) + ca.fmod(z, 0.7) + ca.copysign(y, z)
+    steps += ca.if_else(ca.logic_and(z > 0, y < 0.2), z, -y * 3)
+    choice = ca.if_else(ca.logic_or(ca.logic_not(z >= 0.1), x_next == x), 1 / (2 + y), y**2) + (y != z)
+    return smooth + steps + choice + (x_next - 2 * x + x_prev) / p["dt"] ** 2
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_every_operation(n):
-    """User-written dynamics with all that emit.py knows, against CasADi's own machine."""
-
-    def fd(x_next, x, x_prev, p):
-        y, z = ca.sin(x) / 2, p["push"] + x_prev
-        smooth = ca.tan(y) + ca.asin(y) + ca.acos(y) + ca.atan(z) + ca.sinh(y) + ca.cosh(y) + ca.tanh(z) + ca.asinh(z)
-        smooth += ca.acosh(2 + y) + ca.atanh(y) + ca.exp(y) + ca.expm1(y) + ca.log(2 + y) + ca.log1p(y) + ca.erf(z)
-        smooth += ca.sqrt(2 + y) + ca.cos(z) + ca.fabs(z) + ca.sign(z) + (2 + y) ** 1.7 + (2 + y) ** z + ca.atan2(y, z)
-        smooth += ca.hypot(y, z) + ca.fmin(y, z) + ca.fmax(y, x_next)
-        steps = ca.floor(z) + ca.ceil(z) + ca.fmod(z, 0.7) + ca.copysign(y, z)
-        steps += ca.if_else(ca.logic_and(z > 0, y < 0.2), z, -y * 3)
-        choice = ca.if_else(ca.logic_or(ca.logic_not(z >= 0.1), x_next == x), 1 / (2 + y), y**2) + (y != z)
-        return smooth + steps + choice + (x_next - 2 * x + x_prev) / p["dt"] ** 2
-
-    dynamics = CustomDynamics(fd, n, [0], {"push": 0.3})
+    """User-written dynamics against CasADi's own machine."""
+    dynamics = CustomDynamics(every_operation, n, [0], {"push": 0.3})
     rng = np.random.default_rng(n)
     nodes, lam = rng.standard_normal((2, 12, n)), rng.standard_normal((2, 10, n))
     p = np.tile(dynamics.layout.pack(), (2, 1))
@@ -117,7 +119,27 @@ def test_every_operation(n):
                 np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * max(1.0, np.abs(other).max()))
 
 
+def test_every_operation_over_numbers():
+    """Values and derivatives as plain C, not-a-number and signed zeros too, against CasADi's own machine."""
+    inputs = [ca.SX.sym(name) for name in ("x_next", "x", "x_prev", "push")]
+    value = every_operation(*inputs[:3], {"push": inputs[3], "dt": 0.1})
+    sign = ca.sign(inputs[0]) * ca.if_else(inputs[1] > 0.0, ca.inf, -2.0)
+    outputs = ca.vertcat(value, ca.gradient(value, ca.vertcat(*inputs)), sign, 3.0 / inputs[0], inputs[1] / inputs[0])
+    function = ca.Function("octo_every", inputs, [outputs], {"cse": True})
+    arrays = "const double *a[] = {x, x + 1, x + 2, x + 3}; double *r[] = {y};"
+    entry = f"void run(const double *x, double *y) {{ {arrays} octo_every(a, r); }}"
+    library = native.load("\n".join(["#include <math.h>", function_of_numbers(function), entry]))
+    rows = np.random.default_rng(0).standard_normal((40, 4))
+    rows[0, 0], rows[1, 0], rows[2, 1], rows[3] = 0.0, -0.0, np.nan, [1.0, 1.0, 2.0, 0.0]
+    for row in rows:
+        found, wanted = np.full(outputs.numel(), 7.0), function(*row).full().ravel()
+        library.run(ctypes.c_void_p(row.ctypes.data), ctypes.c_void_p(found.ctypes.data))
+        np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
+
+
 def test_an_unknown_operation_is_refused_by_name():
     dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.erfinv(x_next) + x - x_prev, 1, [0], {})
     with pytest.raises(ModelError, match="erfinv"):
         dynamics.lanes_text()
+    with pytest.raises(ModelError, match="erfinv"):
+        function_of_numbers(ca.Function("f", [x := ca.SX.sym("x")], [ca.erfinv(x)]))

@@ -1,6 +1,6 @@
 """Every kernel compiles for GPUs without one; registers, spills and shared memory beside a committed table (nvrtc.json).
 
-``PYTHONPATH=. python tests/gpu/test_nvrtc.py`` prints the report and writes the table anew.
+``PYTHONPATH=. python tests/gpu/test_nvrtc.py`` prints the report, and how long compiling takes, and writes the table anew.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import json
 import re
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from octo import native
 from octo.dynamics.evaluate import CustomDynamics, RobotDynamics
 from octo.dynamics.laws import Compliant
 from octo.errors import DeviceError, MissingExtraError
-from octo.gpu import emulator, nvrtc
+from octo.gpu import emulator, linear, nvrtc
 from octo.gpu.between import Between
 from octo.gpu.linear import CHOICES, PIVOT, Linear
 from octo.gpu.problem import Program
@@ -45,6 +46,9 @@ class Dry:
     def module(self, text: str) -> Any:
         self.texts.append(text)
         return self
+
+    def compile(self, texts: Any) -> None:
+        pass
 
     def kernel(self, name: str) -> Any:
         return lambda grid, threads, size, **_: size.fill(self.work // 8)
@@ -71,17 +75,21 @@ def robot(name: str) -> octo.Character:
 
 
 @functools.cache
+def compiled(name: str, architecture: str) -> list[nvrtc.Binary]:
+    """All texts of a robot's walk in nodes, compiled side by side as for a GPU."""
+    nx, mu = robot(name).nx, robot(name).nx - robot(name).nu
+    texts = [*program(robot(name), ROBOTS[name]).texts, linear.text(nx, mu)]
+    with ThreadPoolExecutor() as pool:
+        return list(pool.map(lambda text: nvrtc.compile_text(text, architecture), texts))
+
+
+@functools.cache
 def report(name: str) -> dict[str, Any]:
     """Registers, stack and spilled bytes of every kernel, and what a block needs of dynamic shared memory."""
-    made = program(robot(name), ROBOTS[name])
-    nx, mu = robot(name).nx, robot(name).nx - robot(name).nu
-    texts = (made.text, Linear(Dry(), nx, mu).text)
-    jobs = [(text, architecture) for text in texts for architecture in ARCHITECTURES]
-    with ThreadPoolExecutor() as pool:
-        binaries = dict(zip(jobs, pool.map(lambda job: nvrtc.compile_text(*job), jobs), strict=True))
-    block, out = 2 * (nx + mu), {}
+    made, out = program(robot(name), ROBOTS[name]), {}
+    block = 2 * (2 * robot(name).nx - robot(name).nu)
     for architecture in ARCHITECTURES:
-        kernels = {key: k for text in texts for key, k in binaries[text, architecture].kernels.items()}
+        kernels = {key: kernel for binary in compiled(name, architecture) for key, kernel in binary.kernels.items()}
         out[architecture] = {key: [k.registers, k.stack, k.spill_stores, k.spill_loads] for key, k in sorted(kernels.items())}
     shared = {"step": 8 * made.work, "rows": made.room, "pivot": 8 * (2 * block + 4 * PIVOT + 4 * CHOICES + block**2)}
     return {"kernels": out, "shared": shared}
@@ -105,21 +113,19 @@ def test_registers_spills_and_shared_memory(name, architecture):
     own, other = found["kernels"][architecture], expected["kernels"][architecture]
     assert set(own) == set(other)
     for kernel, (registers, _, stores, loads) in own.items():
-        allowed, _, allowed_stores, allowed_loads = other[kernel]
+        allowed = other[kernel][0]
         assert registers <= max(allowed * MORE_REGISTERS, allowed + 8), kernel
-        if allowed_stores == 0:
-            assert (stores, loads) == (0, 0), f"{kernel} spills"
-        assert stores <= 1.2 * allowed_stores and loads <= 1.2 * allowed_loads, kernel
-        assert allowed_stores == 0 or kernel in table["reasons"], f"{kernel} spills without a reason"
+        assert (stores, loads) == (0, 0), f"{kernel} spills"
     assert found["shared"] == expected["shared"]
 
 
 def test_another_law_and_user_written_dynamics():
-    law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").text)
-    assert law.kernels["octo_jacobian"].spill_stores == 0
+    law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").texts[0])
+    assert {name for name, kernel in law.kernels.items() if kernel.spill_stores} == {"octo_curvature"}, "see docs/gpu.md"
     dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {})
     problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
-    assert nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).text).cubin[:4] == b"\x7fELF"
+    for text in Program(CompiledProblem([problem]), Dry(64)).texts:
+        assert nvrtc.compile_text(text).cubin[:4] == b"\x7fELF"
 
 
 def test_terms_over_neighbouring_hermite_controls():
@@ -136,6 +142,15 @@ def test_terms_over_neighbouring_hermite_controls():
 @pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])
 def test_other_blocks(nc, ma):
     assert nvrtc.compile_text(Linear(Dry(), nc, ma).text).kernels["octo_kkt_pivots"].spill_stores == 0
+
+
+def test_spills_of_a_called_function_are_counted():
+    text = """static __device__ __noinline__ void called(const double *x, double *y) {
+      double v[400]; for (int k = 0; k < 400; ++k) v[k] = x[k];
+      #pragma unroll
+      for (int k = 0; k < 400; ++k) y[k] = v[k] * v[399 - k] + v[(7 * k) % 400]; }
+    extern "C" __global__ void calling(const double *x, double *y) { called(x, y); }"""
+    assert nvrtc.compile_text(text).kernels["calling"].spill_stores > 0
 
 
 def test_wrong_text_is_refused_with_the_log():
@@ -155,9 +170,14 @@ def test_machine_code_is_cached(tmp_path, monkeypatch):
 
 
 if __name__ == "__main__":
-    reasons = json.loads(TABLE.read_text())["reasons"] if TABLE.exists() else {}
+    for name in ROBOTS:
+        program(robot(name), ROBOTS[name])  # CasADi's part is not the compiler's
+        began, worked = time.perf_counter(), time.process_time()
+        compiled(name, ARCHITECTURES[-1])
+        passed = time.perf_counter() - began
+        print(f"{name}: NVRTC {passed:.1f} s, {time.process_time() - worked:.1f} s of processor time, {ARCHITECTURES[-1]}")
     made = {name: report(name) for name in ROBOTS}
-    text = json.dumps({"nvrtc": nvrtc.version(), "reasons": reasons, "report": made}, indent=1)
+    text = json.dumps({"nvrtc": nvrtc.version(), "report": made}, indent=1)
     TABLE.write_text(re.sub(r"\[\s+(\d+),\s+(\d+),\s+(\d+),\s+(\d+)\s+\]", r"[\1, \2, \3, \4]", text) + "\n")
     for name, one in made.items():
         print(f"{name}: shared memory {one['shared']}")
