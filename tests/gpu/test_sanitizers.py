@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
-import conftest
 import numpy as np
 import pytest
 from replay import Recorder, replay
@@ -16,6 +15,7 @@ from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from tests.gpu import conftest
 
 RACE = "data race"
 FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
