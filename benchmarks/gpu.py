@@ -1,6 +1,7 @@
 """octo on a GPU, measured: ``python benchmarks/gpu.py`` writes benchmarks/gpu.json and benchmarks/gpu.png.
 
-Needs a CUDA GPU, CuPy and NVRTC (pip install -e '.[cuda13,view]' or cuda12); nothing is downloaded. On a machine without
+Needs a CUDA GPU, CuPy and NVRTC (pip install -e '.[cuda13,view]' or cuda12), and for "kkt", octo's reduction beside cuBLAS and
+cuSOLVER (gpu_kkt.py), those (pip install 'cupy-cuda13x[ctk]'); nothing is downloaded. On a machine without
 one, ``--emulate`` runs the same kernels on the CPU, which says whether this script works and nothing about speed.
 ``--once`` solves one small problem for three iterations and measures nothing: for compute-sanitizer (docs/gpu.md).
 """
@@ -19,6 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gpu_kkt
 import numpy as np
 
 import octo
@@ -186,6 +188,8 @@ def measure(bench: Bench, ipopt: bool, say: Callable[[str], None]) -> dict[str, 
     say("the chain of 40 s")
     chain = walk(octo.gallery.chain(), 40 if short else 1600, "hermite")
     out["chain_40s"] = {"iteration_ms": bench.milliseconds(chain), **bench.plans(chain, 1)}
+    say("the KKT matrix by other ways")
+    out["kkt"] = {basis: gpu_kkt.measure(bench.device, problem, short) for basis, problem in problems.items()}
     say("many plans")
     out["plans"] = bench.plans(problems["nodes"], 2 if short else 1024)
     if ipopt:

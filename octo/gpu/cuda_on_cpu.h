@@ -94,10 +94,10 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
   return failed;
 }
 
-/* One letter an argument: d and i for double and int; capitals for pointers to them. */
+/* One letter an argument: d, f and i for double, float and int; capitals for pointers to them. */
 template <typename T> static char cuda_on_cpu_letter() {
   using V = std::remove_cv_t<std::remove_pointer_t<T>>;
-  char letter = std::is_same_v<V, double> ? 'd' : std::is_same_v<V, int> ? 'i' : '?';
+  char letter = std::is_same_v<V, double> ? 'd' : std::is_same_v<V, float> ? 'f' : std::is_same_v<V, int> ? 'i' : '?';
   return std::is_pointer_v<T> && letter != '?' ? (char)(letter - 32) : letter;
 }
 

@@ -32,7 +32,10 @@ from octo.gpu.sequence import Sequenced
 
 FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
-LETTERS = {"d": np.dtype(np.float64), "i": np.dtype(np.int32)}
+LETTERS = {"d": np.dtype(np.float64), "f": np.dtype(np.float32), "i": np.dtype(np.int32)}
+NUMBERS: dict[str, tuple[tuple[type, ...], Any]] = {  # what a kernel may be given by value
+    "d": ((float,), ctypes.c_double), "f": ((np.float32,), ctypes.c_float), "i": ((int, np.integer), ctypes.c_int),
+}  # fmt: skip
 SHARED_LIMIT = 227 * 1024  # bytes, of compute capability 9.0
 
 
@@ -116,10 +119,10 @@ class EmulatedKernel:
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"
         if letter.islower():
-            kinds = (float, np.floating) if letter == "d" else (int, np.integer)
-            if not isinstance(argument, kinds):  # CUDA would read other bits
-                raise TypeError(f"{where} is {argument!r}, must be a {kinds[0].__name__}")
-            return ctypes.c_double(float(argument)) if letter == "d" else ctypes.c_int(int(argument))
+            kind, number = NUMBERS[letter]
+            if not isinstance(argument, kind):  # CUDA would read other bits
+                raise TypeError(f"{where} is {argument!r}, must be a {kind[0].__name__}")
+            return number(argument)
         if argument is None:
             return ctypes.c_void_p(None)
         array = self.device.plain(argument)
