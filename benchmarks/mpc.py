@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import octo
+from benchmarks import slip
 from octo.mpc import Controller, Push, VelocityCommand, animate, run, walking_problem
 from octo.mpc.log import memory_in_use
 from octo.plant import MujocoPlant
@@ -59,11 +60,10 @@ def closed_loop(name: str, yaw_rate: float = 0.0) -> tuple[Problem, MujocoPlant,
     return problem, plant, controller
 
 
-def walk(
-    name: str, command: tuple[float, float, float], seed: int, seconds: float, *, push: Push | None = None, noise: float = 0.0,
-    delay: int = 0, plot: str = "", **plant: Any,
-) -> dict[str, Any]:  # fmt: skip
-    """One closed loop in MuJoCo from a start that the seed moves a little."""
+def set_out(
+    name: str, command: tuple[float, float, float], seed: int, kind: type[MujocoPlant] = MujocoPlant, **plant: Any
+) -> tuple[Controller, MujocoPlant]:
+    """A controller and its plant at a start that the seed moves a little."""
     problem = problem_of(name)
     robot = problem.character
     assert robot is not None
@@ -71,9 +71,17 @@ def walk(
     x = problem.start.copy()
     x[robot.actuated] += 0.02 * rng.standard_normal(robot.nu)
     x[2] += 0.02
-    machine = MujocoPlant(robot, seed=seed, **plant)
+    machine = kind(robot, seed=seed, **plant)
     machine.reset_chart(x)
-    controller = Controller(problem, guide=VelocityCommand(command[:2], command[2]))
+    return Controller(problem, guide=VelocityCommand(command[:2], command[2])), machine
+
+
+def walk(
+    name: str, command: tuple[float, float, float], seed: int, seconds: float, *, push: Push | None = None, noise: float = 0.0,
+    delay: int = 0, plot: str = "", **plant: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """One closed loop in MuJoCo from a start that the seed moves a little."""
+    controller, machine = set_out(name, command, seed, **plant)
     log = run(controller, machine, seconds, push=push, noise=noise, delay=delay, seed=seed)
     if plot and log.falls:
         from octo.cli.mpc_plot import plot_log
@@ -155,6 +163,11 @@ def walks() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
             yield f"{name}, seed {seed}", lambda c=command, s=seed, n=name: walk("go2", c, s, 30.0, plot=f"{n} {s}")
 
 
+def slips() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """When, and under what load, the feet of ``walks`` slip."""
+    yield "go2, seed 0", lambda: slip.measure_all(set_out, WALKS, RESULTS.parent / "mpc_slip.png")
+
+
 def stress() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
     for seed in SEEDS:
         yield f"payload 0.2, delay 1, noise 1, seed {seed}", lambda s=seed: walk(
@@ -232,7 +245,7 @@ def converge(controller: Controller, t: float, x: Any, before: Any, how: str, ca
     nodes = np.empty_like(controller.horizon.nodes)
     controller.plan.shift(t, nodes)
     iterate(controller, nodes, x, before, cap)
-    controller._accept(t, anyway=True)
+    controller._take(t, solved=False)
 
 
 def iterate(controller: Controller, start: Any, x: Any, before: Any, cap: int) -> tuple[int, float]:
@@ -365,8 +378,8 @@ def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
 
 
 SECTIONS: Sections = {
-    "latency": latency, "walks": walks, "pushes": pushes, "stress": stress, "robots": robots, "warm": warm, "memory": memory,
-    "chain": chain, "stand_up": stand_up, "faults": faults,
+    "latency": latency, "walks": walks, "slips": slips, "pushes": pushes, "stress": stress, "robots": robots, "warm": warm,
+    "memory": memory, "chain": chain, "stand_up": stand_up, "faults": faults,
 }  # fmt: skip
 
 
