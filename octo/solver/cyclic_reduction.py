@@ -73,7 +73,7 @@ class ReducedSBT:
     def _pivots(self, pivot: Array, block: Array) -> tuple[Array, Array]:
         """S V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added to the totals."""
         xp = self._xp
-        scale = _block_scale(pivot)
+        scale = _equilibration(SBT(pivot, pivot[:, :0]), ROUNDING)
         values, vectors = xp.linalg.eigh(scale[..., :, None] * pivot * scale[..., None, :])
         rounding = xp.abs(values) <= ROUNDING
         values = xp.where(rounding, -SHIFT, values)
@@ -109,8 +109,8 @@ class ReducedSBT:
         return x * self.scale[..., None]
 
 
-def _equilibration(matrix: SBT) -> Array:
-    """Scales s (batch, D, B) that bring the largest entry of every row of diag(s) M diag(s) close to 1."""
+def _equilibration(matrix: SBT, least: float = 0.0) -> Array:
+    """Scales s (batch, D, B) that bring the largest entry of every row of diag(s) M diag(s), above ``least``, close to 1."""
     xp = array_module(matrix.diagonal)
     diagonal, lower = xp.abs(matrix.diagonal), xp.abs(matrix.lower)
     scale = xp.ones(diagonal.shape[:3])
@@ -120,18 +120,7 @@ def _equilibration(matrix: SBT) -> Array:
             top[:, 1:] = xp.maximum(top[:, 1:], (lower * scale[:, :-1, None, :]).max(axis=3))
             top[:, :-1] = xp.maximum(top[:, :-1], (lower * scale[:, 1:, :, None]).max(axis=2))
         top = top * scale
-        scale = scale / xp.sqrt(xp.where(top > 0, top, 1.0))
-    return scale
-
-
-def _block_scale(pivot: Array) -> Array:
-    """Scales (batch, O, B) that bring the largest entry of every row of each block close to 1; 1 for rows of rounding."""
-    xp = array_module(pivot)
-    entries = xp.abs(pivot)
-    scale = xp.ones(pivot.shape[:3])
-    for _ in range(EQUILIBRATIONS):
-        top = (entries * scale[..., None, :]).max(axis=3) * scale
-        scale = scale / xp.sqrt(xp.where(top > ROUNDING, top, 1.0))
+        scale = scale / xp.sqrt(xp.where(top > least, top, 1.0))
     return scale
 
 
