@@ -10,7 +10,6 @@ import argparse
 import json
 import sysconfig
 import time
-import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 
 import octo
 from benchmarks import slip
+from benchmarks.held import held
 from octo.mpc import Controller, Push, VelocityCommand, animate, run, walking_problem
 from octo.mpc.log import memory_in_use
 from octo.plant import MujocoPlant
@@ -285,26 +285,11 @@ def ten_minutes(minutes: int = 10) -> dict[str, Any]:
     return {"memory": used, "growth": used[-1] - used[0], "p50_ms": p50, "p50_ratio": p50[-1] / p50[1], "falls": fallen}
 
 
-def allocations(calls: int = 1000) -> dict[str, Any]:
-    """Bytes that octo's own Python holds more after 1,000 calls than before, by tracemalloc."""
+def allocations() -> dict[str, Any]:
+    """What octo's own Python holds more after 1,000 calls than before."""
     _, plant, controller = closed_loop("go2")
-    own = tracemalloc.Filter(True, str(Path(octo.__file__).parent / "*"))
-
-    def some(first: int, count: int) -> None:
-        for k in range(first, first + count):
-            controller.step(0.01 * k, plant.q, plant.v)
-            for j in range(5):
-                plant.step(controller.command(0.01 * k + 0.002 * j, plant.q, plant.v))
-
-    some(0, 200)
-    tracemalloc.start()
-    some(200, 100)
-    first = tracemalloc.take_snapshot().filter_traces([own])
-    some(300, calls)
-    second = tracemalloc.take_snapshot().filter_traces([own])
-    tracemalloc.stop()
-    difference = second.compare_to(first, "filename")
-    return {"bytes": int(sum(d.size_diff for d in difference)), "blocks": int(sum(d.count_diff for d in difference))}
+    size, blocks = held(controller, plant, 200, 1000)
+    return {"bytes": size, "blocks": blocks}
 
 
 def chain() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:

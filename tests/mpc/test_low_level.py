@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import sys
 import threading
-import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import octo
+from benchmarks.held import held
 from octo.mpc.low_level import LowLevel
 from octo.mpc.plan import Grid, Plan
 
@@ -105,21 +103,4 @@ def test_every_command_is_of_one_whole_plan(controller, plant, robot):
 
 def test_a_loop_that_runs_holds_no_more_memory(controller, plant):
     """Two thousand calls: octo's Python holds at the end what it held before, but for a few numbers."""
-    own = tracemalloc.Filter(True, str(Path(octo.__file__).parent / "*"))
-
-    def some(first, count):
-        for k in range(first, first + count):
-            controller.step(0.01 * k, plant.q, plant.v)
-            for j in range(5):
-                plant.step(controller.command(0.01 * k + 0.002 * j, plant.q, plant.v))
-
-    some(0, 100)
-    tracemalloc.start()
-    try:
-        some(100, 100)
-        before = tracemalloc.take_snapshot().filter_traces([own])
-        some(200, 2000)
-        after = tracemalloc.take_snapshot().filter_traces([own])
-    finally:
-        tracemalloc.stop()
-    assert sum(entry.size_diff for entry in after.compare_to(before, "filename")) < 200
+    assert held(controller, plant, 100, 2000)[0] < 200
