@@ -63,10 +63,11 @@ def _iteration(basis: str) -> Callable[[Found], Judged]:
     def of(found: Found) -> Judged:
         own = row(found, "iteration", basis)
         most = max(own["bound_ms"], key=own["bound_ms"].get)
-        ratios = ", ".join(f"{value:.3g} times that on a CPU's {name}" for name, value in own.get("ratio", {}).items())
+        times = [f"{cpu['ms']:.3g} ms on {name}" for name, cpu in own.get("cpu", {}).items() if name.isdigit()]
+        beside = f"CPU {', '.join(times)} threads" if times else "no CPU beside it"
         size = f"N = {own['steps']}" + (f", Z = {own['Z']}" if own["Z"] else "")
         bound = f"bound {own['bound_ms'][most]:.3g} ms of a {own['bound_of']}, by {most}"
-        more = f"{ratios or 'no CPU beside it'}; of a solve's, {_factorised(own)}"
+        more = f"{beside}; of a solve's, {_factorised(own)}"
         return f"{size}: {own['ms']:.3g} ms (aim {AIM_MS}; {bound}; {more})", own["ms"] <= ITERATION_MS
 
     return of

@@ -84,7 +84,9 @@ def _ended(bench: Bench, problem: octo.Problem, seeds: range) -> Row:
     """A batch to its end."""
     pool = bench.pool
     bench.renew()
+    before = replace(bench.device.counts)
     result = bench.solve(problem, bench.to_the_end, seeds)
+    spent = {key: value - getattr(before, key) for key, value in vars(bench.device.counts).items()}
     words = [status.label for status in result.status]
     converged = sum(status.converged for status in result.status)
     row = {
@@ -95,7 +97,8 @@ def _ended(bench: Bench, problem: octo.Problem, seeds: range) -> Row:
     }  # fmt: skip
     if pool is not None:
         row["peak_bytes"] = int(pool.total_bytes())  # the pool was empty before and gives nothing back by itself
-    return {**row, **of_solve(result)}
+    launched = {"kernels": spent["launches"], "kernels_in_graphs": spent["replayed"], "captures": spent["captures"]}
+    return {**row, **of_solve(result), **launched, "capture_seconds": spent["capture_seconds"]}
 
 
 def batch(bench: Bench) -> Section:
@@ -134,7 +137,7 @@ def ipopt(bench: Bench) -> Section:
 
     options = bench.to_the_end
     for basis, problem in reversed(bench.walks.items()):
-        solver = reference.Ipopt(problem, options=options)
+        solver = reference.Ipopt(problem, options=replace(options, time_limit=3.0 * options.time_limit))
         for seed in SEEDS[: 1 if bench.short else 5]:
             bench.solve(problem, replace(options, max_iterations=WARM), range(seed, seed + 1))
             own = bench.solve(problem, options, range(seed, seed + 1))
@@ -184,7 +187,7 @@ class Planned:
 
 SECTIONS = {  # in the order of importance
     "iteration": Planned(iteration, "one iteration of the mammal, beside the CPU", 60.0),
-    "stages": Planned(stages, "its split by stage", 20.0),
+    "stages": Planned(stages, "its split by stage", 30.0),
     "launching": Planned(launching, "graphs, copies and captures of a solve", 15.0),
     "chain": Planned(chain, "the chain of 40 s", 40.0),
     "batch": Planned(batch, "a batch of 64 beside all cores", 45.0),
