@@ -22,11 +22,11 @@ from octo.arrays import host
 from octo.gpu.device import source
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.linear import Reduction
-from octo.problem.compiled import CompiledProblem
+from octo.problem.compiled import CompiledProblem, Model
 from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.backend import Backend
-from octo.solver.blocks import SBT, KKTBlocks, interleave
+from octo.solver.blocks import SBT, interleave
 from octo.solver.cyclic_reduction import ROUNDING, SHIFT, ReducedSBT, _equilibration
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
@@ -71,8 +71,8 @@ class _Recording(Backend):
     def __init__(self) -> None:
         self.systems: list[System] = []
 
-    def factors(self, problem: CompiledProblem, blocks: KKTBlocks, at: Any, lam: Any, options: SqpOptions) -> HostFactors:
-        keep = self.systems
+    def factors(self, problem: CompiledProblem, model: Model, at: Any, lam: Any, options: SqpOptions) -> HostFactors:
+        keep, blocks = self.systems, self.blocks(model)
 
         class Recorded(HostFactors):
             def add(self, members: Any, weight: Any) -> Any:

@@ -17,7 +17,6 @@ from octo.gpu.problem import DeviceProblem, bytes_of
 from octo.gpu.work import DeviceFactors, Work
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import Backend
-from octo.solver.blocks import KKTBlocks
 from octo.solver.options import SqpOptions
 from octo.solver.subproblem import Three, Two
 
@@ -109,9 +108,9 @@ class DeviceBackend(Backend):
     def together(self, problem: Any) -> bool:
         return self.work(problem).together
 
-    def factors(self, problem: Any, blocks: KKTBlocks, at: Evaluation, lam: Array, options: SqpOptions) -> DeviceFactors:
+    def factors(self, problem: Any, model: Model, at: Evaluation, lam: Array, options: SqpOptions) -> DeviceFactors:
         work = self.work(problem)
-        own = work.of("H", blocks.H)
+        own = work.of("H", model.H)
         assert own is not None, "the model is not the last one of this problem"
         return DeviceFactors(work, own, at, lam)
 

@@ -133,12 +133,13 @@ class Sequence(Generic[T]):
     def __init__(self, device: Any, launches: Callable[[], T]):
         self._device, self._launches, self._workspace = device, launches, Workspace(device)
         self._graph: Graph | None = None
-        self._made: T | None = None
+        self._made: T
+        self._ran = False
 
     def __call__(self) -> T:
         """The first run compiles and allocates; the second is captured, where the device has graphs."""
         device = self._device
-        if self._graph is None and self._made is not None and device.graphs:
+        if self._graph is None and self._ran and device.graphs:
             began = time.perf_counter()
             try:
                 self._graph = device.capture(self._run)
@@ -146,8 +147,8 @@ class Sequence(Generic[T]):
                 device.counts.capture_seconds += time.perf_counter() - began
             except NoGraph as why:
                 device.without_graphs(why)
-        if self._graph is None or self._made is None:
-            self._made = self._run()
+        if self._graph is None:
+            self._made, self._ran = self._run(), True
         else:
             self._graph.launch()
             device.counts.graphs += 1

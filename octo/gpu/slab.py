@@ -6,9 +6,6 @@ from dataclasses import fields
 from functools import cache
 from math import prod
 
-import numpy as np
-from numpy.typing import NDArray
-
 from octo.gpu.device import Array, Device
 from octo.problem.compiled import Evaluation
 
@@ -59,14 +56,20 @@ class Slab:
         """A copy, from one array to the end."""
         return Slab(self.layout.rest(first), self.flat[self.layout.places[first][0].start :].copy())
 
-    def host(self, device: Device, first: str, last: str) -> dict[str, NDArray[np.float64]]:
+    def host(self, device: Device, first: str, last: str) -> Slab:
         """Some arrays on the host, in one copy that waits for the device."""
         place, part = self.layout.span(first, last)
-        values = device.host(self.flat[place])
-        return {name: values[where].reshape(shape) for name, (where, shape) in part.places.items()}
+        return Slab(part, device.host(self.flat[place]))
 
-    def evaluation(self) -> Evaluation:
-        """The arrays of an iterate."""
-        made = Evaluation(*map(self.__getitem__, FIELDS))
-        made.__dict__["slab"] = self
-        return made
+
+class SlabEvaluation(Evaluation):
+    """An iterate in a slab, its arrays cut out when they are asked for: most are not, and each takes a GPU's host some µs."""
+
+    def __init__(self, slab: Slab):
+        self.slab = slab
+
+    def __getattr__(self, name: str) -> Array:
+        if name not in FIELDS:
+            raise AttributeError(name)
+        self.__dict__[name] = found = self.slab[name]
+        return found

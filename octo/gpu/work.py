@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.arrays import every, some
 from octo.gpu.device import Array
 from octo.gpu.factor import DeviceFactor, Solving
 from octo.gpu.linear import Linear
 from octo.gpu.normal import NormalSequences
 from octo.gpu.problem import DeviceProblem
 from octo.gpu.sequence import Sequence
-from octo.gpu.slab import FIELDS, Slab
+from octo.gpu.slab import FIELDS, Slab, SlabEvaluation
 from octo.problem.compiled import Evaluation, Model
 from octo.solver.factors import Attempt
 
@@ -40,9 +41,9 @@ class Work:
         iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
         step: dict[str, tuple[int, ...]] = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
         numbers = {"units": (batch, K, 3), "first": (batch, 1), "residual": (batch, 1), "beside": (BESIDE, batch)}
-        self.at = Slab.fresh(device, iterate).evaluation()
+        self.at = SlabEvaluation(Slab.fresh(device, iterate))
         self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
-        self.tried = self.trial.evaluation()
+        self.tried = SlabEvaluation(self.trial)
         self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
         self.active = device.empty((batch,), np.int32)
@@ -50,7 +51,7 @@ class Work:
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
         self.models = {exact: Modelled(self, exact) for exact in (True, False)}
-        self._evaluate = Sequence(device, self._launch_evaluate)
+        self._evaluate = Sequence(device, self.launch_trial)
 
     @property
     def together(self) -> bool:
@@ -60,10 +61,9 @@ class Work:
     def place(self, at: Evaluation, lam: Array) -> None:
         """Steps start at ``at``, with multipliers ``lam``."""
         if self._placed[0] is not at:
-            own: Slab = self.at.__dict__["slab"]
-            slab: Slab | None = at.__dict__.get("slab")
-            if slab is not None and slab.layout.shapes == own.layout.shapes:
-                self.device.copy(slab.flat, own.flat)
+            if isinstance(at, SlabEvaluation):  # at the end of a trial's slab, as in this one
+                own = self.at.slab.flat
+                self.device.copy(at.slab.flat[-own.size :], own)
             else:
                 for name in FIELDS:
                     self.device.copy(getattr(at, name), getattr(self.at, name))
@@ -72,11 +72,11 @@ class Work:
         self._placed = (at, lam)
 
     def write(self, name: str, values: NDArray[Any]) -> None:
-        """``values`` into the fixed array of that name, where they are others than before."""
+        """``values``, which nobody changes any more, into the fixed array of that name, where they are others than before."""
         before = self._written.get(name)
-        if before is None or not (before == values).all():
-            self._written[name] = values.copy()
-            self.device.write(self._written[name], getattr(self, name))
+        if before is None or before.tobytes() != values.tobytes():
+            self._written[name] = values
+            self.device.write(values, getattr(self, name))
 
     def linearize(self, at: Evaluation, lam: Array, exact: bool) -> Model:
         self.place(at, lam)
@@ -108,15 +108,11 @@ class Work:
         return self.evaluated(self.trial.copied("summary"), found), list(found["beside"][: len(numbers)])
 
     @staticmethod
-    def evaluated(slab: Slab, numbers: dict[str, NDArray[np.float64]]) -> Evaluation:
+    def evaluated(slab: Slab, numbers: Slab) -> Evaluation:
         """An evaluation whose numbers are on the host already."""
-        made = slab.evaluation()
+        made = SlabEvaluation(slab)
         made.__dict__.update(numbers=numbers["summary"], unit_sizes=numbers["sizes"])
         return made
-
-    def _launch_evaluate(self) -> bool:
-        self.launch_trial()
-        return True
 
     def launch_trial(self) -> None:
         """Everything of ``tried`` from its unknowns."""
@@ -172,11 +168,11 @@ class Modelled:
         (self._refined if self._coarse else self._attempt)()
         numbers = work.trial.host(work.device, "units", "sizes")
         coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
-        self._coarse = bool(coarse.any())
+        self._coarse = some(coarse)
         while True:
             if refinements:
                 coarse &= numbers["residual"] > TOLERANCE
-            if refinements == REFINEMENTS or not coarse.any():
+            if refinements == REFINEMENTS or not some(coarse):
                 break
             self._again()
             numbers = work.trial.host(work.device, "units", "sizes")
@@ -210,33 +206,30 @@ class Modelled:
         work, model = self._work, self._own
         return DeviceFactor(work.linear, model.H, model.A, work.weight, work.active)
 
-    def _launch_attempt(self) -> bool:
-        return self._launch_begin() and self._launch_step()
+    def _launch_attempt(self) -> None:
+        self._launch_begin()
+        self._launch_step()
 
-    def _launch_refined(self) -> bool:
-        return self._launch_begin() and self._launch_refine() and self._launch_step()
+    def _launch_refined(self) -> None:
+        self._launch_begin()
+        self._launch_again()
 
-    def _launch_again(self) -> bool:
-        return self._launch_refine() and self._launch_step()
+    def _launch_again(self) -> None:
+        assert self._step is not None
+        self.factored.refine(self._step, self.factored.good)
+        self._launch_step()
 
-    def _launch_begin(self) -> bool:
+    def _launch_begin(self) -> None:
         assert self._step is not None
         self._work.linear.negative(self._own.b, self._step.rhs_v)
         self.factored.begin(self._step, self.factored.good)
-        return True
 
-    def _launch_refine(self) -> bool:
-        assert self._step is not None
-        self.factored.refine(self._step, self.factored.good)
-        return True
-
-    def _launch_step(self) -> bool:
+    def _launch_step(self) -> None:
         """The numbers of the step, and its trial."""
         work, parts, model = self._work, self._work.parts, self._own
         work.linear.step_numbers(model.A, model.b, parts["delta"], work.lam, parts["units"])
         work.linear.advance(work.bounds, parts["units"], work.at.unknowns, parts["delta"], work.tried.unknowns)
         work.launch_trial()
-        return True
 
     def _launch_solve(self) -> Solving:
         assert self._rhs is not None
@@ -263,27 +256,23 @@ class DeviceFactors:
     def __init__(self, work: Work, own: Modelled, at: Evaluation, lam: Array):
         self._work, self._own = work, own
         work.place(at, lam)
-        self._weight = np.zeros((work.problem.batch, work.problem.K))
 
     def clear(self) -> None:
         """Nothing: what is factored again replaces what was."""
 
-    def add(self, members: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.bool_]:
-        active = np.zeros(len(self._weight), dtype=np.int32)
-        active[members] = 1
-        self._weight[members] = weight
-        self._work.write("weight", self._weight)
-        self._work.write("active", active)
-        return self._own.factor()[members]
+    def add(self, members: NDArray[np.bool_], weight: NDArray[np.float64]) -> NDArray[np.bool_]:
+        self._work.write("weight", weight)
+        self._work.write("active", members.astype(np.int32))
+        return self._own.factor() & members
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         return self._own.solve(rhs_v, rhs_c)
 
-    def attempt(
-        self, rhs_c: Array, limit: NDArray[np.float64], cap: float, members: NDArray[np.bool_] | None = None
-    ) -> Attempt:
-        if members is not None and not members.all() and not self._work.together:
+    def attempt(self, rhs_c: Array, limit: NDArray[np.float64], cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
+        if members is not None and not every(members) and not self._work.together:
             return self._own.untried(rhs_c)
-        self._work.write("bounds", np.stack([limit, np.full(len(limit), cap)], axis=1))
+        bounds = np.empty((len(limit), 2))
+        bounds[:, 0], bounds[:, 1] = limit, cap
+        self._work.write("bounds", bounds)
         self._work.device.copy(rhs_c, self._work.rhs_c)
         return self._own.attempt()

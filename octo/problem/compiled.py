@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.arrays import host, like
+from octo.arrays import every, host, like, some
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
@@ -83,7 +83,7 @@ class Evaluation:
     @property
     def finite(self) -> NDArray[np.bool_]:
         """(batch,) where E and C are; on the host."""
-        return np.asarray(np.isfinite(self.numbers[:, :2]).all(axis=1))
+        return np.isfinite(self.energy + self.size)
 
     def take(self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]) -> Evaluation:
         """Some members, by index or by a mask."""
@@ -105,13 +105,18 @@ class Evaluation:
                 self.__dict__[name][members] = other.__dict__[name]
 
     def replaced(self, members: NDArray[np.bool_], other: Evaluation) -> Evaluation:
-        """Members of ``other`` where the mask is set, of this one elsewhere; neither is changed."""
-        if members.all():
+        """Members of ``other`` where the mask is set, of this one elsewhere; one of the two itself where all come from it."""
+        if every(members):
             return other
-        made, chosen = self.take(np.arange(len(members))), np.flatnonzero(members)
-        if len(chosen):
-            made.put(chosen, other.take(chosen))
+        if not some(members):
+            return self
+        made, chosen = self.copy(), np.flatnonzero(members)
+        made.put(chosen, other.take(chosen))
         return made
+
+    def copy(self) -> Evaluation:
+        """One that may be changed."""
+        return self.take(np.arange(len(self.numbers)))
 
     def on_host(self) -> Evaluation:
         """The same in NumPy arrays."""

@@ -64,9 +64,9 @@ class Backend:
         """Eq. 12 with its products."""
         return KKTBlocks(model.H, model.A, model.b, model.C)
 
-    def factors(self, problem: CompiledProblem, blocks: KKTBlocks, at: Evaluation, lam: Array, options: SqpOptions) -> Factors:
-        """Where the KKT matrices of this iterate will be factored; ``blocks`` are of the last model."""
-        return HostFactors(blocks, lam, options, problem.threads)
+    def factors(self, problem: CompiledProblem, model: Model, at: Evaluation, lam: Array, options: SqpOptions) -> Factors:
+        """Where the KKT matrices of this iterate will be factored; ``model`` is the last one."""
+        return HostFactors(self.blocks(model), lam, options, problem.threads)
 
     def normal(self, A: Array, threads: int = 1) -> NormalFactor:
         """AAᵀ factored."""

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, host, inner, largest, like
+from octo.arrays import Array, Numbers, array_module, every, host, inner, largest, like, some
 from octo.problem.compiled import Evaluation
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
@@ -46,8 +46,8 @@ class Factors(Protocol):
         """Forget what was factored."""
         ...
 
-    def add(self, members: NDArray[np.intp], weight: Numbers) -> NDArray[np.bool_]:
-        """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members, weight (members, K): where its inertia is right."""
+    def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
+        """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members (batch,), weight (batch, K): where the inertia is right."""
         ...
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
@@ -67,20 +67,21 @@ class HostFactors:
 
     def __init__(self, blocks: KKTBlocks, lam: Array, options: SqpOptions, threads: int):
         self.blocks, self._lam, self._options, self._threads = blocks, lam, options, threads
-        self.groups: list[tuple[Numbers, Numbers, Any]] = []  # members factored together, those that are good, their factor
+        self.groups: list[tuple[Numbers, Numbers, Any]] = []  # members factored together, which are good, their factor
 
     def clear(self) -> None:
         self.groups = []
 
-    def add(self, members: NDArray[np.intp], weight: Numbers) -> NDArray[np.bool_]:
-        blocks = self.blocks
-        whole, own = len(members) == blocks.batch, like(members, blocks.H)
-        H, A = (blocks.H, blocks.A) if whole else (blocks.H[own], blocks.A[own])
+    def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
+        H, A, own = self.blocks.H, self.blocks.A, np.flatnonzero(members)
+        if not every(members):
+            H, A, weight = H[own], A[own], weight[own]
         factor = kkt.factorize(H, A, weight, method=self._options.linear_solver, threads=self._threads)
-        good = host(factor.inertia_ok)
-        if good.any():
-            self.groups.append((members, good, factor))
-        return good
+        found, good = np.zeros(len(members), dtype=bool), host(factor.inertia_ok)
+        found[own] = good
+        if some(good):
+            self.groups.append((own, good, factor))
+        return found
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         if len(self.groups) == 1 and len(self.groups[0][0]) == len(rhs_v):

@@ -39,12 +39,13 @@ class Filter:
 
     def descends(self, slope: Array, length: Array, violation: Array) -> Array:
         """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease (switching condition)."""
-        xp = array_module(slope)
-        steep = length * xp.maximum(-slope, 0.0) ** SWITCH_E > xp.maximum(violation, 0.0) ** SWITCH_C
-        return (slope < 0.0) & steep
+        return length * array_module(slope).maximum(-slope, 0.0) ** SWITCH_E > violation**SWITCH_C
 
     def accepts(self, at: tuple[Array, Array], trial: tuple[Array, Array], slope: Array, length: Array) -> Array:
-        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken; ``slope`` is bᵀΔ."""
+        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken, never to one that is not finite.
+
+        ``slope`` is bᵀΔ.
+        """
         xp = array_module(slope)
         (violation, energy), (new_violation, new_energy) = at, trial
         blocked = (new_violation[:, None] >= self.violation) & (new_energy[:, None] >= self.energy)
@@ -56,14 +57,12 @@ class Filter:
 
     def add(self, violation: Array, energy: Array, members: Array) -> None:
         """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than they are."""
-        xp = array_module(violation)
-        energy = energy - GAMMA_E * violation
-        violation = (1.0 - GAMMA_C) * violation
-        chosen = xp.flatnonzero(members)
-        place = self.count[chosen] % CAPACITY
-        self.violation[chosen, place] = violation[chosen]
-        self.energy[chosen, place] = energy[chosen]
-        self.count[chosen] += 1
+        chosen = members.nonzero()[0]
+        if len(chosen):
+            place, violation = self.count[chosen] % CAPACITY, violation[chosen]
+            self.violation[chosen, place] = (1.0 - GAMMA_C) * violation
+            self.energy[chosen, place] = energy[chosen] - GAMMA_E * violation
+            self.count[chosen] += 1
 
     def clear(self, members: Array) -> None:
         """Forget the entries of some members."""

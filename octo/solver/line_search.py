@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like, scaled
+from octo.arrays import Array, Numbers, array_module, choose, every, host, inner, largest, like, scaled, some
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
-from octo.solver.blocks import KKTBlocks
 from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import ARMIJO, Filter
 from octo.solver.options import SqpOptions
@@ -34,7 +33,7 @@ RESTORATION_STEPS = 10
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """Where the line goes: Δ (batch, K, nc), of it ‖Δ‖∞ and bᵀΔ (batch,), and the trial of its first length, if there is one."""
+    """Where the line goes: Δ (batch, K, nc), of it ‖Δ‖∞ and bᵀΔ (batch,), 0 where it does not, and the first length's trial."""
 
     delta: Array
     largest: Numbers
@@ -48,7 +47,7 @@ class LineSearch:
     def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
         self.filter = Filter(at.size)
-        self.regularisation = Regularisation(problem.batch, options)
+        self.regularisation = Regularisation(problem.batch, problem.K, options)
         self.restorations = np.zeros(problem.batch, dtype=int)
         self.flat = np.zeros(problem.batch, dtype=int)  # iterations in a row without a change of E
 
@@ -61,62 +60,58 @@ class LineSearch:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
-        blocks = self.backend.blocks(model)
-        factors = self.backend.factors(self.problem, blocks, at, lam, self.options)
-        attempt, sigma, has = self._step(factors, blocks)
+        factors = self.backend.factors(self.problem, model, at, lam, self.options)
+        attempt, sigma, has = self._step(factors, -model.C)
         delta, multipliers, first = attempt.delta, attempt.multipliers, attempt.trial
-        units, dual, slope = attempt.numbers
-        full, slope = np.where(has, units.max(axis=1), np.inf), np.where(has, slope, 0.0)
-        violation = at.largest
-        o = self.options
-        converged = (full <= o.step_tolerance) & (violation <= o.tolerance) & (dual <= o.dual_tolerance)
-        settled = (self.flat >= o.plateau) | ((dual <= o.dual_tolerance) & (full <= POLISH * o.step_tolerance))
-        polish = settled & (violation > o.tolerance) & ~converged
-        if polish.any():  # E or its gradient has settled and the constraints have not: a step for them alone
+        _, dual, slope = attempt.numbers
+        o, full = self.options, choose(has, attempt.largest, np.inf)
+        feasible, level = at.largest <= o.tolerance, dual <= o.dual_tolerance
+        converged = feasible & level & (full <= o.step_tolerance)
+        polish = ~feasible & ((self.flat >= o.plateau) | (level & (full <= POLISH * o.step_tolerance)))
+        if some(polish):  # E or its gradient has settled and the constraints have not: a step for them alone
             with self.clock("solve"):
                 still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
             delta, first = choose(polish & has, still, delta), None
-            slope, full_taken = host(inner(model.b, choose(has, delta, 0.0))), host(largest(choose(has, delta, 0.0)))
+            slope, most = host(inner(model.b, choose(has, delta, 0.0))), host(largest(choose(has, delta, 0.0)))
         else:
-            full_taken = full
-        direction = _Direction(delta, np.where(has, full_taken, 0.0), slope, first)
-        accepted, length, new, step, corrected = self._search(at, model, factors, direction, has & ~converged)
-        growing = accepted & ~corrected & (sigma > 0.0) & (length == 1.0) & ~polish
-        new, step = self._stretch(at, direction, growing, new, step)
-        failed = ~accepted & ~converged
-        step = np.where(accepted, step, 0.0)
-        after = at.replaced(accepted, new)
-        lam = choose(accepted & ~polish, lam + scaled(length, multipliers - lam), lam)
-        if failed.any():
-            lam = lam.copy()
+            most = full
+        pending = has & ~converged
+        direction = _Direction(delta, choose(pending, most, 0.0), choose(pending, slope, 0.0), first)
+        accepted, length, after, step, corrected = self._search(at, model, factors, direction, pending)
+        whole = accepted & ~polish
+        growing = whole & ~corrected & (sigma > 0.0) & (length == 1.0)
+        after, step = self._stretch(at, direction, growing, after, step)
+        lam = choose(whole, lam + scaled(length, multipliers - lam), lam)
+        failed = ~(accepted | converged)
+        if some(failed):
+            after, lam = after.copy(), lam.copy()
             failed = self._restore(after, lam, failed)
-        change = np.abs(after.energy - at.energy) <= o.plateau_change / o.plateau * np.abs(at.energy)
-        self.flat = np.where(change, self.flat + 1, 0)
+        change = abs(after.energy - at.energy) <= o.plateau_change / o.plateau * abs(at.energy)
+        self.flat = (self.flat + 1) * change
         return Move(
             at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=step, ratio=length,
             radius=np.full(len(full), o.cap), sigma=sigma, factorizations=self.regularisation.factorizations.copy(),
             converged=converged,
         )  # fmt: skip
 
-    def _step(self, factors: Factors, blocks: KKTBlocks) -> tuple[Attempt, Numbers, Mask]:
+    def _step(self, factors: Factors, rhs_c: Array) -> tuple[Attempt, Numbers, Mask]:
         """The KKT step, the weights of its factors (batch,), and where there is one.
 
         Where single units would move beyond the cap, their own weights are raised first.
         """
-        local = self.regularisation.local
-        if local.shape[1] == 1:
-            local = self.regularisation.local = np.zeros((blocks.batch, blocks.units))
-        limit = np.ones(blocks.batch)
+        local, limit = self.regularisation.local, np.ones(len(rhs_c))
         for attempt in range(HOLDS + 1):
             with self.clock("factor"):
-                sigma, has = self.regularisation.factorize(factors, blocks.units)
+                sigma, has = self.regularisation.factorize(factors)
             with self.clock("solve"):
-                step = factors.attempt(-blocks.C, limit, self.options.cap)
-            units = step.numbers[0]
-            has &= np.isfinite(units).all(axis=1)
-            beyond = (units > HELD) & has[:, None]
-            few = (beyond.sum(axis=1) <= max(1, HELD_PART * blocks.units)) & beyond.any(axis=1)
-            if attempt == HOLDS or not few.any():
+                step = factors.attempt(rhs_c, limit, self.options.cap)
+            has &= np.isfinite(step.largest)
+            if attempt == HOLDS or not some(step.largest > HELD):
+                break
+            beyond = (step.numbers[0] > HELD) & has[:, None]
+            count = beyond.sum(axis=1)
+            few = (count > 0) & (count <= max(1, HELD_PART * beyond.shape[1]))
+            if not some(few):
                 break
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
@@ -129,19 +124,20 @@ class LineSearch:
         growing = growing & (new.energy < at.energy)
         for attempt in range(STRETCHES):
             factor = 2.0 ** (attempt + 1)
-            growing &= factor * direction.largest <= STRETCHED
-            if not growing.any():
+            moved = factor * direction.largest
+            growing &= moved <= STRETCHED
+            if not some(growing):
                 break
             trial = self._evaluate(at, choose(growing, factor * direction.delta, 0.0), growing)
-            growing &= trial.finite & (trial.energy - at.energy <= GAIN * (new.energy - at.energy))
+            growing &= trial.energy - at.energy <= GAIN * (new.energy - at.energy)
             growing &= trial.size <= np.maximum(self.filter.small, at.size)
-            new, step = new.replaced(growing, trial), np.where(growing, factor * direction.largest, step)
+            new, step = new.replaced(growing, trial), choose(growing, moved, step)
         return new, step
 
     def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
         """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
         local = self.regularisation.local
-        if not refused.any():
+        if not some(refused):
             local *= FORGET
             return
         worse = trial.unit_sizes - at.unit_sizes
@@ -157,31 +153,30 @@ class LineSearch:
     ) -> tuple[Mask, Numbers, Evaluation, Numbers, Mask]:
         """Halve the length until the filter accepts: accepted (batch,), lengths, the new evaluation, ‖·‖∞ of the steps
         taken, and which of them are second-order corrections."""
-        here = (at.size, at.energy)
-        wanted = choose(pending, direction.delta, 0.0)
-        slope, most = np.where(pending, direction.slope, 0.0), np.where(pending, direction.largest, 0.0)
+        here, batch = (at.size, at.energy), len(pending)
+        slope, most = direction.slope, direction.largest
         length = np.minimum(1.0, self.options.cap / np.maximum(most, 1e-300))
-        accepted, corrected, pending = np.zeros(len(slope), dtype=bool), np.zeros(len(slope), dtype=bool), pending.copy()
-        taken, result = np.zeros(len(slope)), at
+        accepted, corrected = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=bool)
+        taken, result = np.zeros(batch), at
         for attempt in range(HALVINGS):
-            if not pending.any():
+            if not some(pending):
                 break
             moved, trial = length * most, direction.first if attempt == 0 else None
             if trial is None:
-                trial = self._evaluate(at, choose(pending, scaled(length, wanted), 0.0), pending)
+                trial = self._evaluate(at, choose(pending, scaled(length, direction.delta), 0.0), pending)
             there = (trial.size, trial.energy)
-            good = pending & trial.finite & self.filter.accepts(here, there, slope, length)
+            good = pending & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
-                self._blame(at, trial, pending & ~good)
-                worse = pending & ~good & trial.finite & (there[0] >= here[0])
-                if worse.any():
+                refused = pending & ~good
+                self._blame(at, trial, refused)
+                worse = refused & trial.finite & (there[0] >= here[0])
+                if some(worse):
                     corrected, trial, moved = self._correct(at, model, factors, trial, moved, (here, slope, length), worse)
                     good |= corrected
-            if good.any():
-                result, taken = result.replaced(good, trial), np.where(good, moved, taken)
-                accepted |= good
-                pending &= ~good
-            length = np.where(pending, 0.5 * length, length)
+            result, taken = result.replaced(good, trial), choose(good, moved, taken)
+            accepted |= good
+            pending = pending & ~good
+            length[pending] *= 0.5
         descends = self.filter.descends(slope, length, here[0]) & (result.energy <= here[1] + ARMIJO * length * slope)
         self.filter.add(here[0], here[1], accepted & ~descends)
         return accepted, length, result, taken, corrected
@@ -189,7 +184,7 @@ class LineSearch:
     def _evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
         """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be computed."""
         with self.clock("evaluate"):
-            if members.all() or self.backend.together(self.problem):
+            if every(members) or self.backend.together(self.problem):
                 return self.backend.evaluate(self.problem, at.unknowns + step)
             chosen = np.flatnonzero(members)
             own = like(chosen, step)
@@ -212,13 +207,13 @@ class LineSearch:
             corrected = step.trial
             if corrected is None:
                 corrected = self._evaluate(at, choose(pending, scaled(length, step.delta), 0.0), pending)
-            after, finite = corrected.size, corrected.finite
-            good = pending & finite & self.filter.accepts(here, (after, corrected.energy), slope, length)
-            if good.any():
-                trial, moved = trial.replaced(good, corrected), np.where(good, length * step.largest, moved)
+            after = corrected.size
+            good = pending & self.filter.accepts(here, (after, corrected.energy), slope, length)
+            if some(good):
+                trial, moved = trial.replaced(good, corrected), choose(good, length * step.largest, moved)
                 found |= good
-            pending &= ~good & finite & (after <= 0.99 * before)
-            if not pending.any():
+            pending &= ~good & corrected.finite & (after <= 0.99 * before)
+            if not some(pending):
                 break
             residual = scaled(length, residual) + corrected.C
             before = after

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo.arrays import Numbers
+from octo.arrays import Numbers, choose, some
 from octo.solver.factors import Factors
 from octo.solver.options import SqpOptions
 
@@ -20,35 +20,28 @@ LARGEST = 1e12
 class Regularisation:
     """The weight of each member (batch,), remembered between iterations."""
 
-    def __init__(self, batch: int, options: SqpOptions):
+    def __init__(self, batch: int, units: int, options: SqpOptions):
         self.options = options
         self.last = np.zeros(batch)  # the last one that was needed, 0 before any was
         self.factorizations = np.zeros(batch, dtype=int)
-        self.local = np.zeros((batch, 1))  # (batch, K) weights of single units, on top
+        self.local = np.zeros((batch, units))  # weights of single units, on top
 
     def take(self, members: Numbers) -> None:
         """Keep some members only."""
         self.last, self.factorizations, self.local = self.last[members], self.factorizations[members], self.local[members]
 
-    def factorize(self, factors: Factors, units: int) -> tuple[Numbers, Numbers]:
+    def factorize(self, factors: Factors) -> tuple[Numbers, Numbers]:
         """Fills ``factors``: the weights used (batch,), and where there is a factor (batch,) bool."""
         factors.clear()
         batch = len(self.last)
-        sigma, has = np.zeros(batch), np.zeros(batch, dtype=bool)
-        pending, tries = np.arange(batch), 0
-        while len(pending):
-            weight = (sigma[pending] + FLOOR)[:, None] + self.local[pending]
-            weight = np.ascontiguousarray(np.broadcast_to(weight, (len(pending), units)))
-            good = factors.add(pending, weight)
-            self.factorizations[pending] += 1
-            has[pending[good]] = True
-            pending = pending[~good]
-            if not len(pending):
-                break
-            first = np.maximum(self.options.first_sigma, SHRINK * self.last[pending])
-            sigma[pending] = first if tries == 0 else GROW * sigma[pending]
-            pending = pending[sigma[pending] <= LARGEST]
-            tries += 1
-        needed = sigma > 0.0
-        self.last[needed] = sigma[needed]
-        return sigma, has
+        sigma, pending = np.zeros(batch), np.ones(batch, dtype=bool)
+        first = np.maximum(self.options.first_sigma, SHRINK * self.last)
+        while some(pending):
+            good = factors.add(pending, (sigma + FLOOR)[:, None] + self.local)
+            self.factorizations += pending
+            pending = pending & ~good
+            if some(pending):
+                sigma = choose(pending, np.maximum(first, GROW * sigma), sigma)
+                pending &= sigma <= LARGEST
+        self.last = choose(sigma > 0.0, sigma, self.last)
+        return sigma, sigma <= LARGEST

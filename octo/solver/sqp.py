@@ -10,11 +10,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, array_module, choose, host, like
+from octo.arrays import Array, Numbers, array_module, choose, host, like, some
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.line_search import LineSearch
@@ -101,22 +102,35 @@ class Result:
         )  # fmt: skip
 
 
-class _Member:
-    """History of one start."""
+class _Records:
+    """Histories of all starts."""
 
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, ...]] = []
-        self.energies: list[float] = []
-        self.factorizations = 0
+    def __init__(self, batch: int, options: SqpOptions):
+        self._options = options
+        self._iterations: list[tuple[NDArray[np.intp], tuple[Any, ...]]] = []  # the members at work, their columns of HISTORY
+        self._energies: list[list[float]] = [[] for _ in range(batch)]
 
-    def plateau(self, options: SqpOptions) -> bool:
-        """E changed by less than a small part of itself over the last iterations."""
-        window = self.energies[-options.plateau - 1 :]
-        return len(window) > options.plateau and max(window) - min(window) <= options.plateau_change * abs(window[-1])
+    def add(self, members: NDArray[np.intp], energy: Numbers, *columns: Any) -> NDArray[np.bool_]:
+        """Columns of HISTORY from E on, numbers or (members,): where E changed by less than a small part of itself lately."""
+        self._iterations.append((members, (energy.copy(), *columns)))
+        for k, value in zip(members.tolist(), energy.tolist(), strict=True):
+            self._energies[k].append(value)
+        return np.array([self._plateau(self._energies[k]) for k in members])
 
-    def history(self) -> dict[str, Array]:
-        columns = np.array(self.rows, dtype=float).reshape(-1, len(HISTORY))
-        return {name: columns[:, k].copy() for k, name in enumerate(HISTORY)}
+    def _plateau(self, energies: list[float]) -> bool:
+        window = energies[-self._options.plateau - 1 :]
+        return len(window) > self._options.plateau and max(window) - min(window) <= self._options.plateau_change * abs(window[-1])
+
+    def histories(self) -> list[dict[str, Array]]:
+        rows: list[list[Any]] = [[] for _ in self._energies]
+        for iteration, (members, columns) in enumerate(self._iterations):
+            table = np.empty((len(members), len(HISTORY)))
+            for k, values in enumerate((0.0, iteration, *columns)):
+                table[:, k] = values
+            for member, row in zip(members, table, strict=True):
+                rows[member].append(row)
+        tables = [np.array(own).reshape(-1, len(HISTORY)) for own in rows]
+        return [{name: table[:, k].copy() for k, name in enumerate(HISTORY)} for table in tables]
 
 
 def run(
@@ -151,7 +165,8 @@ class _Run:
         self.lam = xp.zeros(shape) if lam is None else xp.ascontiguousarray(lam, dtype=float)
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend)
         self.active = np.arange(problem.batch)
-        self.members = [_Member() for _ in self.active]
+        self.records = _Records(problem.batch, options)
+        self.factorizations = np.zeros(problem.batch, dtype=int)
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
         self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
@@ -177,25 +192,20 @@ class _Run:
 
     def _iterate(self, iteration: int) -> None:
         exact = self.options.hessian == "exact" and iteration >= self.options.gauss_newton_first
-        if self.model is None or self.moved.any() or iteration == self.options.gauss_newton_first:
+        if self.model is None or some(self.moved) or iteration == self.options.gauss_newton_first:
             with self.clock("linearize"):
                 self.model = self.backend.linearize(self.problem, self.at, self.lam, exact)
-        model = self.model
-        before, violation = self.at, self.violation
-        move = self.rule.move(self.at, self.lam, model, iteration)
-        self._record(iteration, before, violation, move)
+        move = self.rule.move(self.at, self.lam, self.model, iteration)
+        plateau = self._record(move)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
-        plateau = np.array([self.members[k].plateau(self.options) for k in self.active])
-        acceptable = plateau & (self.violation <= self.tolerance)
-        status = [
-            (move.converged, Status.CONVERGED), (acceptable & ~move.converged, Status.ACCEPTABLE),
-            (move.failed & ~acceptable & ~move.converged, Status.STALLED),
-        ]  # fmt: skip
-        stop = self.monitor.show(iteration, self.at, self.violation)
-        if stop:
-            open_ = ~(move.converged | acceptable | move.failed)
-            status.append((open_, Status.INTERRUPTED))
-        self._leave_all(status)
+        stopped = self.monitor.show(iteration, self.at, self.violation)
+        if stopped or some(move.converged | move.failed | plateau):
+            acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
+            stalled = move.failed & ~(acceptable | move.converged)
+            status = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE), (stalled, Status.STALLED)]
+            if stopped:
+                status.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
+            self._leave_all(status)
 
     @property
     def violation(self) -> Array:
@@ -203,29 +213,27 @@ class _Run:
         return self.at.largest * self.problem.weight
 
     @property
+    def score(self) -> Array:
+        """(batch,) the smaller, the better an iterate."""
+        return self.at.energy + 100.0 * self.violation / self.problem.weight
+
+    @property
     def tolerance(self) -> float:
         """N."""
         return self.options.tolerance * (self.problem.weight if self.options.step == "line_search" else 1.0)
 
-    def _record(self, iteration: int, before: Evaluation, violation: Array, move: Move) -> None:
-        seconds = time.perf_counter() - self.began
-        energies = before.energy
-        self._remember(before, energies + 100.0 * violation / self.problem.weight)
-        for place, k in enumerate(self.active):
-            member = self.members[k]
-            member.factorizations = int(move.factorizations[place])
-            energy = float(energies[place])
-            member.energies.append(energy)
-            values = (0.0, iteration, energy, violation[place], move.dual[place], move.step[place], move.taken[place])
-            more = (move.ratio[place], move.radius[place], move.sigma[place], move.factorizations[place], seconds)
-            member.rows.append((*(float(v) for v in values), *(float(v) for v in more)))
-
-    def _remember(self, at: Evaluation, score: NDArray[np.float64]) -> None:
-        """Keep the iterates that are better than the best so far."""
+    def _record(self, move: Move) -> NDArray[np.bool_]:
+        """Where E has not changed lately; what is at hand is kept where it is better than the best so far."""
+        score = self.score
         better = score <= self.best_score
-        if better.any():
-            self.best, self.best_lam = self.best.replaced(better, at), choose(better, self.lam, self.best_lam)
-            self.best_score = np.where(better, score, self.best_score)
+        if some(better):
+            self.best, self.best_lam = self.best.replaced(better, self.at), choose(better, self.lam, self.best_lam)
+            self.best_score = choose(better, score, self.best_score)
+        self.factorizations[self.active] = move.factorizations
+        return self.records.add(
+            self.active, self.at.energy, self.violation, move.dual, move.step, move.taken, move.ratio, move.radius, move.sigma,
+            move.factorizations, time.perf_counter() - self.began,
+        )  # fmt: skip
 
     def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
         self._leave_all([(mask, status)])
@@ -234,16 +242,16 @@ class _Run:
         """Members that are done go out of the batch; those that did not converge keep their best iterate."""
         gone = np.zeros(len(self.active), dtype=bool)
         for mask, status in groups:
-            if not mask.any():
+            if not some(mask):
                 continue
             gone |= mask
-            score = self.at.energy + 100.0 * self.violation / self.problem.weight
+            score = self.score
             for place in np.flatnonzero(mask):
                 better = status.converged or score[place] <= self.best_score[place] or not np.isfinite(self.best_score[place])
                 at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
                 k = int(place)
                 self.done[int(self.active[k])] = (status, at.take([k]).on_host(), host(lam[k : k + 1]))
-        if not gone.any():
+        if not some(gone):
             return
         keep = np.flatnonzero(~gone)
         self.active = self.active[keep]
@@ -256,16 +264,15 @@ class _Run:
             self.rule.take(keep, self.problem)
 
     def _result(self) -> Result:
-        order = range(self.batch)
-        ends = [self.done[k] for k in order]
+        ends, histories = [self.done[k] for k in range(self.batch)], self.records.histories()
         at = Evaluation(*(np.concatenate([getattr(e[1], part.name) for e in ends]) for part in fields(Evaluation)))
         return Result(
             at=at,
             lam=np.concatenate([e[2] for e in ends]),
             status=[e[0] for e in ends],
-            iterations=np.array([len(self.members[k].rows) for k in order]),
-            factorizations=np.array([self.members[k].factorizations for k in order]),
-            history=[self.members[k].history() for k in order],
+            iterations=np.array([len(history["energy"]) for history in histories]),
+            factorizations=self.factorizations,
+            history=histories,
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,
             processor_seconds=time.process_time() - self.began_processor,

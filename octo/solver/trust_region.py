@@ -24,7 +24,7 @@ class TrustRegion:
 
     def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
-        self.regularisation = Regularisation(problem.batch, options)
+        self.regularisation = Regularisation(problem.batch, problem.K, options)
         self.radius = np.full(problem.batch, np.inf)
         self.mu = np.zeros(problem.batch)
         self.refused = np.zeros(problem.batch, dtype=int)
@@ -56,8 +56,8 @@ class TrustRegion:
         blocks = self.backend.blocks(model)
         dual = largest(model.b + blocks.constraints_transposed_times(lam))
         with self.clock("factor"):
-            factors = self.backend.factors(self.problem, blocks, at, lam, self.options)
-            sigma, has = self.regularisation.factorize(factors, blocks.units)
+            factors = self.backend.factors(self.problem, model, at, lam, self.options)
+            sigma, has = self.regularisation.factorize(factors)
             normal = self.backend.normal(model.A, self.problem.threads)
         with self.clock("solve"):
             full, multipliers = factors.solve(-model.b, -model.C)

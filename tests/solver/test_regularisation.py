@@ -19,12 +19,12 @@ def negatives(system, sigma: np.ndarray) -> np.ndarray:
 
 
 def made(batch: int, method: str) -> Regularisation:
-    return Regularisation(batch, SqpOptions(linear_solver=method, first_sigma=1e-3))
+    return Regularisation(batch, 6, SqpOptions(linear_solver=method, first_sigma=1e-3))
 
 
 def factorize(weight: Regularisation, system) -> tuple[HostFactors, np.ndarray, np.ndarray]:
     factors = HostFactors(system, np.zeros_like(system.C), weight.options, threads=1)
-    return factors, *weight.factorize(factors, system.units)
+    return factors, *weight.factorize(factors)
 
 
 @pytest.mark.parametrize("method", METHODS)
