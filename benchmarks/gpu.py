@@ -19,13 +19,13 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import gpu_figure
 import numpy as np
-from gpu_bench import Bench, walk
+from gpu_bench import Bench, Lost, first_line, walk
 from gpu_sections import SECTIONS
 
 import octo
@@ -44,10 +44,6 @@ class Ended(BaseException):
 
 class TooLong(BaseException):
     """A section's time is over."""
-
-
-def first_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {(str(error).strip().splitlines() or ['no words'])[0]}"
 
 
 class Paper:
@@ -83,16 +79,18 @@ def signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def measure(bench: Bench, paper: Paper, names: Sequence[str], budget: float) -> bool:
-    """Every section of ``names``, while its time fits into ``budget`` s; False: it was ended."""
-    began, name = time.perf_counter(), ""
+def measure(bench: Bench, paper: Paper, names: Sequence[str], end: float) -> list[str] | None:
+    """Sections, while their time fits before ``end``; those that another process must do. None: it was ended."""
+    name = ""
     try:
-        for name in names:
-            _fitting(bench, paper, name, budget - (time.perf_counter() - began))
+        for place, name in enumerate(names):
+            _fitting(bench, paper, name, end - time.perf_counter())
+            if bench.lost:
+                return list(names[place + 1 :])
     except Ended:
         paper.found.setdefault(name, {})["why_not"] = "interrupted"
-        return False
-    return True
+        return None
+    return []
 
 
 def _fitting(bench: Bench, paper: Paper, name: str, left: float) -> None:
@@ -130,7 +128,8 @@ def _section(bench: Bench, paper: Paper, name: str, limit: float) -> None:
     if why is not None:
         rows["why_not"] = why
         print(f"  not measured: {why}", file=sys.stderr, flush=True)
-        bench.renew()
+        with suppress(Lost):
+            bench.recover()
     paper.found["seconds"][name] = time.perf_counter() - began
     paper.write()
 
@@ -206,17 +205,23 @@ def main(words: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"benchmarks/gpu.py: {error}", file=sys.stderr)
         return 2
+    end = time.perf_counter() + arguments.budget
     with signals():
-        whole = measure(Bench(device, arguments.short), paper, arguments.names, arguments.budget)
+        rest = measure(Bench(device, arguments.short), paper, arguments.names, end)
     paper.write()
+    if rest:
+        print(f"the GPU is lost to this process: another one goes on with {', '.join(rest)}", flush=True)
+        flags = [f"--{name}" for name in ("emulate", "short") if getattr(arguments, name)]
+        own = ["--only", ",".join(rest), "--budget", str(end - time.perf_counter()), "--out", str(path)]
+        os.execv(sys.executable, [sys.executable, __file__, *flags, *own])
     print("\n".join(gpu_figure.table(paper.found)), flush=True)
     try:
         gpu_figure.draw(paper.found, path.with_suffix(".png"))
     except Exception as error:  # matplotlib is not installed, say: the figures are worth more than their picture
         print(f"no figure: {first_line(error)}", file=sys.stderr)
-    if not whole:
+    if rest is None:
         print(f"benchmarks/gpu.py: interrupted; what was measured is in {path}", file=sys.stderr)
-    return 0 if whole else 130
+    return 130 if rest is None else 0
 
 
 if __name__ == "__main__":

@@ -50,6 +50,14 @@ class Iterate:
     lam: Any
 
 
+class Lost(Exception):
+    """After an illegal address, for example, CUDA refuses everything: only another process can go on."""
+
+
+def first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {(str(error).strip().splitlines() or ['no words'])[0]}"
+
+
 class OneIteration:
     """See the top of this file. ``sigma`` (batch,) are the weights that give the KKT matrices the right inertia."""
 
@@ -60,7 +68,7 @@ class OneIteration:
         self.problem = backend.place(compiled)
         unknowns = backend.array(iterate.unknowns)
         assert unknowns is not None
-        self.at, self.lam = backend.evaluate(self.problem, unknowns), backend.array(iterate.lam)
+        self.places = [(backend.evaluate(self.problem, unknowns), backend.array(iterate.lam)) for _ in range(2)]
         self.members, self.limit = np.arange(batch), np.ones(batch)
         self.sigma, has = Regularisation(batch, self.options).factorize(self._factors()[0], compiled.K)
         if not has.all():
@@ -68,9 +76,12 @@ class OneIteration:
         self.weight = np.ascontiguousarray(np.broadcast_to((self.sigma + FLOOR)[:, None], (batch, compiled.K)))
 
     def _factors(self) -> tuple[Any, Any]:
-        model = self.backend.linearize(self.problem, self.at, self.lam, True)
+        """At the same iterate in other arrays: as in a solve, a device copies it to its place."""
+        self.places.reverse()
+        at, lam = self.places[0]
+        model = self.backend.linearize(self.problem, at, lam, True)
         blocks = self.backend.blocks(model)
-        return self.backend.factors(self.problem, blocks, self.at, self.lam, self.options), blocks
+        return self.backend.factors(self.problem, blocks, at, lam, self.options), blocks
 
     def __call__(self) -> None:
         factors, blocks = self._factors()
@@ -81,17 +92,19 @@ class OneIteration:
         trial = attempt.trial
         if trial is None:
             length = np.minimum(1.0, self.options.cap / np.maximum(units.max(axis=1), 1e-300))
-            trial = self.backend.evaluate(self.problem, self.at.unknowns + arrays.scaled(length, attempt.delta))
+            trial = self.backend.evaluate(self.problem, self.places[0][0].unknowns + arrays.scaled(length, attempt.delta))
         self.trial, numbers = trial, trial.numbers  # of a device, on the host already
         finite = all(np.isfinite(values).all() for values in (units, dual, slope))
         if not (good.all() and numbers.size and finite):
             raise ArithmeticError("the factorisation or the solution of the iteration that is measured went wrong")
 
 
-def milliseconds(run: Callable[[], None], repeats: int) -> Row:
-    """The median and the least of repeated runs, warmed up."""
-    for _ in range(WARM):
+def milliseconds(run: Callable[[], None], repeats: int, warm_up: float) -> Row:
+    """The median and the least of repeated runs, after ``warm_up`` s: a GPU that was idle has a slow clock."""
+    began, warm = time.perf_counter(), 0
+    while warm < WARM or time.perf_counter() - began < warm_up:
         run()
+        warm += 1
     times: list[float] = []
     began = time.perf_counter()
     while len(times) < repeats and (len(times) < LEAST or time.perf_counter() - began < LONGEST):
@@ -116,10 +129,11 @@ class Bench:
 
     def __init__(self, device: Any, short: bool):
         self.device, self.short, self.cores = device, short, len(os.sched_getaffinity(0))
+        self.lost = False
         self.renew()
         self.mammal = octo.gallery.mammal()
         self.iterations, self.repeats = (6, 2) if short else (30, REPEATS)
-        self.steps = 20 if short else 400
+        self.steps, self.warm_up = (20, 0.0) if short else (400, 0.3)
         self.to_the_end = SqpOptions(max_iterations=4) if short else SqpOptions(max_iterations=1500, time_limit=90.0)
 
     def renew(self) -> None:
@@ -128,6 +142,15 @@ class Bench:
         gc.collect()  # graphs and arrays refer to one another
         if self.pool is not None:
             self.pool.free_all_blocks()
+
+    def recover(self) -> None:
+        """After something failed; raises Lost where the GPU answers no more."""
+        try:
+            self.renew()
+            self.device.host(self.device.array([0.0]))
+        except Exception as error:
+            self.lost = True
+            raise Lost(f"the GPU is lost to this process: {first_line(error)}") from error
 
     @property
     def pool(self) -> Any:
@@ -170,7 +193,7 @@ class Bench:
             "steps": compiled.steps, "dt": problem.dt, "batch": batch, "degrees": compiled.n, "units": compiled.K,
             "Z": compiled.K - 1 if problem.basis is BASES["hermite"] else None, "block": 2 * (compiled.nc + compiled.ma),
             "iterations_before": self.iterations, "sigma": float(one.sigma.max()),
-            **milliseconds(one, self.repeats), **solved,
+            **milliseconds(one, self.repeats, self.warm_up), **solved,
         }  # fmt: skip
         if threads:
             row["cpu"] = self.on_cpu(problem, batch, iterate, threads)
@@ -187,6 +210,6 @@ class Bench:
         for count in threads:
             compiled = self.compiled(problem, batch, count)
             CPU.prepare(compiled, options)
-            own = milliseconds(OneIteration(CPU, compiled, iterate), self.repeats)
+            own = milliseconds(OneIteration(CPU, compiled, iterate), self.repeats, self.warm_up)
             made[str(count)] = {**own, **of_solve(self.solve(problem, options, range(batch), CPU, count))}
         return made

@@ -145,6 +145,7 @@ def _plans(found: Found) -> Judged:
     for basis, own in made.items():
         size, how = (own["peak_bytes"], "") if "peak_bytes" in own else (own["estimated_bytes"], " by estimate")
         ended = f"{own['converged']} of {own['plans']} converged in {own['seconds']:.3g} s"
+        ended += "" if own["plans"] == own["wanted"] else f" (there is no memory for {own['wanted']})"
         words.append(f"{BASES[basis]}: {ended}, {own['converged_a_second']:.3g} a second, {size / 1e9:.3g} GB{how}")
     words += [f"{BASES[basis]}: {why_not(found, 'plans', basis)}" for basis in BASES if basis not in made]
     return "; ".join(words), True

@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import gpu_kkt
 import gpu_stages
 import numpy as np
-from gpu_bench import WARM, Bench, Row, of_solve, walk
+from gpu_bench import WARM, Bench, Row, first_line, of_solve, walk
 
 import octo
 from octo import arrays
-from octo.errors import DeviceError
 from octo.gpu import bound
 from octo.gpu.problem import bytes_of
 from octo.problem.compiled import CompiledProblem
 from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
 
+T = TypeVar("T")
 Section = Iterator[tuple[str, Row]]
 SEEDS = range(10, 15)  # no constant of the solver was chosen on these starts
 MANY = 1024
+
+
+def each(bench: Bench, items: Mapping[str, T], measured: Callable[[T], Row]) -> Section:
+    """A row for each item, or why there is none: one that fails does not take the others with it."""
+    for name, item in items.items():
+        try:
+            row = measured(item)
+        except Exception as error:
+            row = {"why_not": first_line(error)}
+        yield name, row
+        if "why_not" in row:
+            bench.recover()
 
 
 def _one_and_all(bench: Bench) -> tuple[int, ...]:
@@ -30,25 +43,26 @@ def _one_and_all(bench: Bench) -> tuple[int, ...]:
 
 def iteration(bench: Bench) -> Section:
     """One iteration of the mammal, beside the CPU's and what a GPU cannot be faster than (docs/gpu.md)."""
-    for basis, problem in bench.walks.items():
+
+    def measured(problem: octo.Problem) -> Row:
         row = bench.iteration(problem, threads=_one_and_all(bench))
         gpu = bound.H100 if "H100" in getattr(bench.device, "name", "") else bound.H200
         seconds = bound.bound(CompiledProblem([problem])).seconds(gpu)
         row["bound_ms"] = {name: 1e3 * value for name, value in seconds.items()}
         row["measured_over_bound"] = row["ms"] / max(row["bound_ms"].values())
-        yield basis, {**row, "bound_of": gpu.name}
+        return {**row, "bound_of": gpu.name}
+
+    yield from each(bench, bench.walks, measured)
 
 
 def stages(bench: Bench) -> Section:
     """One iteration kernel by kernel."""
-    for basis, problem in bench.walks.items():
-        yield basis, gpu_stages.measure(bench, problem)
+    yield from each(bench, bench.walks, lambda problem: gpu_stages.measure(bench, problem))
 
 
 def launching(bench: Bench) -> Section:
     """A solve's iterations with CUDA graphs and kernel by kernel: what is launched and waited for."""
-    for basis, problem in bench.walks.items():
-        yield basis, _launching(bench, problem)
+    yield from each(bench, bench.walks, lambda problem: _launching(bench, problem))
 
 
 def _launching(bench: Bench, problem: octo.Problem) -> Row:
@@ -75,9 +89,9 @@ def _launching(bench: Bench, problem: octo.Problem) -> Row:
 def chain(bench: Bench) -> Section:
     """The paper's chain of 40 s, Z = 80: one iteration, and solves to their end."""
     problem = walk(octo.gallery.chain(), 20 if bench.short else 800, "hermite", dt=0.05)
-    yield "iteration", bench.iteration(problem, threads=_one_and_all(bench))
-    for seed in SEEDS[: 1 if bench.short else 3]:
-        yield f"solve from start {seed}", _ended(bench, problem, range(seed, seed + 1))
+    yield from each(bench, {"iteration": problem}, lambda problem: bench.iteration(problem, threads=_one_and_all(bench)))
+    starts = {f"solve from start {seed}": range(seed, seed + 1) for seed in SEEDS[: 1 if bench.short else 3]}
+    yield from each(bench, starts, lambda seeds: _ended(bench, problem, seeds))
 
 
 def _ended(bench: Bench, problem: octo.Problem, seeds: range) -> Row:
@@ -104,31 +118,34 @@ def _ended(bench: Bench, problem: octo.Problem, seeds: range) -> Row:
 def batch(bench: Bench) -> Section:
     """The batch in which a device is compared with all cores of the CPU."""
     size = 2 if bench.short else 64
-    for basis, problem in bench.walks.items():
-        yield f"{basis} {size}", bench.iteration(problem, size, (bench.cores,))
+    walks = {f"{basis} {size}": problem for basis, problem in bench.walks.items()}
+    yield from each(bench, walks, lambda problem: bench.iteration(problem, size, (bench.cores,)))
 
 
 def batches(bench: Bench) -> Section:
     """One iteration against the size of the batch. The CPU's time is measured up to 64, whose cores are full long before."""
-    problem = bench.walks["hermite"]
-    per_problem = None
-    for size in (1, 3) if bench.short else (1, 4, 16, 64, 256, MANY):
+    problem, per_problem = bench.walks["hermite"], 0.0
+
+    def measured(size: int) -> Row:
+        nonlocal per_problem
         row = bench.iteration(problem, size, (bench.cores,) if size <= 64 else ())
         own = row.get("cpu", {}).get(str(bench.cores))
-        if own is not None:
-            per_problem = own["ms"] / size
-        elif per_problem is not None:
-            row["ratio_to_64"] = per_problem * size / row["ms"]
-        yield f"hermite {size}", row
+        per_problem = own["ms"] / size if own else per_problem
+        return row if own or not per_problem else {**row, "ratio_to_64": per_problem * size / row["ms"]}
+
+    sizes = (1, 3) if bench.short else (1, 4, 16, 64, 256, MANY)
+    yield from each(bench, {f"hermite {size}": size for size in sizes}, measured)
 
 
 def plans(bench: Bench) -> Section:
-    """Many plans of the mammal in one batch: those that the memory holds; Hermite takes half of what nodes take."""
-    for basis, problem in bench.walks.items():
-        try:
-            yield basis, _ended(bench, problem, range(2 if bench.short else MANY))
-        except DeviceError as error:
-            yield basis, {"why_not": str(error)}
+    """Many plans of the mammal in one batch, or as many as the memory holds: Hermite takes half of what nodes take."""
+
+    def measured(problem: octo.Problem) -> Row:
+        bench.renew()
+        wanted, fit = 2 if bench.short else MANY, bench.device.free_bytes() // bytes_of(bench.compiled(problem, 1))
+        return {"wanted": wanted, **_ended(bench, problem, range(min(wanted, int(fit))))}
+
+    yield from each(bench, bench.walks, measured)
 
 
 def ipopt(bench: Bench) -> Section:
@@ -160,20 +177,19 @@ def ipopt(bench: Bench) -> Section:
 
 def dof(bench: Bench) -> Section:
     """Chains of more and more links (Fig. 9)."""
-    for links in (3,) if bench.short else range(3, 13):
-        yield f"{links} links", bench.iteration(walk(octo.gallery.chain(links), bench.steps, "hermite"))
+    chains = {f"{links} links": links for links in ((3,) if bench.short else range(3, 13))}
+    yield from each(bench, chains, lambda links: bench.iteration(walk(octo.gallery.chain(links), bench.steps, "hermite")))
 
 
 def steps(bench: Bench) -> Section:
     """Longer and longer walks of the mammal."""
-    for count in (10, 20) if bench.short else (50, 100, 200, 400, 800, 1600):
-        yield f"{count} steps", bench.iteration(walk(bench.mammal, count, "nodes"))
+    counts = {f"{count} steps": count for count in ((10, 20) if bench.short else (50, 100, 200, 400, 800, 1600))}
+    yield from each(bench, counts, lambda count: bench.iteration(walk(bench.mammal, count, "nodes")))
 
 
 def kkt(bench: Bench) -> Section:
     """The same matrices factored by other ways (gpu_kkt.py)."""
-    for basis, problem in bench.walks.items():
-        yield basis, gpu_kkt.measure(bench.device, problem, bench.short)
+    yield from each(bench, bench.walks, lambda problem: gpu_kkt.measure(bench.device, problem, bench.short))
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from benchmarks import quote
 from octo.errors import MissingExtraError
 from octo.gpu import cuda, nvrtc
 from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.problem import bytes_of
 from octo.solver.backend import CPU
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "gpu.py"
@@ -156,6 +157,51 @@ def test_a_section_that_fails_keeps_its_rows_and_the_rest_goes_on(script, plant,
     assert "why_not" not in found["dof"] and "not measured: RuntimeError: planted" in capsys.readouterr().err
     by_name = {one["what"]: one["figure"] for one in found["must_show"]}
     assert by_name["chain of 40 s, solved"] == "not measured"
+
+
+def test_a_row_that_fails_leaves_the_others(script, module, monkeypatch):
+    bench = module("gpu_bench").Bench
+    own = bench.iteration
+
+    def failing(self, problem, *arguments, **named):
+        if problem.steps == 10:
+            raise MemoryError("planted")
+        return own(self, problem, *arguments, **named)
+
+    monkeypatch.setattr(bench, "iteration", failing)
+    code, found = script("--only", "steps")
+    assert (
+        code == 0 and found["steps"]["10 steps"] == {"why_not": "MemoryError: planted"} and found["steps"]["20 steps"]["ms"] > 0.0
+    )
+
+
+def test_as_many_plans_as_the_memory_holds(module):
+    device = EmulatedDevice()
+    bench = module("gpu_bench").Bench(device, True)
+    device.memory = int(1.5 * bytes_of(bench.compiled(bench.walks["hermite"], 1)))
+    rows = dict(module("gpu_sections").SECTIONS["plans"].run(bench))
+    assert rows["hermite"]["plans"] == 1 and rows["hermite"]["wanted"] == 2
+
+
+def test_another_process_goes_on_where_the_gpu_is_lost(script, plant, module, monkeypatch):
+    """After an error that CUDA keeps, nothing works in the same process."""
+
+    def losing(bench):
+        def refuse(*_):
+            raise RuntimeError("an illegal memory access was encountered")
+
+        bench.device.array = refuse
+        yield from module("gpu_sections").each(bench, {"first": 0, "second": 1}, refuse)
+
+    started = []
+    plant("dof", losing)
+    monkeypatch.setattr(os, "execv", lambda path, words: started.append(words))
+    _, found = script("--only", "dof,steps,kkt", "--budget", "500")
+    words = started[0]
+    assert words[1].endswith("gpu.py") and words[words.index("--only") + 1] == "steps,kkt"
+    assert {"--emulate", "--short"} < set(words) and 400.0 < float(words[words.index("--budget") + 1]) < 500.0
+    assert found["dof"]["first"]["why_not"] == "RuntimeError: an illegal memory access was encountered"
+    assert "second" not in found["dof"] and "lost" in found["dof"]["why_not"] and "steps" not in found
 
 
 def test_a_section_that_takes_too_long_is_stopped(script, plant, module, monkeypatch):
