@@ -69,8 +69,8 @@ class OneIteration:
         unknowns = backend.array(iterate.unknowns)
         assert unknowns is not None
         self.places = [(backend.evaluate(self.problem, unknowns), backend.array(iterate.lam)) for _ in range(2)]
-        self.members, self.limit = np.arange(batch), np.ones(batch)
-        self.sigma, has = Regularisation(batch, self.options).factorize(self._factors()[0], compiled.K)
+        self.members, self.limit = np.ones(batch, dtype=bool), np.ones(batch)
+        self.sigma, has = Regularisation(batch, compiled.K, self.options).factorize(self._factors()[0])
         if not has.all():
             raise ArithmeticError("no weight gives the KKT matrix of this iterate its inertia")
         self.weight = np.ascontiguousarray(np.broadcast_to((self.sigma + FLOOR)[:, None], (batch, compiled.K)))
@@ -80,14 +80,13 @@ class OneIteration:
         self.places.reverse()
         at, lam = self.places[0]
         model = self.backend.linearize(self.problem, at, lam, True)
-        blocks = self.backend.blocks(model)
-        return self.backend.factors(self.problem, blocks, at, lam, self.options), blocks
+        return self.backend.factors(self.problem, model, at, lam, self.options), -model.C
 
     def __call__(self) -> None:
-        factors, blocks = self._factors()
+        factors, rhs_c = self._factors()
         factors.clear()
         good = factors.add(self.members, self.weight)
-        attempt = factors.attempt(-blocks.C, self.limit, self.options.cap)
+        attempt = factors.attempt(rhs_c, self.limit, self.options.cap)
         units, dual, slope = attempt.numbers
         trial = attempt.trial
         if trial is None:

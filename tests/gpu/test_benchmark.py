@@ -142,7 +142,7 @@ class Counting:
         self.factors, self.log, self.clear, self.attempt = factors, log, factors.clear, factors.attempt
 
     def add(self, members, weight):
-        self.log.append(len(members))
+        self.log.append(members.sum())
         return self.factors.add(members, weight)
 
 
