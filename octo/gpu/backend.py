@@ -71,7 +71,7 @@ class DeviceBackend(Backend):
     def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
         with ThreadPoolExecutor(1) as pool:
-            beside = pool.submit(self.device.compile, [text(problem.nc, problem.ma)])
+            beside = pool.submit(self.device.compile, [text(problem.nc, problem.ma, self.device.shared_limit)])
             self.place(problem)
             beside.result()
         self.linear(problem.nc, problem.ma)

@@ -27,7 +27,8 @@
 #define __restrict__
 
 struct cuda_on_cpu_index { unsigned x, y, z; };
-struct cuda_on_cpu_crew { pthread_barrier_t barrier[2]; int threads; char *shared; };
+struct cuda_on_cpu_warp { pthread_barrier_t barrier[2]; unsigned slot[32]; };
+struct cuda_on_cpu_crew { pthread_barrier_t barrier[2]; int threads; char *shared; std::vector<cuda_on_cpu_warp> warps; std::vector<int> flags; };
 
 static thread_local cuda_on_cpu_index threadIdx, blockIdx;
 static thread_local cuda_on_cpu_crew *cuda_on_cpu_here;
@@ -35,11 +36,50 @@ static cuda_on_cpu_index blockDim, gridDim;
 
 /* Two barriers take turns: with one, a thread that wakes late would learn from it what others did up to their next wait, and
  * ThreadSanitizer would take that for an order between them. */
-static thread_local int cuda_on_cpu_turn;
+static thread_local int cuda_on_cpu_turn, cuda_on_cpu_warp_turn;
 
 static inline void __syncthreads() {
   if (cuda_on_cpu_here->threads > 1) pthread_barrier_wait(&cuda_on_cpu_here->barrier[cuda_on_cpu_turn ^= 1]);
 }
+
+static inline int __syncthreads_or(int flag) {
+  std::vector<int> &flags = cuda_on_cpu_here->flags;
+  flags[threadIdx.x] = flag;
+  __syncthreads();
+  int any = 0;
+  for (int one : flags) any |= one;
+  __syncthreads();
+  return any != 0;
+}
+
+#ifdef __SANITIZE_THREAD__
+/* A warp agrees on a number, which orders nothing else: ThreadSanitizer must not take it for more. */
+extern "C" void AnnotateIgnoreSyncBegin(const char *, int), AnnotateIgnoreSyncEnd(const char *, int),
+    AnnotateIgnoreReadsBegin(const char *, int), AnnotateIgnoreReadsEnd(const char *, int), AnnotateIgnoreWritesBegin(const char *, int),
+    AnnotateIgnoreWritesEnd(const char *, int);
+struct cuda_on_cpu_unordered {
+  cuda_on_cpu_unordered() { AnnotateIgnoreSyncBegin("", 0), AnnotateIgnoreReadsBegin("", 0), AnnotateIgnoreWritesBegin("", 0); }
+  ~cuda_on_cpu_unordered() { AnnotateIgnoreWritesEnd("", 0), AnnotateIgnoreReadsEnd("", 0), AnnotateIgnoreSyncEnd("", 0); }
+};
+#else
+struct cuda_on_cpu_unordered { cuda_on_cpu_unordered() {} };
+#endif
+
+/* The largest value of a warp, the last of which may have fewer threads than 32 here. */
+static inline unsigned __reduce_max_sync(unsigned, unsigned value) {
+  int first = (int)threadIdx.x / 32 * 32, size = cuda_on_cpu_here->threads - first < 32 ? cuda_on_cpu_here->threads - first : 32;
+  if (size == 1) return value;
+  cuda_on_cpu_unordered here;
+  cuda_on_cpu_warp &warp = cuda_on_cpu_here->warps[first / 32];
+  warp.slot[threadIdx.x - first] = value;
+  pthread_barrier_wait(&warp.barrier[cuda_on_cpu_warp_turn ^= 1]);
+  for (int k = 0; k < size; ++k) value = warp.slot[k] > value ? warp.slot[k] : value;
+  pthread_barrier_wait(&warp.barrier[cuda_on_cpu_warp_turn ^= 1]);
+  return value;
+}
+
+static inline long long __double_as_longlong(double value) { long long bits; memcpy(&bits, &value, 8); return bits; }
+static inline double __longlong_as_double(long long bits) { double value; memcpy(&value, &bits, 8); return value; }
 
 /* What a launch is told: grid and block (3 each), bytes of shared memory, blocks at the same time. */
 struct cuda_on_cpu_launch { unsigned grid[3], threads; unsigned long shared; unsigned crews; };
@@ -54,7 +94,7 @@ static void *cuda_on_cpu_work(void *argument) {
   unsigned long blocks = (unsigned long)l->grid[0] * l->grid[1] * l->grid[2];
   cuda_on_cpu_here = me->crew;
   threadIdx = {me->lane, 0, 0};
-  cuda_on_cpu_turn = 0;
+  cuda_on_cpu_turn = cuda_on_cpu_warp_turn = 0;
   for (unsigned long b = me->crew_number; b < blocks; b += l->crews) {
     blockIdx = {(unsigned)(b % l->grid[0]), (unsigned)(b / l->grid[0] % l->grid[1]), (unsigned)(b / l->grid[0] / l->grid[1])};
     if (me->lane == 0 && l->shared) memset(me->crew->shared, 0xff, l->shared);
@@ -76,6 +116,10 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
     crew.threads = (int)l->threads;
     crew.shared = (char *)malloc(l->shared + !l->shared);
     for (auto &barrier : crew.barrier) pthread_barrier_init(&barrier, 0, l->threads);
+    crew.flags = std::vector<int>(l->threads);
+    crew.warps = std::vector<cuda_on_cpu_warp>((l->threads + 31) / 32);
+    for (unsigned first = 0; first < l->threads; first += 32)
+      for (auto &barrier : crew.warps[first / 32].barrier) pthread_barrier_init(&barrier, 0, l->threads - first < 32 ? l->threads - first : 32);
   }
   for (unsigned c = 0; c < l->crews; ++c)
     for (unsigned lane = 0; lane < l->threads; ++lane) workers.push_back({l, &call, &crews[c], c, lane});
@@ -89,6 +133,8 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
   }
   for (auto &crew : crews) {
     for (auto &barrier : crew.barrier) pthread_barrier_destroy(&barrier);
+    for (auto &warp : crew.warps)
+      for (auto &barrier : warp.barrier) pthread_barrier_destroy(&barrier);
     free(crew.shared);
   }
   return failed;

@@ -10,7 +10,7 @@ import numpy as np
 
 from octo.errors import ShapeError
 from octo.gpu.device import Array
-from octo.gpu.linear import PARTS, Linear, Reduction, columns_of
+from octo.gpu.linear import PARTS, SLICES, Linear, Reduction, columns_of
 from octo.solver.cyclic_reduction import EQUILIBRATIONS, ROUNDING, SHIFT
 
 
@@ -19,8 +19,8 @@ class Solving:
     """One right-hand side and what is known of its solution: fixed arrays, so that a refinement can be launched again.
 
     v, lam: the solution. left_v, left_c: what is left of the right-hand side (rhs_v, rhs_c; None: zero).
-    size, top (batch, columns): largest entries of the one and of the other. first, residual: their ratio without refinement
-    and after the last one, of the members that had one.
+    tops (batch, K, columns, 2): of each unit the largest entries of the one and of the other. first, residual (batch, columns):
+    the ratio of their maxima without refinement and after the last one, of the members that had one.
     coarse (batch,): 1 where the ratio is above the tolerance: the members that a refinement works on.
     """
 
@@ -30,8 +30,7 @@ class Solving:
     lam: Array
     left_v: Array
     left_c: Array
-    size: Array
-    top: Array
+    tops: Array
     first: Array
     residual: Array
     coarse: Array
@@ -52,8 +51,8 @@ class Solving:
             out = device.empty(rhs_v.shape), lam, device.empty((batch, columns)), device.empty((batch, columns))
         v, lam, first, residual = out
         lefts = device.empty(v.shape), device.empty(lam.shape)
-        size, top, coarse = device.empty((batch, columns)), device.empty((batch, columns)), device.empty((batch,), np.int32)
-        return cls(rhs_v, rhs_c if linear.ma else None, v, lam, *lefts, size, top, first, residual, coarse, tolerance)
+        tops, coarse = device.empty((batch, K, columns, 2)), device.empty((batch,), np.int32)
+        return cls(rhs_v, rhs_c if linear.ma else None, v, lam, *lefts, tops, first, residual, coarse, tolerance)
 
 
 class DeviceFactor:
@@ -73,12 +72,12 @@ class DeviceFactor:
         grid, one = (D, batch), (1, batch)
         diagonal, lower = device.empty((batch, D, B, B)), device.empty((batch, max(D - 1, 1), B, B))
         blocks = device.empty((batch, D), np.int32)
-        linear.each("octo_kkt_blocks", grid, K, active, H, A, sigma, diagonal, lower, blocks, shared=8 * PARTS)
+        linear.each("octo_kkt_blocks", grid, K, active, H, A, sigma, diagonal, lower, blocks)
         self.finite, self.good, self.negative, self.shifted = (device.empty((batch,), np.int32) for _ in range(4))
         linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS, shared=8 * PARTS)
         scales: list[Array] = [None, *(device.empty((batch, D, B)) for _ in range(EQUILIBRATIONS))]
         for old, new in pairwise(scales):
-            linear.each("octo_kkt_equilibrate", grid, active, diagonal, lower, old, new)
+            linear.each("octo_kkt_equilibrate", grid, active, diagonal, lower, old, new, shared=8 * SLICES * B)
         self._scale = scales[-1]
         linear.each("octo_kkt_scale", grid, active, self.finite, self._scale, diagonal, lower)
         self._reduced = Reduction(linear, "kkt", diagonal, lower, ROUNDING, SHIFT, active)
@@ -128,7 +127,6 @@ class DeviceFactor:
 
     def begin(self, solving: Solving, usable: Array | None = None) -> None:
         """The solution without refinement, and its residual; NaN for members that are not ``usable`` (finite, unless given)."""
-        self._linear.largest(solving.rhs_v, solving.rhs_c, None, solving.size)
         self._once(solving, (solving.rhs_v, solving.rhs_c), None, usable)
         self._check(solving, solving.first, None)
 
@@ -138,11 +136,12 @@ class DeviceFactor:
         self._check(solving, solving.residual, solving.coarse)
 
     def _check(self, s: Solving, residual: Array, active: Array | None) -> None:
-        linear, (batch, K, _, ma) = self._linear, self.shape
-        both = (s.left_v, s.left_c)
-        linear.each("octo_kkt_residual", (K, batch), s.columns, active, *self._held, s.rhs_v, s.rhs_c, s.v, s.lam, *both)
-        linear.largest(s.left_v, s.left_c if ma else None, active, s.top)
-        linear.flat("octo_kkt_check", batch, s.columns, s.tolerance, active, s.top, s.size, residual, s.coarse)
+        linear, (batch, K, nc, ma) = self._linear, self.shape
+        arrays = (s.rhs_v, s.rhs_c, s.v, s.lam, s.left_v, s.left_c, s.tops)
+        room = 8 * (SLICES + 2) * (nc + ma) * s.columns
+        linear.each("octo_kkt_residual", (K, batch), s.columns, active, *self._held, *arrays, threads=PARTS, shared=room)
+        own = (K, s.columns, s.tolerance, active, s.tops, residual, s.coarse)
+        linear.each("octo_kkt_check", (1, batch), *own, threads=PARTS, shared=16 * PARTS)
 
     def _once(self, s: Solving, rhs: tuple[Array, Array | None], active: Array | None, usable: Array | None) -> None:
         """Solve for ``rhs``: the solution, or what is added to that of the active members."""

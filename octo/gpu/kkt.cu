@@ -14,32 +14,27 @@ static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, i
   return 0.0;
 }
 
-/* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. Shared: PARTS doubles. */
+/* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. */
 extern "C" __global__ void octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
                                            double *diagonal, double *lower, int *finite) {
-  SHARED(part);
   ONLY(active, blockIdx.y);
-  int d = blockIdx.x, D = gridDim.x;
+  int d = blockIdx.x, D = gridDim.x, broken = 0;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
   h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
   if (sigma) sigma += member * units;
   double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
-  EACH(p, PARTS) {
-    double worst = 0.0;
-    for (int e = p; e < KKT * KKT; e += PARTS) {
-      int i = e / KKT, j = e % KKT, k = 2 * d + i / UNIT, l = 2 * d + j / UNIT, r = i % UNIT, c = j % UNIT;
-      double value = k >= l ? octo_kkt_entry(units, k, r, l, c, h, a, sigma) : octo_kkt_entry(units, l, c, k, r, h, a, sigma);
-      own[e] = value;
-      worst = octo_larger(value - value, worst);
-      if (d == D - 1) continue;
-      value = octo_kkt_entry(units, 2 * d + 2 + i / UNIT, r, l, c, h, a, sigma);
-      below[e] = value;
-      worst = octo_larger(value - value, worst);
-    }
-    part[p] = worst;
+  EACH(e, KKT * KKT) {
+    int i = e / KKT, j = e % KKT, k = 2 * d + i / UNIT, l = 2 * d + j / UNIT, r = i % UNIT, c = j % UNIT;
+    double value = k >= l ? octo_kkt_entry(units, k, r, l, c, h, a, sigma) : octo_kkt_entry(units, l, c, k, r, h, a, sigma);
+    own[e] = value;
+    broken |= !isfinite(value);
+    if (d == D - 1) continue;
+    value = octo_kkt_entry(units, 2 * d + 2 + i / UNIT, r, l, c, h, a, sigma);
+    below[e] = value;
+    broken |= !isfinite(value);
   }
-  double worst = octo_block_max(part);
-  if (LANE == 0) finite[member * D + d] = worst == 0.0;
+  broken = __syncthreads_or(broken);
+  if (LANE == 0) finite[member * D + d] = !broken;
 }
 
 /* finite (batch): 1 where all D blocks of a member are; grid (1, batch); shared: PARTS doubles. */
@@ -77,22 +72,29 @@ extern "C" __global__ void octo_kkt_verdict(int D, int units, const int *active,
 }
 
 /* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1, from the scales ``old`` (none: 1);
- * grid (D, batch). */
+ * grid (D, batch); shared: SLICES KKT doubles. */
 extern "C" __global__ void octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
                                                 double *scale) {
+  SHARED(most);
   ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
   const double *own = diagonal + (member * D + d) * size, *below = lower + (member * (D - 1) + d) * size;
   const double *s = old ? old + (member * D + d) * KKT : 0;
-  EACH(i, KKT) {
+  EACH(item, SLICES * KKT) {
+    int i = item / SLICES, part = item % SLICES;
     double top = 0.0;
-    for (int j = 0; j < KKT; ++j) {
+    for (int j = part; j < KKT; j += SLICES) {
       top = fmax(top, fabs(own[i * KKT + j]) * (s ? s[j] : 1.0));
       if (d > 0) top = fmax(top, fabs((below - size)[i * KKT + j]) * (s ? (s - KKT)[j] : 1.0));
       if (d < D - 1) top = fmax(top, fabs(below[j * KKT + i]) * (s ? (s + KKT)[j] : 1.0));
     }
-    double before = s ? s[i] : 1.0;
+    most[item] = top;
+  }
+  BARRIER;
+  EACH(i, KKT) {
+    double before = s ? s[i] : 1.0, top = 0.0;
+    for (int part = 0; part < SLICES; ++part) top = fmax(top, most[i * SLICES + part]);
     top *= before;
     scale[(member * D + d) * KKT + i] = before / sqrt(top > 0.0 ? top : 1.0);
   }
@@ -146,33 +148,36 @@ extern "C" __global__ void octo_kkt_part(int units, int columns, int more, const
 
 /* ---- products with H, A and Aᵀ; v is (units, NCV, columns), lam (units, MAV, columns); grid (units, batch) ---- */
 
-static __device__ inline double octo_hessian_row(int units, int k, int i, int c, int columns, const double *h, const double *v) {
+/* Of the products of a row, those from number `part` in steps of `parts`. */
+static __device__ inline double octo_hessian_row(int units, int k, int i, int c, int columns, const double *h, const double *v, int part,
+                                                 int parts) {
   double sum = 0.0;
   for (int o = 0; o <= 2 && o <= k; ++o) {
     const double *row = h + (((size_t)k * 3 + o) * NCV + i) * NCV, *x = v + (size_t)(k - o) * NCV * columns + c;
-    for (int j = 0; j < NCV; ++j) sum += row[j] * x[j * columns];
+    for (int j = part; j < NCV; j += parts) sum += row[j] * x[j * columns];
   }
   for (int o = 1; o <= 2 && k + o < units; ++o) {
     const double *column = h + ((size_t)(k + o) * 3 + o) * NCV * NCV + i, *x = v + (size_t)(k + o) * NCV * columns + c;
-    for (int j = 0; j < NCV; ++j) sum += column[j * NCV] * x[j * columns];
+    for (int j = part; j < NCV; j += parts) sum += column[j * NCV] * x[j * columns];
   }
   return sum;
 }
 
-static __device__ inline double octo_row_times(int k, int i, int c, int columns, const double *a, const double *v) {
+static __device__ inline double octo_row_times(int k, int i, int c, int columns, const double *a, const double *v, int part, int parts) {
   double sum = 0.0;
   for (int o = 0; o <= 2 && o <= k; ++o) {
     const double *row = a + (((size_t)k * 3 + o) * MAV + i) * NCV, *x = v + (size_t)(k - o) * NCV * columns + c;
-    for (int j = 0; j < NCV; ++j) sum += row[j] * x[j * columns];
+    for (int j = part; j < NCV; j += parts) sum += row[j] * x[j * columns];
   }
   return sum;
 }
 
-static __device__ inline double octo_column_times(int units, int k, int i, int c, int columns, const double *a, const double *lam) {
+static __device__ inline double octo_column_times(int units, int k, int i, int c, int columns, const double *a, const double *lam, int part,
+                                                  int parts) {
   double sum = 0.0;
   for (int o = 0; o <= 2 && k + o < units; ++o) {
     const double *column = a + ((size_t)(k + o) * 3 + o) * MAV * NCV + i, *x = lam + (size_t)(k + o) * MAV * columns + c;
-    for (int j = 0; j < MAV; ++j) sum += column[j * NCV] * x[j * columns];
+    for (int j = part; j < MAV; j += parts) sum += column[j * NCV] * x[j * columns];
   }
   return sum;
 }
@@ -188,7 +193,7 @@ static __device__ inline double octo_column_times(int units, int k, int i, int c
 extern "C" __global__ void octo_hessian_times(int columns, const double *h, const double *v, double *out) {
   AT_UNIT;
   EACH(e, NCV * columns)
-    out[own_v + e] = octo_hessian_row(units, k, e / columns, e % columns, columns, h + member * units * 3 * NCV * NCV, v + v_at);
+    out[own_v + e] = octo_hessian_row(units, k, e / columns, e % columns, columns, h + member * units * 3 * NCV * NCV, v + v_at, 0, 1);
 }
 
 /* base + factor A v (base may be none). */
@@ -196,7 +201,7 @@ extern "C" __global__ void octo_rows_times(int columns, double factor, const dou
   AT_UNIT;
   EACH(e, MAV * columns)
     out[own_c + e] = (base ? base[own_c + e] : 0.0) +
-                     factor * octo_row_times(k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, v + v_at);
+                     factor * octo_row_times(k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, v + v_at, 0, 1);
 }
 
 /* base + factor Aᵀ lam. */
@@ -205,40 +210,68 @@ extern "C" __global__ void octo_rows_transposed_times(int columns, double factor
   AT_UNIT;
   EACH(e, NCV * columns)
     out[own_v + e] = (base ? base[own_v + e] : 0.0) +
-                     factor * octo_column_times(units, k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, lam + c_at);
+                     factor * octo_column_times(units, k, e / columns, e % columns, columns, a + member * units * 3 * MAV * NCV, lam + c_at, 0, 1);
 }
 
-/* (left_v, left_c) = (rhs_v, rhs_c) - KKT (v, lam); rhs_c may be none: zero. */
+/* (left_v, left_c) = (rhs_v, rhs_c) - KKT (v, lam); rhs_c may be none: zero. tops (units, columns, 2): the largest entry of what is
+ * left and of the right-hand side. Shared: (SLICES + 2) UNIT columns doubles. */
 extern "C" __global__ void octo_kkt_residual(int columns, const int *active, const double *h, const double *a, const double *sigma,
                                              const double *rhs_v, const double *rhs_c, const double *v, const double *lam,
-                                             double *left_v, double *left_c) {
+                                             double *left_v, double *left_c, double *tops) {
+  SHARED(partial);
   ONLY(active, blockIdx.y);
   AT_UNIT;
+  const int size = UNIT * columns;
+  double *left = partial + SLICES * size, *right = left + size;
   h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
-  double weight = sigma ? sigma[member * units + k] : 0.0;
-  EACH(e, NCV * columns) {
-    int i = e / columns, c = e % columns;
-    left_v[own_v + e] = rhs_v[own_v + e] - octo_hessian_row(units, k, i, c, columns, h, v + v_at) - weight * v[own_v + e]
-                      - octo_column_times(units, k, i, c, columns, a, lam + c_at);
+  EACH(item, SLICES * size) {
+    int e = item / SLICES, part = item % SLICES, i = e / columns, c = e % columns;
+    double sum = 0.0;
+    if (i < NCV)
+      sum = octo_hessian_row(units, k, i, c, columns, h, v + v_at, part, SLICES) + octo_column_times(units, k, i, c, columns, a, lam + c_at, part, SLICES);
+    else sum = octo_row_times(k, i - NCV, c, columns, a, v + v_at, part, SLICES);
+    partial[part * size + e] = sum;
   }
-  EACH(e, MAV * columns)
-    left_c[own_c + e] = (rhs_c ? rhs_c[own_c + e] : 0.0) - octo_row_times(k, e / columns, e % columns, columns, a, v + v_at);
+  BARRIER;
+  double weight = sigma ? sigma[member * units + k] : 0.0;
+  EACH(e, size) {
+    int below = e - NCV * columns; /* of the constraints */
+    double given = below < 0 ? rhs_v[own_v + e] : rhs_c ? rhs_c[own_c + below] : 0.0, value = given - octo_slices(partial, size, e);
+    if (below < 0) left_v[own_v + e] = value -= weight * v[own_v + e];
+    else left_c[own_c + below] = value;
+    left[e] = fabs(value), right[e] = fabs(given);
+  }
+  BARRIER;
+  EACH(item, 2 * columns) {
+    const double *of = item % 2 ? right : left;
+    double most = 0.0;
+    for (int i = 0; i < UNIT; ++i) most = octo_larger(of[i * columns + item / 2], most);
+    tops[(member * units + k) * 2 * columns + item] = most;
+  }
 }
 
-/* Largest |entry| of each column of (v, lam); grid (columns, batch); shared: PARTS doubles. */
-extern "C" __global__ void octo_largest(int units, const int *active, const double *v, const double *lam, double *top) {
-  SHARED(part);
+/* residual (columns): the largest of what is left by the largest of the right-hand side, from tops (units, columns, 2); coarse: where
+ * one of them is above the tolerance. Grid (1, batch); shared: 2 PARTS doubles. */
+extern "C" __global__ void octo_kkt_check(int units, int columns, double tolerance, const int *active, const double *tops, double *residual,
+                                          int *coarse) {
+  SHARED(left);
   ONLY(active, blockIdx.y);
-  int c = blockIdx.x, columns = gridDim.x;
+  double *right = left + PARTS;
   size_t member = blockIdx.y;
-  EACH(p, PARTS) {
-    double most = 0.0;
-    for (int e = p; e < units * NCV; e += PARTS) most = octo_larger(fabs(v[(member * units * NCV + e) * columns + c]), most);
-    for (int e = p; lam && e < units * MAV; e += PARTS) most = octo_larger(fabs(lam[(member * units * MAV + e) * columns + c]), most);
-    part[p] = most;
+  int more = 0;
+  for (int c = 0; c < columns; ++c) {
+    EACH(p, PARTS) {
+      left[p] = right[p] = 0.0;
+      for (int k = p; k < units; k += PARTS) {
+        const double *own = tops + ((member * units + k) * columns + c) * 2;
+        left[p] = octo_larger(own[0], left[p]), right[p] = octo_larger(own[1], right[p]);
+      }
+    }
+    double most = octo_block_max(left), size = octo_block_max(right), ratio = most / (size > 0.0 ? size : 1.0);
+    if (LANE == 0) residual[member * columns + c] = ratio;
+    more |= ratio > tolerance;
   }
-  double most = octo_block_max(part);
-  if (LANE == 0) top[member * columns + c] = most;
+  if (LANE == 0) coarse[member] = more;
 }
 
 /* Of each unit: the largest |delta|, the largest |b + Aᵀ lam| and b delta; grid (units, batch); shared: 3 PARTS doubles. */
@@ -250,7 +283,7 @@ extern "C" __global__ void octo_step_numbers(const double *a, const double *b, c
   EACH(p, PARTS) {
     double most = 0.0, steepest = 0.0, sum = 0.0;
     for (int i = p; i < NCV; i += PARTS) {
-      double gradient = b[own_v + i], column = octo_column_times(units, k, i, 0, 1, a + member * units * 3 * MAV * NCV, lam + c_at);
+      double gradient = b[own_v + i], column = octo_column_times(units, k, i, 0, 1, a + member * units * 3 * MAV * NCV, lam + c_at, 0, 1);
       most = octo_larger(fabs(delta[own_v + i]), most);
       steepest = octo_larger(fabs(gradient + column), steepest);
       sum += gradient * delta[own_v + i];
@@ -260,20 +293,6 @@ extern "C" __global__ void octo_step_numbers(const double *a, const double *b, c
   double most = octo_block_max(moved), steepest = octo_block_max(dual), sum = octo_block_sum(slope);
   double *out = numbers + (member * units + k) * 3;
   if (LANE == 0) out[0] = most, out[1] = steepest, out[2] = sum;
-}
-
-/* residual (columns) = left / size, and where one of them is coarser than the tolerance; a thread a member. */
-extern "C" __global__ void octo_kkt_check(int batch, int columns, double tolerance, const int *active, const double *left, const double *size,
-                                          double *residual, int *coarse) {
-  for (int member = blockIdx.x * blockDim.x + threadIdx.x; member < batch; member += gridDim.x * blockDim.x) {
-    if (active && !active[member]) continue;
-    int more = 0;
-    for (int e = member * columns; e < (member + 1) * columns; ++e) {
-      residual[e] = left[e] / (size[e] > 0.0 ? size[e] : 1.0);
-      more |= residual[e] > tolerance;
-    }
-    coarse[member] = more;
-  }
 }
 
 /* unknowns = at + length delta with length = min(limit, cap / largest |delta|); numbers (units, 3) are those of octo_step_numbers,

@@ -10,14 +10,14 @@ import numpy as np
 from octo.gpu.device import Array, Device, source
 from octo.solver.blocks import KKTBlocks
 
-WIDE, PIVOT, TILE, PARTS = 256, 256, 144, 128
-CHOICES = 16  # of linear.cu
+WIDE, PARTS = 256, 128
+TILE, EDGE, SLICES = 48, 16, 4  # of linear.cu
 
 
-def text(nc: int, ma: int) -> str:
-    """The CUDA text for units of nc variables and ma constraint rows."""
-    sizes = f"#define NCV {nc}\n#define MAV {ma}\n"
-    files = ("common.cuh", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
+def text(nc: int, ma: int, shared: int) -> str:
+    """The CUDA text for units of nc variables and ma constraint rows, on a GPU whose blocks have ``shared`` bytes."""
+    sizes = f"#define NCV {nc}\n#define MAV {ma}\n#define SHARED_BYTES {shared}\n"
+    files = ("common.cuh", "pivots.cu", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
     kinds = {"kkt": 2 * (nc + ma), "gram": 2 * ma}
     reductions = [
         source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name) for name, B in kinds.items() if B
@@ -25,12 +25,23 @@ def text(nc: int, ma: int) -> str:
     return "\n".join([sizes, *map(source, files), *reductions])
 
 
+def pivot_threads(B: int) -> int:
+    """Of a pivot block: a thread has about 9 of its entries, and there is room for two of the blocks of most robots on a GPU's core."""
+    return min(512, max(32, 32 * (-(-B * B // 288))))
+
+
+def pivot_room(B: int, shared: int) -> int:
+    """Bytes of shared memory of a pivot block: PIVOT_SCRATCH of pivots.cu and, where there is room, the block itself."""
+    scratch = 8 * (4 * 32 + 5 * B)
+    return scratch + 8 * B * B if scratch + 8 * B * B <= shared else scratch
+
+
 class Linear:
     """The kernels for units of nc variables and ma constraint rows."""
 
     def __init__(self, device: Device, nc: int, ma: int):
         self.device, self.nc, self.ma = device, nc, ma
-        self.text = text(nc, ma)
+        self.text = text(nc, ma, device.shared_limit)
         self.module = device.module(self.text)
         self.kernel = self.module.kernel
 
@@ -59,12 +70,6 @@ class Linear:
     def step_numbers(self, A: Array, b: Array, delta: Array, lam: Array, out: Array) -> None:
         """out (batch, K, 3) of each unit: ‖Δ‖∞, ‖b + Aᵀlam‖∞, bᵀΔ."""
         self.each("octo_step_numbers", (b.shape[1], b.shape[0]), A, b, delta, lam, out, threads=PARTS, shared=24 * PARTS)
-
-    def largest(self, v: Array, lam: Array | None, active: Array | None = None, top: Array | None = None) -> Array:
-        """(batch, count) largest entry of each column."""
-        top = self.device.empty((v.shape[0], columns_of(v))) if top is None else top
-        self.each("octo_largest", (columns_of(v), v.shape[0]), v.shape[1], active, v, lam, top, threads=PARTS, shared=8 * PARTS)
-        return top
 
     def advance(self, bounds: Array, numbers: Array, at: Array, delta: Array, unknowns: Array) -> None:
         """unknowns = at + length delta of each member, length = min(limit, cap / ‖Δ‖∞).
@@ -121,16 +126,14 @@ class Reduction:
         self.batch, self.D, self.B = int(batch), int(D), int(B)
         self.counts = device.empty((batch, D, 2), np.int32)
         self._levels: list[_Level] = []
-        threads = device.threads(PIVOT)
-        fixed = 8 * (2 * B + 4 * threads + 4 * CHOICES)
-        spills = fixed + 8 * B * B > device.shared_limit
-        room, tiles = fixed if spills else fixed + 8 * B * B, (-(-B // 48)) ** 2
+        room, tiles = pivot_room(B, device.shared_limit), (-(-B // TILE)) ** 2
+        products = {"threads": EDGE * EDGE, "shared": 16 * TILE * (TILE + 1)}
         order, block, place = [], np.arange(D), 0
 
         def pivots(D: int, first: int, count: int) -> tuple[Array, Array]:
             half, sign = device.empty((batch, count, B, B)), device.empty((batch, count, B))
-            own = (D, first, float(rounding), float(shift), self.D, place, int(spills), active, diagonal, half, sign, self.counts)
-            self._each("pivots", (count, batch), *own, threads=PIVOT, shared=room)
+            own = (D, first, float(rounding), float(shift), self.D, place, active, diagonal, half, sign, self.counts)
+            self._each("pivots", (count, batch), *own, threads=pivot_threads(B), shared=room)
             return half, sign
 
         while D > 1:
@@ -139,10 +142,10 @@ class Reduction:
             S = D - E
             half, sign = pivots(D, first, E)
             left, right = device.empty((batch, E, B, B)), device.empty((batch, E, B, B))
-            self._each("couple", (E * tiles, 2, batch), D, first, active, lower, half, left, right, threads=TILE)
+            self._each("couple", (E * tiles, 2, batch), D, first, active, lower, half, left, right, **products)
             new, new_lower = device.empty((batch, S, B, B)), device.empty((batch, max(S - 1, 1), B, B))
             grid = (S * tiles, 2, batch)
-            self._each("complement", grid, D, first, active, diagonal, sign, left, right, new, new_lower, threads=TILE)
+            self._each("complement", grid, D, first, active, diagonal, sign, left, right, new, new_lower, **products)
             self._levels.append(_Level(D, first, half, sign, left, right))
             order += block[first::2].tolist()
             diagonal, lower, block, place, D = new, new_lower, block[1 - first :: 2], place + E, S
@@ -161,15 +164,15 @@ class Reduction:
             S = level.D // 2 + level.first
             w, folded = device.empty((batch, level.D - S, B, columns)), device.empty((batch, S, B, columns))
             own = (level.D, level.first, columns, active, level.half, level.sign, level.left, level.right, r, w, folded)
-            self._each("fold", (S, batch), *own, shared=3 * size)
+            self._each("fold", (S, batch), *own, shared=(2 + 2 * SLICES) * size)
             held.append(w)
             r = folded
         x = device.empty((batch, 1, B, columns))
-        self._each("last", (1, batch), columns, active, *self._last, r, x, shared=size)
+        self._each("last", (1, batch), columns, active, *self._last, r, x, shared=(1 + SLICES) * size)
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
             unfolded = device.empty((batch, level.D, B, columns))
             own = (level.D, level.first, columns, active, level.half, level.sign, level.left, level.right, w, x, unfolded)
-            self._each("unfold", (level.D, batch), *own, shared=2 * size)
+            self._each("unfold", (level.D, batch), *own, shared=(1 + SLICES) * size)
             x = unfolded
         return x
 

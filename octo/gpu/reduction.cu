@@ -1,10 +1,10 @@
 /* The kernels of linear.cu for one kind of matrix: NAME and NAME_BLOCK, the size of its blocks, are replaced (linear.py).
  * active (batch), or none: the members that are worked on. */
 
-extern "C" __global__ void octo_NAME_pivots(int D, int first, double rounding, double shift, int places, int place, int spill,
+extern "C" __global__ void octo_NAME_pivots(int D, int first, double rounding, double shift, int places, int place,
                                                 const int *active, double *diagonal, double *half, double *sign, int *counts) {
   ONLY(active, blockIdx.y);
-  octo_pivots_of<NAME_BLOCK>(D, first, rounding, shift, places, place, spill, diagonal, half, sign, counts);
+  octo_pivots_of<NAME_BLOCK>(D, first, rounding, shift, places, place, diagonal, half, sign, counts);
 }
 
 extern "C" __global__ void octo_NAME_couple(int D, int first, const int *active, const double *lower, const double *half, double *left,

@@ -46,10 +46,10 @@ def test_any_number_of_threads_gives_the_same_bits(random_system, device):
 def test_blocks_that_do_not_fit_into_shared_memory(random_system):
     from octo.gpu.emulator import EmulatedDevice
 
-    system = random_system(3, 1, 5, 18, 6, lowered=4.0)
+    system = random_system(3, 1, 5, 36, 12, lowered=4.0)
     small = EmulatedDevice(5)
-    small.shared_limit = 16 * 1024
-    factors = [DeviceFactor(Linear(gpu, 18, 6), system.H, system.A, None) for gpu in (small, EmulatedDevice(5))]
+    small.shared_limit = 48 * 1024
+    factors = [DeviceFactor(Linear(gpu, 36, 12), system.H, system.A, None) for gpu in (small, EmulatedDevice(5))]
     for one, other in zip(*(factor.solve(-system.b, -system.C) for factor in factors), strict=True):
         np.testing.assert_array_equal(one, other)
 

@@ -24,7 +24,7 @@ from octo.dynamics.laws import Compliant
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import emulator, linear, nvrtc
 from octo.gpu.between import Between
-from octo.gpu.linear import CHOICES, PIVOT, Linear
+from octo.gpu.linear import Linear, pivot_room
 from octo.gpu.problem import Program
 from octo.problem.compiled import CompiledProblem
 
@@ -78,7 +78,7 @@ def robot(name: str) -> octo.Character:
 def compiled(name: str, architecture: str) -> list[nvrtc.Binary]:
     """All texts of a robot's walk in nodes, compiled side by side as for a GPU."""
     nx, mu = robot(name).nx, robot(name).nx - robot(name).nu
-    texts = [*program(robot(name), ROBOTS[name]).texts, linear.text(nx, mu)]
+    texts = [*program(robot(name), ROBOTS[name]).texts, linear.text(nx, mu, emulator.SHARED_LIMIT)]
     with ThreadPoolExecutor() as pool:
         return list(pool.map(lambda text: nvrtc.compile_text(text, architecture), texts))
 
@@ -91,7 +91,7 @@ def report(name: str) -> dict[str, Any]:
     for architecture in ARCHITECTURES:
         kernels = {key: kernel for binary in compiled(name, architecture) for key, kernel in binary.kernels.items()}
         out[architecture] = {key: [k.registers, k.stack, k.spill_stores, k.spill_loads] for key, k in sorted(kernels.items())}
-    shared = {"step": 8 * made.work, "rows": made.room, "pivot": 8 * (2 * block + 4 * PIVOT + 4 * CHOICES + block**2)}
+    shared = {"step": 8 * made.work, "rows": made.room, "pivot": pivot_room(block, emulator.SHARED_LIMIT)}
     return {"kernels": out, "shared": shared}
 
 

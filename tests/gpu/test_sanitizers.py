@@ -19,10 +19,10 @@ from tests.gpu import conftest
 
 RACE = "data race"
 FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
-    "race in a sum": ("thread", "octo_largest", "_block_max(double *part) {\n  BARRIER;", "_block_max(double *part) {", RACE),
-    "race in a pivot": ("thread", "octo_kkt_pivots", "order[r] = t; }\n  BARRIER;", "order[r] = t; }", RACE),
+    "race in a sum": ("thread", "octo_kkt_check", "_block_max(double *part) {\n  BARRIER;", "_block_max(double *part) {", RACE),
+    "race in a pivot": ("thread", "octo_kkt_pivots", "/ WARP] = own;\n  }\n  BARRIER;", "/ WARP] = own;\n  }", RACE),
     "overrun of shared memory": (
-        "address", "octo_kkt_fold", "*product = w + 2 * size;", "*product = w + 2 * size + 1;", "heap-buffer-overflow",
+        "address", "octo_kkt_fold", "*partial = w + 2 * size;", "*partial = w + 2 * size + 1;", "heap-buffer-overflow",
     ),
     "overrun of an array": ("address", "octo_hessian_times", "out[own_v + e] =", "out[own_v + e + 1] =", "heap-buffer-overflow"),
 }  # fmt: skip
