@@ -95,21 +95,15 @@ def systems(problem: octo.Problem, iterations: int) -> list[System]:
     return recording.systems
 
 
-def reduction_text(B: int, dtype: Any) -> str:
-    """The CUDA text of the reduction of blocks of B, in float64 or in float32.
-
-    The integers beside a block's pivots take the room of a number each in float32, not of half a one.
-    """
+def reduction_text(B: int, dtype: Any, shared: int) -> str:
+    """The CUDA text of the reduction of blocks of B, in float64 or in float32."""
     kernels = source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", "kkt")
-    text = "\n".join([f"#define NCV {B // 2}\n#define MAV 0", source("common.cuh"), source("linear.cu"), kernels])
+    sizes = f"#define NCV {B // 2}\n#define MAV 0\n#define SHARED_BYTES {shared}"
+    text = "\n".join([sizes, *map(source, ("common.cuh", "pivots.cu", "linear.cu")), kernels])
     if np.dtype(dtype) == np.float64:
         return text
     text = re.sub(r"\bdouble\b", "float", text)
-    text = re.sub(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)(?![\w.])", r"\1f", text)
-    for old, new in (("(d + 2 * B)", "(d + 3 * B)"), ("scratch + 2 * B +", "scratch + 3 * B +")):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    return text
+    return re.sub(r"(?<![\w.])(\d+\.\d*(?:e[-+]?\d+)?)(?![\w.])", r"\1f", text)
 
 
 class _Kernels:
@@ -117,12 +111,12 @@ class _Kernels:
 
     def __init__(self, device: Any, B: int, dtype: Any):
         self._device, self._B, self._dtype = device, B, np.dtype(dtype)
-        self._kernel = device.module(reduction_text(B, dtype)).kernel
+        self._kernel = device.module(reduction_text(B, dtype, device.shared_limit)).kernel
         self.device = self
 
     @property
     def shared_limit(self) -> int:
-        return int(self._device.shared_limit * 8 // self._dtype.itemsize - 8 * self._B)
+        return int(self._device.shared_limit)
 
     def threads(self, wanted: int) -> int:
         return int(self._device.threads(wanted))
@@ -132,7 +126,7 @@ class _Kernels:
 
     def each(self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = 256, shared: int = 0) -> None:
         own = [self._dtype.type(a) if isinstance(a, float) else a for a in arguments]
-        room = shared if self._dtype == np.float64 else shared // 2 + 4 * self._B
+        room = shared if self._dtype == np.float64 else shared // 2 + 512 + 12 * self._B
         self._kernel(name)(grid, self._device.threads(threads), *own, shared=room)
 
 

@@ -22,7 +22,7 @@ GROUPS = {  # kernels by what they do; octo_kin_of_nodes belongs to what comes a
     "derivatives": "jacobian curvature cost_derivatives",
     "products": "step_model gather_hessian gather_constraints",
     "factorisation": "kkt_blocks kkt_finite kkt_equilibrate kkt_scale kkt_pivots kkt_couple kkt_complement kkt_verdict",
-    "solution": "negative kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual largest kkt_check",
+    "solution": "negative kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual kkt_check",
     "trial": "step_numbers advance nodes value terms summary constraints unit_sizes",
 }
 OTHER = "other"  # kernels that have no group above

@@ -31,8 +31,8 @@ def pivot_threads(B: int) -> int:
 
 
 def pivot_room(B: int, shared: int) -> int:
-    """Bytes of shared memory of a pivot block: PIVOT_SCRATCH of pivots.cu and, where there is room, the block itself."""
-    scratch = 8 * (4 * 32 + 5 * B)
+    """Bytes of shared memory of a pivot block: PIVOT_BYTES of pivots.cu and, where there is room, the block itself."""
+    scratch = 8 * 4 * 32 + 40 * B
     return scratch + 8 * B * B if scratch + 8 * B * B <= shared else scratch
 
 

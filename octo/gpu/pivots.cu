@@ -174,13 +174,13 @@ static __device__ inline void octo_rotations(const double *w, const int *order, 
 }
 
 /* T (B, B) and sign (B) of one pivot block w. Pivots that are nothing but rounding become -shift, or none at all (sign 0) when
- * shift is 0; counts gets the negative ones and those. scratch: PIVOT_SCRATCH(B) doubles of shared memory. */
-#define PIVOT_SCRATCH(B) (4 * MOST_WARPS + 5 * (B))
+ * shift is 0; counts gets the negative ones and those. scratch: PIVOT_BYTES(B) of shared memory. */
+#define PIVOT_BYTES(B) (4 * MOST_WARPS * sizeof(octo_entry) + (B) * (2 * sizeof(double) + 6 * sizeof(int)))
 template <int B>
 static __device__ inline void octo_pivot(double *w, double *scratch, double rounding, double shift, double *half, double *sign, int *counts) {
   static_assert(B <= 1 << PLACE_BITS, "the place of an entry must fit into a word");
   octo_entry *seen = (octo_entry *)scratch;
-  double *own = scratch + 4 * MOST_WARPS, *other = own + B;
+  double *own = (double *)(seen + 4 * MOST_WARPS), *other = own + B;
   int *list = (int *)(other + B), *gone = list + 2 * B, *order = gone + B, *begin = order + B, *partner = begin + B, *number = gone;
   octo_eliminated done = octo_pivots<B>(w, seen, list, gone, order, begin, rounding, shift);
   octo_rotations<B>(w, order, begin, done.eliminated, shift, sign, own, other, partner);
@@ -199,7 +199,7 @@ static __device__ inline void octo_pivot(double *w, double *scratch, double roun
 }
 
 /* Block number e of `count` eliminated ones stands at first + 2 e of the level's D blocks; its counts at place + e of `places`.
- * Shared: PIVOT_SCRATCH(B) doubles and, where SHARED_BYTES allow it, the block. */
+ * Shared: PIVOT_BYTES(B) and, where SHARED_BYTES allow it, the block. */
 template <int B>
 static __device__ inline void octo_pivots_of(int D, int first, double rounding, double shift, int places, int place, double *diagonal,
                                              double *half, double *sign, int *counts) {
@@ -207,8 +207,8 @@ static __device__ inline void octo_pivots_of(int D, int first, double rounding, 
   size_t member = blockIdx.y, e = blockIdx.x, count = gridDim.x, at = member * count + e;
   double *w = diagonal + (member * D + first + 2 * e) * B * B, *own = half + at * B * B;
   counts += 2 * (member * places + place + e);
-  if constexpr (8 * (PIVOT_SCRATCH(B) + B * B) <= SHARED_BYTES) {
-    double *copy = scratch + PIVOT_SCRATCH(B);
+  if constexpr (PIVOT_BYTES(B) + sizeof(double) * B * B <= SHARED_BYTES) {
+    double *copy = scratch + PIVOT_BYTES(B) / sizeof(double);
     EACH(k, B * B) copy[k] = w[k];
     BARRIER;
     octo_pivot<B>(copy, scratch, rounding, shift, own, sign + at * B, counts);

@@ -307,7 +307,7 @@ def test_without_a_gpu_it_says_why():
 
 
 def test_float32_text_has_no_double(module):
-    text = module("gpu_kkt").reduction_text(48, "float32")
+    text = module("gpu_kkt").reduction_text(48, "float32", 232448)
     assert not re.search(r"\bdouble\b", text) and re.search(r"\b1\.0f", text)
     try:
         kernels = nvrtc.compile_text(text).kernels

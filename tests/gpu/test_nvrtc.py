@@ -119,6 +119,12 @@ def test_registers_spills_and_shared_memory(name, architecture):
     assert found["shared"] == expected["shared"]
 
 
+def test_before_compute_capability_8():
+    """Warps agree on a pivot by shuffles there: no instruction does it."""
+    binary = nvrtc.compile_text(linear.text(4, 2, 48 * 1024), "sm_75")
+    assert binary.kernels["octo_kkt_pivots"].spill_stores == 0
+
+
 def test_another_law_and_user_written_dynamics():
     law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").texts[0])
     assert {name for name, kernel in law.kernels.items() if kernel.spill_stores} == {"octo_curvature"}, "see docs/gpu.md"
