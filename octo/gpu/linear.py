@@ -26,7 +26,7 @@ def text(nc: int, ma: int, shared: int) -> str:
 
 
 def pivot_threads(B: int) -> int:
-    """Of a pivot block: a thread has about 9 of its entries, and there is room for two of the blocks of most robots on a GPU's core."""
+    """Of a pivot block: a thread has about 9 of its entries."""
     return min(512, max(32, 32 * (-(-B * B // 288))))
 
 
