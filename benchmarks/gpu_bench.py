@@ -73,10 +73,11 @@ class OneIteration:
         self.sigma, has = Regularisation(batch, compiled.K, self.options).factorize(self._factors()[0])
         if not has.all():
             raise ArithmeticError("no weight gives the KKT matrix of this iterate its inertia")
-        self.weight = np.ascontiguousarray(np.broadcast_to((self.sigma + FLOOR)[:, None], (batch, compiled.K)))
+        one = np.ones(compiled.K)
+        self.weights = [np.outer((self.sigma + FLOOR) * factor, one) for factor in (1.0, 1.0 + 1e-12)]
 
     def _factors(self) -> tuple[Any, Any]:
-        """At the same iterate in other arrays: as in a solve, a device copies it to its place."""
+        """At the same iterate in other arrays: as in a solve, a device copies it to its place, and is sent the weights."""
         self.places.reverse()
         at, lam = self.places[0]
         model = self.backend.linearize(self.problem, at, lam, True)
@@ -85,7 +86,8 @@ class OneIteration:
     def __call__(self) -> None:
         factors, rhs_c = self._factors()
         factors.clear()
-        good = factors.add(self.members, self.weight)
+        self.weights.reverse()
+        good = factors.add(self.members, self.weights[0])
         attempt = factors.attempt(rhs_c, self.limit, self.options.cap)
         units, dual, slope = attempt.numbers
         trial = attempt.trial
