@@ -11,12 +11,16 @@ from test_solve import SETTINGS, batch_of, both, same_path
 
 import octo
 from octo.arrays import host
+from octo.dynamics.laws import Compliant, Coulomb, Smooth
 from octo.gpu import cuda
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import Linear
 from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem
+from octo.problem.compiled import CompiledProblem
 from octo.solver.normal import NormalFactor
+from octo.solver.options import SqpOptions
+from octo.solver.solution import Status
 
 pytestmark = pytest.mark.skipif(cuda.reason() is not None, reason=str(cuda.reason()))
 
@@ -39,6 +43,35 @@ def test_values_and_models(compiled, between_controls, wiggle, basis, end):
         expected = problem.linearize(at, multipliers)
         for name in "HAbC":
             close(getattr(found, name), getattr(expected, name))
+
+
+LAWS = {"viscous": Smooth(), "coulomb": Smooth(onset=0.02, friction=Coulomb(mu=0.6)), "compliant": Compliant()}
+
+
+@pytest.mark.parametrize(
+    ("robot", "law"), [*((robot, "viscous") for robot in octo.gallery.CHARACTERS), ("humanoid", "coulomb"), ("humanoid", "compliant")]
+)
+def test_models_of_every_robot_and_law(wiggle, robot, law):
+    """Up to 35 degrees of freedom: a step that asks for more shared memory than a kernel has by itself."""
+    character = octo.gallery.CHARACTERS[robot]()
+    costs = [octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort(), octo.costs.Slip(length=0.03)]
+    one = octo.Problem(character, steps=6, dt=0.025, costs=costs, law=LAWS[law])
+    problem, gpu = CompiledProblem([one]), cuda.device()
+    unknowns, other = wiggle(problem), DeviceProblem(problem, gpu)
+    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
+    at, own = problem.evaluate(unknowns), other.evaluate(gpu.array(unknowns))
+    found, expected = other.linearize(own, gpu.array(lam)), problem.linearize(at, lam)
+    for name in ("fd", "terms", "C"):
+        close(getattr(own, name), getattr(at, name))
+    for name in "HAb":
+        close(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("robot", ["spider", "humanoid"])
+@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+def test_blocks_larger_than_shared_memory(robot, basis):
+    """Of 48 to 164 and more numbers, in shared or in global memory."""
+    same_path(*both(*batch_of(robot, basis, steps=20, seeds=(0,)), SqpOptions(max_iterations=4), cuda.device()), 1e-6)
 
 
 @pytest.mark.parametrize(("nc", "ma"), [(18, 6), (36, 12), (72, 10), (5, 1), (6, 0)])
@@ -65,6 +98,30 @@ def test_twenty_iterations_on_the_same_path(robot, basis, seeds, setting):
     options, tolerance = SETTINGS[setting]
     expected, found = both(*batch_of(robot, basis, seeds=seeds), replace(options, max_iterations=20), cuda.device())
     same_path(expected, found, tolerance)
+
+
+def test_to_convergence(swing_up_batch):
+    expected, found = both(*swing_up_batch, SqpOptions(max_iterations=300), cuda.device())
+    assert found.status == expected.status and all(status.converged for status in found.status)
+    for one, other in zip(expected.history, found.history, strict=True):
+        assert abs(len(one["energy"]) - len(other["energy"])) <= 0.15 * len(one["energy"])
+        assert other["energy"][-1] == pytest.approx(one["energy"][-1], rel=0.01)
+
+
+def test_a_nan_member_leaves_the_others_bit_identical(swing_up_batch):
+    problem, nodes = swing_up_batch
+    broken = nodes.copy()
+    broken[1, 7] = np.nan
+    whole, found = (both(problem, start, SqpOptions(max_iterations=12), cuda.device())[1] for start in (nodes, broken))
+    assert found.status[1] is Status.NOT_FINITE
+    for k in (0, 2):
+        np.testing.assert_array_equal(found.history[k]["energy"], whole.history[k]["energy"])
+        np.testing.assert_array_equal(found.at.unknowns[k], whole.at.unknowns[k])
+
+
+def test_a_batch_of_64_on_the_same_path():
+    expected, found = both(*batch_of("mammal", "nodes", seeds=tuple(range(64))), SqpOptions(max_iterations=8), cuda.device())
+    same_path(expected, found, 1e-6)
 
 
 def test_the_same_result_twice():
