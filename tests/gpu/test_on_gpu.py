@@ -48,9 +48,10 @@ def test_values_and_models(compiled, between_controls, wiggle, basis, end):
 LAWS = {"viscous": Smooth(), "coulomb": Smooth(onset=0.02, friction=Coulomb(mu=0.6)), "compliant": Compliant()}
 
 
-@pytest.mark.parametrize(
-    ("robot", "law"), [*((robot, "viscous") for robot in octo.gallery.CHARACTERS), ("humanoid", "coulomb"), ("humanoid", "compliant")]
-)
+PAIRS = [(robot, "viscous") for robot in octo.gallery.CHARACTERS]
+
+
+@pytest.mark.parametrize(("robot", "law"), [*PAIRS, ("humanoid", "coulomb"), ("humanoid", "compliant")])
 def test_models_of_every_robot_and_law(wiggle, robot, law):
     """Up to 35 degrees of freedom: a step that asks for more shared memory than a kernel has by itself."""
     character = octo.gallery.CHARACTERS[robot]()
