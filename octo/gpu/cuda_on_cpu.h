@@ -25,6 +25,7 @@
 #define __forceinline__ inline
 #define __launch_bounds__(...)
 #define __restrict__
+#define __align__(bytes) __attribute__((aligned(bytes)))
 
 struct cuda_on_cpu_index { unsigned x, y, z; };
 struct cuda_on_cpu_warp { pthread_barrier_t barrier[2]; unsigned slot[32]; };

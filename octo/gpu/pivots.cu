@@ -6,22 +6,22 @@
  * takes the place of swaps), every thread works out the pivot for itself, and there is one barrier a pivot. */
 
 #define ALPHA 0.6403882032022076 /* (1 + sqrt 17) / 8 */
-#define ROWS 4                   /* that a thread has under way at a time */
 
-/* ---- the largest entry: by the first 32 bits of its size (20 of them after the point), of equals the last in the order of columns ---- */
+/* ---- the largest entry: by the first 32 bits of its size (20 of them after the point), of equals the last one: by pairs of columns,
+ * rows, columns ---- */
 
 typedef struct { unsigned size, place; } octo_entry;
-#define PLACE_BITS 16
+#define ROW_BITS 15
 
-/* best: on the diagonal (0) and below it (1); entries come in the order of columns. */
+/* best: on the diagonal (0) and below it (1); entries come in the order of their places. */
 static __device__ inline void octo_note(octo_entry *best, double value, int i, int j) {
-  octo_entry own = {(unsigned)((unsigned long long)__double_as_longlong(fabs(value)) >> 32), (unsigned)(j << PLACE_BITS | i)};
+  octo_entry own = {(unsigned)(__double_as_longlong(value) >> 32) & 0x7fffffff, (unsigned)j / 2 << (ROW_BITS + 1) | i << 1 | j % 2};
   if (i == j && own.size >= best[0].size) best[0] = own;
   if (i > j && own.size >= best[1].size) best[1] = own;
 }
 static __device__ inline double octo_size(octo_entry e) { return __longlong_as_double((long long)e.size << 32); }
-static __device__ inline int octo_row(octo_entry e) { return (int)(e.place & ((1u << PLACE_BITS) - 1)); }
-static __device__ inline int octo_column(octo_entry e) { return (int)(e.place >> PLACE_BITS); }
+static __device__ inline int octo_row(octo_entry e) { return (int)(e.place >> 1 & ((1u << ROW_BITS) - 1)); }
+static __device__ inline int octo_column(octo_entry e) { return (int)(e.place >> (ROW_BITS + 1) << 1 | e.place % 2); }
 
 #define WARP 32
 #define WARPS ((LANES + WARP - 1) / WARP)
@@ -64,39 +64,52 @@ static __device__ inline void octo_agree(octo_entry *seen, octo_entry *best) {
 /* Rows p and q (q = p: one alone) of the pivot, and its inverse [[f, -g], [-g, h]]. */
 typedef struct { int p, q; double f, g, h; } octo_chosen;
 
-/* How the threads share the entries: columns `column`, `column` + `columns`, ... of rows number `group`, `group` + `groups`, ... */
-typedef struct { int column, columns, group, groups; } octo_share;
+/* How the threads share the entries: pairs of columns `pair`, `pair` + `pairs`, ... of rows number `group`, `group` + `groups`, ... */
+typedef struct { int pair, pairs, group, groups; } octo_share;
 
 template <int B> static __device__ inline octo_share octo_shared() {
-  int columns = B;
-  while (columns > LANES || (columns > WARP && LANES / columns < 4)) columns = (columns + 1) / 2;
-  octo_share share = {LANE % columns, columns, LANE / columns, LANES / columns};
+  int pairs = B / 2;
+  while (pairs > LANES || (pairs > WARP && LANES / pairs < 4)) pairs = (pairs + 1) / 2;
+  octo_share share = {LANE % pairs, pairs, LANE / pairs, LANES / pairs};
   return share;
 }
 
-/* The `count` rows of the list lose their multiples of the pivot rows; columns eliminated before hold L⁻¹ as it grows, the others what
- * is left of P, of which `best` gets the largest entries that this thread leaves behind. */
-template <int B>
+typedef struct __align__(16) { double at[2]; } octo_two;
+
+/* The `count` rows of the list lose their multiples of the SIZE pivot rows; columns eliminated before hold L⁻¹ as it grows, the others
+ * what is left of P, of which `best` gets the largest entries that this thread leaves behind. */
+template <int B, int SIZE>
 static __device__ inline void octo_eliminate(double *w, octo_chosen pivot, octo_share share, const int *list, int count, const int *gone,
                                              octo_entry *best) {
-  const int p = pivot.p, q = pivot.q;
+  static_assert(B % 2 == 0, "columns go in pairs");
+  const int p = pivot.p, q = pivot.q, rows = B > 64 ? 4 : 2; /* of a thread, under way at a time */
   best[0].size = best[1].size = best[0].place = best[1].place = 0;
   if (share.group >= share.groups) return;
-  for (int j = share.column; j < B; j += share.columns) {
-    int kept = j != p && j != q, alive = kept && !gone[j];
-    double one = j == p ? 1.0 : j == q ? 0.0 : w[p * B + j], other = q == p ? 0.0 : j == q ? 1.0 : j == p ? 0.0 : w[q * B + j];
-    double first = pivot.f * one - pivot.g * other, second = pivot.h * other - pivot.g * one;
-    for (int e = share.group; e < count; e += ROWS * share.groups) {
-      int row[ROWS];
-      double value[ROWS];
-      for (int r = 0; r < ROWS; ++r) row[r] = list[e + r * share.groups < count ? e + r * share.groups : e];
-      for (int r = 0; r < ROWS; ++r)
-        value[r] = (kept ? w[row[r] * B + j] : 0.0) - w[p * B + row[r]] * first - w[q * B + row[r]] * second;
-      for (int r = 0; r < ROWS; ++r) {
-        int i = row[r];
-        if (e + r * share.groups >= count || i == p || i == q) continue;
-        w[i * B + j] = value[r];
-        if (alive) octo_note(best, value[r], i, j);
+  for (int left = 2 * share.pair; left < B; left += 2 * share.pairs) {
+    int kept[2], alive[2];
+    double first[2], second[2];
+    for (int s = 0; s < 2; ++s) {
+      int j = left + s;
+      kept[s] = j != p && (SIZE == 1 || j != q), alive[s] = kept[s] && !gone[j];
+      double one = kept[s] ? w[p * B + j] : j == p, other = SIZE == 1 ? 0.0 : kept[s] ? w[q * B + j] : j == q;
+      first[s] = pivot.f * one - (SIZE == 1 ? 0.0 : pivot.g * other), second[s] = pivot.h * other - pivot.g * one;
+    }
+    for (int e = share.group; e < count; e += rows * share.groups) {
+      int row[rows];
+      octo_two value[rows];
+      for (int r = 0; r < rows; ++r) row[r] = list[e + r * share.groups < count ? e + r * share.groups : e];
+      for (int r = 0; r < rows; ++r) {
+        value[r] = *(const octo_two *)(w + row[r] * B + left);
+        for (int s = 0; s < 2; ++s) {
+          value[r].at[s] = (kept[s] ? value[r].at[s] : 0.0) - w[p * B + row[r]] * first[s];
+          if (SIZE > 1) value[r].at[s] -= w[q * B + row[r]] * second[s];
+        }
+      }
+      for (int r = 0; r < rows; ++r) {
+        if (e + r * share.groups >= count || row[r] == p || (SIZE > 1 && row[r] == q)) continue;
+        *(octo_two *)(w + row[r] * B + left) = value[r];
+        for (int s = 0; s < 2; ++s)
+          if (alive[s]) octo_note(best, value[r].at[s], row[r], left + s);
       }
     }
   }
@@ -113,7 +126,10 @@ static __device__ inline octo_eliminated octo_pivots(double *w, octo_entry *seen
   octo_entry best[2] = {{0, 0}, {0, 0}};
   octo_eliminated done = {0, 0};
   EACH(i, B) { list[i] = i; gone[i] = 0; }
-  EACH(e, B * B) octo_note(best, w[e], e % B, e / B);
+  EACH(e, B * B) {
+    int j = e / (2 * B) * 2 + e % 2, i = e / 2 % B;
+    octo_note(best, w[j * B + i], i, j);
+  }
   for (int turn = 0; done.eliminated < B; turn ^= 1) {
     octo_agree(seen + turn * 2 * MOST_WARPS, best);
     double single = octo_size(best[0]), pair = octo_size(best[1]);
@@ -136,7 +152,8 @@ static __device__ inline octo_eliminated octo_pivots(double *w, octo_entry *seen
       order[k] = p, begin[k] = k;
       if (two) order[k + 1] = q, begin[k + 1] = k;
     }
-    octo_eliminate<B>(w, pivot, share, now, count, gone, best);
+    if (two) octo_eliminate<B, 2>(w, pivot, share, now, count, gone, best);
+    else octo_eliminate<B, 1>(w, pivot, share, now, count, gone, best);
     done.eliminated += 1 + two;
     done.negative += two || a < 0.0; /* the determinant of a 2x2 pivot is negative */
     if (done.eliminated == B) break;
@@ -178,7 +195,7 @@ static __device__ inline void octo_rotations(const double *w, const int *order, 
 #define PIVOT_BYTES(B) (4 * MOST_WARPS * sizeof(octo_entry) + (B) * (2 * sizeof(double) + 6 * sizeof(int)))
 template <int B>
 static __device__ inline void octo_pivot(double *w, double *scratch, double rounding, double shift, double *half, double *sign, int *counts) {
-  static_assert(B <= 1 << PLACE_BITS, "the place of an entry must fit into a word");
+  static_assert(B <= 1 << ROW_BITS, "the place of an entry must fit into a word");
   octo_entry *seen = (octo_entry *)scratch;
   double *own = (double *)(seen + 4 * MOST_WARPS), *other = own + B;
   int *list = (int *)(other + B), *gone = list + 2 * B, *order = gone + B, *begin = order + B, *partner = begin + B, *number = gone;
