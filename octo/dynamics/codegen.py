@@ -132,7 +132,7 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
         "NX": character.nx, "NB": len(character.bodies), "NC": len(live), "NLINK": len(links.first),
-        "NSLOT": 1 + max(links.slots(), default=0),
+        "NSLOT": 1 + max(links.slots(), default=0), "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
     }  # fmt: skip
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
@@ -153,6 +153,7 @@ def _kinematic_tables(character: Character) -> list[str]:
     joints = character.joints
     return [
         _integers("body_parent", [body.parent for body in character.bodies]),
+        _integers("body_level", _levels(character)),
         _numbers("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
         _integers("body_first", [*character.first_joint, character.nx]),
         _integers("joint_slides", [joint.kind == "slide" for joint in joints]),
@@ -160,6 +161,14 @@ def _kinematic_tables(character: Character) -> list[str]:
         _numbers("joint_anchor", [joint.anchor for joint in joints]),
         _numbers("joint_reference", [joint.reference for joint in joints]),
     ]
+
+
+def _levels(character: Character) -> list[int]:
+    """How many bodies carry each body."""
+    levels: list[int] = []
+    for body in character.bodies:
+        levels.append(levels[body.parent] + 1 if body.parent >= 0 else 0)
+    return levels
 
 
 def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:

@@ -20,7 +20,7 @@ static inline void octo_couple_curvature(int i, int j, real value, real *hess);
 
 static void octo_pairs(const octo_input *in, octo_loops *s) {
 #if NPAIR > 0
-  EACH(k, NPAIR) {
+  EACH_FROM(96, k, NPAIR) {
     const double *spheres = octo_pair_spheres + 7 * k;
     octo_pair_state *state = &s->pair[k];
     real first[3], second[3], rho;

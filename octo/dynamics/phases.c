@@ -8,6 +8,8 @@
   for (int i##j = LANE, i, j, count = 1; i##j < NRELATED && (i = octo_above[i##j], j = octo_below[i##j], 1); i##j += LANES)
 #define OWNED(l, j, node) /* all j, the link l that each belongs to, the three nodes */ \
   for (int j##node = LANE, l, j, node; j##node < 3 * NX && (j = j##node / 3, node = j##node % 3, l = octo_link_of[j], 1); j##node += LANES)
+#define SPAN(e, count, total) /* neighbouring numbers, up to count from e on, at a time */ \
+  for (int e = LANE, count = 1; e < (total); e += LANES)
 typedef double octo_wide;
 #define WIDE 1
 #define LOAD(at) (*(at))
@@ -20,6 +22,7 @@ typedef double octo_wide;
   for (int l = 0; l < NLINK; ++l) \
     for (int j = octo_link_first[l]; j <= octo_link_last[l]; j += WIDE) \
       for (int node = 0; node < 3; ++node)
+#define SPAN(e, count, total) for (int e = 0, count = (total); e < count; e = count)
 typedef double octo_wide __attribute__((vector_size(32)));
 typedef double octo_wide_anywhere __attribute__((vector_size(32), aligned(8), may_alias));
 #define WIDE 4
@@ -43,16 +46,20 @@ static inline void octo_couple_curvature(int i, int j, double value, double *hes
   if (i != j) HESS(0, j, i) += value;
 }
 
+/* block·ξ_j and blockᵀ·ξ_j, what a row above and a row below j see, and the same of order 2. */
+typedef struct { double down[3][6][PAD], up[3][6][PAD], bend[3][6][PAD], lift[3][6][PAD], own[3][6][PAD]; } octo_seen;
+
 typedef struct {
-  double xi[3][6][PAD];                       /* twists of the nodes, by component */
-  double down[3][6][PAD], up[3][6][PAD];      /* block·ξ_j and blockᵀ·ξ_j, what a row above and a row below j see */
-  double joint[SOME(NX)][5];                  /* force, its three derivatives, its second derivative to x_next */
+  double xi[3][6][PAD];      /* twists of the nodes, by component */
+  double joint[SOME(NX)][5]; /* force, its three derivatives, its second derivative to x_next */
   octo_link_blocks link[SOME(NLINK)];
-  octo_touch_blocks touch[SOME(NC)];
   octo_loops pairs;
   /* order 2 */
-  double V[SOME(NX)][6], eta[6][PAD];         /* virtual twists V_j, and η_j = ad_{V_j} ξ_j */
-  double bend[3][6][PAD], lift[3][6][PAD], own[3][6][PAD];
+  double V[SOME(NX)][6], eta[6][PAD]; /* virtual twists V_j, and η_j = ad_{V_j} ξ_j */
+  union {
+    octo_touch_blocks touch[SOME(NC)]; /* until the links have them */
+    octo_seen of;
+  };
 } octo_work;
 
 #define WORK ((int)(sizeof(octo_work) / sizeof(double)) + 8)
@@ -100,13 +107,13 @@ static inline void octo_keep(const octo_wide *sum, double (*out)[PAD], int j) {
 }
 
 /* The lanes beyond NX of arrays by component are computed with and never used: zero, for denormal numbers are slow. */
-static inline void octo_clear_tails(int order, octo_work *s) {
+static inline void octo_clear_tails(octo_work *s) {
 #ifndef LANE
-  const size_t start[2] = {offsetof(octo_work, xi), offsetof(octo_work, eta)};
-  const int rows[2] = {3 * 3 * 6, order == 2 ? (1 + 3 * 3) * 6 : 0}; /* xi, down, up; eta, bend, lift, own */
-  for (int part = 0; part < 2; ++part)
+  double *first[3] = {(double *)s->xi, (double *)s->eta, (double *)&s->of};
+  const int rows[3] = {3 * 6, 6, 5 * 3 * 6};
+  for (int part = 0; part < 3; ++part)
     for (int k = 0; k < rows[part]; ++k)
-      for (int j = NX; j < PAD; ++j) ((double *)((char *)s + start[part]))[k * PAD + j] = 0.0;
+      for (int j = NX; j < PAD; ++j) first[part][k * PAD + j] = 0.0;
 #endif
 }
 
@@ -114,11 +121,11 @@ static inline void octo_clear_tails(int order, octo_work *s) {
 static void octo_load(const octo_input *in, octo_work *s) {
   for (int node = 0; node < (in->order > 0 ? 3 : 1); ++node)
     GRID(j, NX, c, 6) s->xi[node][c][j] = in->kin[node][12 * NB + 6 * j + c];
-  if (in->order >= 1) octo_clear_tails(in->order, s);
   if (in->order < 2) return;
+  BARRIER;
   EACH(c, 6)
     for (int j = 0; j < NX; ++j)
-      s->V[j][c] = (octo_before[j] < 0 ? 0.0 : s->V[octo_before[j]][c]) + in->lam[j] * in->kin[0][12 * NB + 6 * j + c];
+      s->V[j][c] = (octo_before[j] < 0 ? 0.0 : s->V[octo_before[j]][c]) + in->lam[j] * s->xi[0][c][j];
   BARRIER;
   EACH(j, NX) {
     double eta[6];
@@ -127,23 +134,30 @@ static void octo_load(const octo_input *in, octo_work *s) {
   }
 }
 
-static inline void octo_add(int count, const double *from, double *to) { EACH(e, count) to[e] += from[e]; }
+static inline void octo_add(int count, const double *from, double *to) {
+  for (int e = 0; e < count; ++e) to[e] += from[e];
+}
+
+/* ``total`` numbers of every contact, from ``from`` on, into those of its link, from ``to`` on. */
+static inline void octo_add_contacts(octo_work *s, int total, int from, int to) {
+#if NC > 0
+  SPAN(e, count, total)
+    for (int c = 0; c < NC; ++c)
+      if (s->touch[c].active) octo_add(count, s->touch[c].W + from + e, s->link[octo_contact_link[c]].W + to + e);
+#endif
+}
 
 /* Contacts into their links, then links into their parents, leaves first: every thread keeps its own entries. */
 static void octo_composites(int order, octo_work *s) {
-#if NC > 0
-  for (int c = 0; c < NC; ++c) {
-    const octo_touch_blocks *k = &s->touch[c];
-    octo_link_blocks *to = &s->link[octo_contact_link[c]];
-    if (!k->active) continue;
-    octo_add(order == 0 ? 6 : 78, k->W, to->W);
-    if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
+  octo_add_contacts(s, order == 0 ? 6 : 78, 0, 0);
+  if (order == 2) {
+    octo_add_contacts(s, 72, 78, 114); /* T */
+    octo_add_contacts(s, 36, 150, 222); /* L */
   }
-#endif
   BARRIER; /* the entries of W, T and L belong to other threads below */
-  for (int l = NLINK - 1; l > 0; --l)
-    if (octo_link_parent[l] >= 0)
-      octo_add(order == 0 ? 6 : order == 1 ? 114 : 294, s->link[l].W, s->link[octo_link_parent[l]].W);
+  SPAN(e, count, order == 0 ? 6 : order == 1 ? 114 : 294)
+    for (int l = NLINK - 1; l > 0; --l)
+      if (octo_link_parent[l] >= 0) octo_add(count, s->link[l].W + e, s->link[octo_link_parent[l]].W + e);
 }
 
 /* Blocks times twists, one vector per degree of freedom: H00 = ξ_iᵀ(Kξ_j + P2 η_j) + η_iᵀPξ_j, H01 likewise. */
@@ -152,20 +166,20 @@ static void octo_products(int order, octo_work *s) {
     const octo_link_blocks *k = &s->link[l];
     octo_wide down[6] = {0}, up[6] = {0}, bend[6] = {0}, lift[6] = {0}, own[6] = {0};
     octo_apply(k->B[node], s->xi[node], j, down);
-    octo_keep(down, s->down[node], j);
+    octo_keep(down, s->of.down[node], j);
     if (node == 0) octo_apply_lower(k->B[0], k->W, s->xi[0], j, up);
     else octo_apply_transposed(k->B[node], s->xi[0], j, up);
-    octo_keep(up, s->up[node], j);
+    octo_keep(up, s->of.up[node], j);
     if (order < 2) continue;
     octo_apply(k->T[node], s->xi[node], j, bend);
     if (node == 0) octo_apply_lower(k->B[0], k->W, s->eta, j, bend);
-    octo_keep(bend, s->bend[node], j);
+    octo_keep(bend, s->of.bend[node], j);
     if (node == 0) continue;
     octo_apply_transposed(k->T[node], s->xi[0], j, lift);
     octo_apply_transposed(k->B[node], s->eta, j, lift);
-    octo_keep(lift, s->lift[node], j);
+    octo_keep(lift, s->of.lift[node], j);
     octo_apply(k->L[node - 1], s->xi[node], j, own);
-    octo_keep(own, s->own[node], j);
+    octo_keep(own, s->of.own[node], j);
   }
 }
 
@@ -173,16 +187,16 @@ static void octo_products(int order, octo_work *s) {
 static void octo_write(int order, const octo_work *s, double *jac, double *hess) {
   RELATED(i, j, count) {
     for (int node = 0; node < 3; ++node) {
-      octo_put(octo_along(s->xi[0], i, s->down[node], j), count, &JAC(i, node, j), 1);
-      octo_put(octo_along(s->xi[node], i, s->up[node], j), count, &JAC(j, node, i), 3 * NX);
+      octo_put(octo_along(s->xi[0], i, s->of.down[node], j), count, &JAC(i, node, j), 1);
+      octo_put(octo_along(s->xi[node], i, s->of.up[node], j), count, &JAC(j, node, i), 3 * NX);
     }
     if (order < 2) continue;
     for (int node = 0; node < 3; ++node) {
-      octo_wide value = octo_along(s->xi[0], i, s->bend[node], j) + octo_along(s->eta, i, s->down[node], j);
+      octo_wide value = octo_along(s->xi[0], i, s->of.bend[node], j) + octo_along(s->eta, i, s->of.down[node], j);
       octo_put(value, count, &HESS(node, i, j), 1);
-      octo_put(node == 0 ? value : octo_along(s->xi[node], i, s->lift[node], j), count, &HESS(node, j, i), NX);
+      octo_put(node == 0 ? value : octo_along(s->xi[node], i, s->of.lift[node], j), count, &HESS(node, j, i), NX);
       if (node == 0) continue;
-      value = octo_along(s->xi[node], i, s->own[node], j);
+      value = octo_along(s->xi[node], i, s->of.own[node], j);
       octo_put(value, count, &HESS(2 + node, i, j), 1);
       octo_put(value, count, &HESS(2 + node, j, i), NX);
     }
@@ -204,21 +218,22 @@ static void octo_write_joints(const octo_input *in, const octo_work *s, double *
 static void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
                       const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {
   const octo_input in = {{x_next, x, x_prev}, {kin_next, kin, kin_prev}, p, lam, order};
-  octo_work *s = (octo_work *)(((size_t)work + 63) & ~(size_t)63);
+  octo_work *s = (octo_work *)(work + (-(size_t)work % 64) / 8); /* no cast of a number: shared memory stays known as such */
   octo_load(&in, s);
   if (order >= 1) EACH(e, 3 * NX * NX) jac[e] = 0.0;
   if (order == 2) EACH(e, CURVATURE * NX * NX) hess[e] = 0.0;
   BARRIER;
-  EACH(l, NLINK) octo_body(&in, l, s->V[octo_link_last[l]], &s->link[l]);
+  EACH(l, NLINK) octo_body(&in, l, s->V[octo_link_last[l]], &s->link[l]); /* a warp for each kind: their code diverges */
 #if NC > 0
-  EACH(c, NC) octo_contact(&in, c, s->V[octo_link_last[octo_contact_link[c]]], &s->touch[c]);
+  EACH_FROM(32, c, NC) octo_contact(&in, c, s->V[octo_link_last[octo_contact_link[c]]], &s->touch[c]);
 #endif
-  EACH(j, NX) octo_joint(&in, j, s->joint[j]);
+  EACH_FROM(64, j, NX) octo_joint(&in, j, s->joint[j]);
   octo_pairs(&in, &s->pairs);
   BARRIER;
   octo_composites(order, s);
   BARRIER;
   if (order >= 1) {
+    octo_clear_tails(s);
     octo_products(order, s);
     BARRIER;
     octo_write(order, s, jac, hess);

@@ -16,7 +16,11 @@ typedef int octo_mask;
 #define ANY(mask) (mask)
 #define ARGUMENT double
 #define STAGE(name, arg, res) name(arg, res)
+#ifdef __CUDACC_RTC__
+#define octo_sincos sincos
+#else
 static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(angle); *c = cos(angle); }
+#endif
 #endif
 
 #ifdef __CUDACC_RTC__
@@ -28,11 +32,14 @@ static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(an
 /* Loops whose items do not depend on each other, for a block of threads: one time step, its work area in shared memory. */
 #ifdef LANE
 #define EACH(e, count) for (int e = LANE; e < (count); e += LANES)
+#define EACH_FROM(lane, e, count) /* from that thread on, where there is one: loops without a barrier between run side by side */ \
+  for (int e = (lane) >= LANES ? LANE : LANE - (lane) + (LANE < (lane) ? LANES : 0); e < (count); e += LANES)
 #define GRID(a, rows, b, columns) \
   for (int a##b = LANE, a, b; a##b < (rows) * (columns) && (a = a##b / (columns), b = a##b % (columns), 1); a##b += LANES)
 #else
 #define BARRIER
 #define EACH(e, count) for (int e = 0; e < (count); ++e)
+#define EACH_FROM(lane, e, count) EACH(e, count)
 #define GRID(a, rows, b, columns) for (int a = 0; a < (rows); ++a) for (int b = 0; b < (columns); ++b)
 #endif
 
@@ -54,16 +61,22 @@ static inline void octo_place(const real *pose, const double *v, real *out) {
   for (int r = 0; r < 3; ++r) out[r] = octo_dot(pose + 3 * r, v) + pose[9 + r];
 }
 
+static inline real octo_displacement(int j, const real *x) { return x[j] - octo_joint_reference[j]; }
+
+/* Sine and cosine of a joint that turns. */
+static inline void octo_turn(int j, const real *x, real *turn) {
+  if (!octo_joint_slides[j]) octo_sincos(octo_displacement(j, x), turn, turn + 1);
+}
+
 /* Pose of one joint's displacement, right-multiplied to (R, t): the joint's world twist is written on the way. */
-static inline void octo_move(int j, real displacement, real *R, real *t, real *xi) {
+static inline void octo_move(int j, const real *x, const real *sine, real *R, real *t, real *xi) {
   real axis[3], anchor[3], arm[3];
   for (int r = 0; r < 3; ++r) axis[r] = octo_dot(R + 3 * r, octo_joint_axis + 3 * j);
   if (octo_joint_slides[j]) {
-    for (int r = 0; r < 3; ++r) { xi[r] = ZERO; xi[3 + r] = axis[r]; t[r] += axis[r] * displacement; }
+    for (int r = 0; r < 3; ++r) { xi[r] = ZERO; xi[3 + r] = axis[r]; t[r] += axis[r] * octo_displacement(j, x); }
     return;
   }
-  real s, c;
-  octo_sincos(displacement, &s, &c);
+  const real s = sine[0], c = sine[1];
   for (int r = 0; r < 3; ++r) anchor[r] = octo_dot(R + 3 * r, octo_joint_anchor + 3 * j) + t[r];
   for (int r = 0; r < 3; ++r) xi[r] = axis[r];
   octo_cross(anchor, axis, xi + 3); /* velocity of the point at the world's origin */
@@ -78,22 +91,29 @@ static inline void octo_move(int j, real displacement, real *R, real *t, real *x
   for (int r = 0; r < 3; ++r) t[r] = anchor[r] + octo_dot(turn + 3 * r, arm);
 }
 
+/* Pose of body b after its parent's, and the world twists of its joints, in kin; turn (NX, 2) of octo_turn. */
+static inline void octo_pose(int b, const real *x, const real *turn, real *kin) {
+  const double *fixed = octo_body_pose + 12 * b;
+  real R[9], t[3];
+  if (octo_body_parent[b] < 0) {
+    for (int k = 0; k < 9; ++k) R[k] = ZERO + fixed[k];
+    for (int k = 0; k < 3; ++k) t[k] = ZERO + fixed[9 + k];
+  } else {
+    const real *parent = kin + 12 * octo_body_parent[b];
+    for (int r = 0; r < 3; ++r)
+      for (int k = 0; k < 3; ++k) R[3 * r + k] = parent[3 * r] * fixed[k] + parent[3 * r + 1] * fixed[3 + k] + parent[3 * r + 2] * fixed[6 + k];
+    octo_place(parent, fixed + 9, t);
+  }
+  for (int j = octo_body_first[b]; j < octo_body_first[b + 1]; ++j) octo_move(j, x, turn + 2 * j, R, t, kin + 12 * NB + 6 * j);
+  for (int k = 0; k < 9; ++k) kin[12 * b + k] = R[k];
+  for (int k = 0; k < 3; ++k) kin[12 * b + 9 + k] = t[k];
+}
+
 /* Poses of the bodies and world twists of the degrees of freedom at one node: kin (12 NB + 6 NX). */
 static void octo_kin(const real *x, real *kin) {
-  for (int b = 0; b < NB; ++b) {
-    real *R = kin + 12 * b, *t = R + 9;
-    const double *fixed = octo_body_pose + 12 * b;
-    if (octo_body_parent[b] < 0) {
-      for (int k = 0; k < 12; ++k) R[k] = ZERO + fixed[k];
-    } else {
-      const real *parent = kin + 12 * octo_body_parent[b];
-      for (int r = 0; r < 3; ++r)
-        for (int k = 0; k < 3; ++k) R[3 * r + k] = parent[3 * r] * fixed[k] + parent[3 * r + 1] * fixed[3 + k] + parent[3 * r + 2] * fixed[6 + k];
-      octo_place(parent, fixed + 9, t);
-    }
-    for (int j = octo_body_first[b]; j < octo_body_first[b + 1]; ++j)
-      octo_move(j, x[j] - octo_joint_reference[j], R, t, kin + 12 * NB + 6 * j);
-  }
+  real turn[2 * NX];
+  for (int j = 0; j < NX; ++j) octo_turn(j, x, turn + 2 * j);
+  for (int b = 0; b < NB; ++b) octo_pose(b, x, turn, kin);
 }
 
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;

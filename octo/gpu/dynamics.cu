@@ -1,15 +1,28 @@
 /* Kernels over the nodes and the time steps of a batch, after the text of the dynamics (phases.c) and common.cuh.
  *
- * kin has one thread per node; a step has one block, its work area in dynamic shared memory (8·WORK bytes): grid (steps, batch). */
+ * A node and a step have a block each, their work areas in dynamic shared memory: grids (steps + 2, batch) and (steps, batch). */
 
 /* Doubles of a step's work area and of a node's kinematics, for whoever launches. */
 extern "C" __global__ void octo_work_size(int *size) {
   if (threadIdx.x == 0) size[0] = WORK, size[1] = KIN;
 }
 
-extern "C" __global__ void octo_kin_of_nodes(int count, const double *nodes, double *kin) {
-  for (int node = blockIdx.x * blockDim.x + threadIdx.x; node < count; node += gridDim.x * blockDim.x)
-    octo_kin(nodes + (size_t)node * NX, kin + (size_t)node * KIN);
+/* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. */
+extern "C" __global__ void octo_kin_of_nodes(const double *nodes, double *kin) {
+#if KIN > 0
+  SHARED(turn);
+  double *own = turn + 2 * NX;
+  size_t node = (size_t)blockIdx.y * gridDim.x + blockIdx.x;
+  const double *x = nodes + node * NX;
+  EACH(j, NX) octo_turn(j, x, turn + 2 * j);
+  BARRIER;
+  for (int level = 0; level < LEVELS; ++level) {
+    EACH(b, NB)
+      if (octo_body_level[b] == level) octo_pose(b, x, turn, own);
+    BARRIER;
+  }
+  EACH(k, KIN) kin[node * KIN + k] = own[k];
+#endif
 }
 
 template <int order>

@@ -19,48 +19,62 @@ extern "C" __global__ void octo_nodes(int count, int steps, int units, int slots
   }
 }
 
-typedef struct { const double *x[3], *kin[3], *p, *q; double *u; } octo_place_of_step; /* u: (NU), then sine and cosine of ANGLES */
+/* x, kin: of the next node, those of the two before it stand before them; u: (NU), then sine and cosine of ANGLES */
+typedef struct { const double *x, *kin, *p, *q; double *u; } octo_place_of_step;
+
+#define ARGUMENTS (NU + 2 * ANGLES)
 
 static __device__ inline octo_place_of_step octo_place_at(int steps, size_t member, size_t step, const double *nodes, const double *kin,
                                                           const double *p, const double *q, double *u) {
-  size_t node = member * (steps + 2) + step;
-  octo_place_of_step at;
-  for (int k = 0; k < 3; ++k) {
-    at.x[k] = nodes + (node + 2 - k) * NX;
-    at.kin[k] = kin + (node + 2 - k) * KIN;
-  }
-  at.p = p + member * NP; at.q = q + (member * steps + step) * NQ; at.u = u;
+  size_t node = member * (steps + 2) + step + 2;
+  octo_place_of_step at = {nodes + node * NX, kin + node * KIN, p + member * NP, q + (member * steps + step) * NQ, u};
   return at;
 }
 
-/* Residuals r and, with jac and touch, their derivatives: a warp for each piece, over contacts a thread for each of them. */
-static __device__ inline void octo_costs_of_step(const octo_place_of_step *at, const double *fd, double *r, double *jac, double *touch) {
-  double *sines = at->u + NU;
-  EACH(j, NU) at->u[j] = fd[octo_actuated[j]];
-  EACH(k, ANGLES) {
-    const double *source = octo_angle_input[k] < 3 ? at->x[octo_angle_input[k]] : at->q;
-    double angle = source[octo_angle_element[k]] + octo_angle_offset[k];
-    sines[2 * k] = sin(angle);
-    sines[2 * k + 1] = cos(angle);
+/* Of the step that comes ``s`` later. */
+static __device__ inline octo_place_of_step octo_place_after(const octo_place_of_step *at, int s) {
+  octo_place_of_step later = {at->x + s * NX, at->kin + s * KIN, at->p, at->q + s * NQ, at->u + s * ARGUMENTS};
+  return later;
+}
+
+/* Steps that a block evaluates the costs of: a piece is long, has few threads, and needs the registers of many. */
+#define TOGETHER 2
+#define EACH_OF_STEPS(s, e, count, steps) /* the steps and numbers of each */ \
+  for (int s##e = LANE, s, e; s##e < TOGETHER * (count) && (s = s##e % TOGETHER, e = s##e / TOGETHER, 1); s##e += LANES) if (s < (steps))
+
+/* Residuals r (count, MROWS) and, with jac and touch, their derivatives: a warp for each piece, over contacts a thread for each. */
+static __device__ inline void octo_costs_of_steps(const octo_place_of_step *first, int count, const double *fd, double *r, double *jac,
+                                                  double *touch) {
+  EACH_OF_STEPS(s, j, NU, count) first->u[s * ARGUMENTS + j] = fd[s * NX + octo_actuated[j]];
+  EACH_OF_STEPS(s, k, ANGLES, count) {
+    octo_place_of_step at = octo_place_after(first, s);
+    const double *source = octo_angle_input[k] < 3 ? at.x - octo_angle_input[k] * NX : at.q;
+    double *turn = at.u + NU + 2 * k;
+    sincos(source[octo_angle_element[k]] + octo_angle_offset[k], turn, turn + 1);
   }
   BARRIER;
   const double *arg[8];
   double *res[1];
   int pieces = jac ? PIECES : VALUES, own = jac ? CONTACT_PIECES : CONTACT_VALUES, warp = LANE / 32;
+  int lanes = LANES - 32 * warp < 32 ? LANES - 32 * warp : 32;
   for (int k = warp; k < pieces + own; k += (LANES + 31) / 32) {
     if (k < pieces) {
-      if (LANE % 32 != 0) continue;
-      arg[0] = at->x[0]; arg[1] = at->x[1]; arg[2] = at->x[2]; arg[3] = at->u; arg[4] = at->p; arg[5] = at->q; arg[6] = sines;
-      res[0] = (k < VALUES ? r : jac) + octo_piece_at[k];
-      octo_piece(k, arg, res);
+      for (int s = LANE % 32; s < count && k < pieces; s += lanes) { /* k < pieces: the compiler sees which are never called */
+        octo_place_of_step at = octo_place_after(first, s);
+        arg[0] = at.x; arg[1] = at.x - NX; arg[2] = at.x - 2 * NX; arg[3] = at.u; arg[4] = at.p; arg[5] = at.q; arg[6] = at.u + NU;
+        res[0] = (k < VALUES ? r + s * MROWS : jac + s * NZ) + octo_piece_at[k];
+        octo_piece(k, arg, res);
+      }
       continue;
     }
 #if NFC > 0
-    int piece = k - pieces, lanes = LANES - 32 * warp < 32 ? LANES - 32 * warp : 32;
-    for (int c = LANE % 32; c < NFC; c += lanes) {
-      for (int node = 0; node < 3; ++node) arg[node] = at->kin[node] + 12 * octo_cost_contact_body[c];
-      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at->p; arg[5] = at->q;
-      res[0] = (piece < CONTACT_VALUES ? r + NR + c * CR : touch + c * CR * 18) + octo_contact_piece_at[piece];
+    int piece = k - pieces;
+    for (int e = LANE % 32; e < count * NFC; e += lanes) {
+      int s = e / NFC, c = e % NFC;
+      octo_place_of_step at = octo_place_after(first, s);
+      for (int node = 0; node < 3; ++node) arg[node] = at.kin - node * KIN + 12 * octo_cost_contact_body[c];
+      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q;
+      res[0] = (piece < CONTACT_VALUES ? r + s * MROWS + NR + c * CR : touch + s * TOUCH + c * CR * 18) + octo_contact_piece_at[piece];
       octo_contact_piece(piece, arg, res);
     }
 #endif
@@ -68,22 +82,28 @@ static __device__ inline void octo_costs_of_step(const octo_place_of_step *at, c
   BARRIER;
 }
 
-/* Each step's share of each term; shared: MROWS + NU + 2 ANGLES doubles. */
+/* Each step's share of each term; grid (half of the steps, batch); shared: TOGETHER (MROWS + ARGUMENTS) doubles. */
 extern "C" __global__ void octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd,
                                       double *terms) {
   SHARED(r);
-  double *u = r + MROWS;
-  size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
-  octo_place_of_step at = octo_place_at(steps, blockIdx.y, blockIdx.x, nodes, kin, p, q, u);
-  octo_costs_of_step(&at, fd + item * NX, r, 0, 0);
-  EACH(k, NTERM) {
+  int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
+  size_t item = (size_t)blockIdx.y * steps + step;
+  octo_place_of_step at = octo_place_at(steps, blockIdx.y, step, nodes, kin, p, q, r + TOGETHER * MROWS);
+  octo_costs_of_steps(&at, count, fd + item * NX, r, 0, 0);
+  EACH_OF_STEPS(s, row, MROWS, count) {
+    double c = octo_coefficient(at.q + s * NQ, row), *own = r + s * MROWS + row;
+    *own = c != 0.0 ? c * *own * *own : 0.0; /* a step that a term leaves out may have no finite residual */
+  }
+  BARRIER;
+  EACH_OF_STEPS(s, k, NTERM, count) {
+    const double *own = r + s * MROWS;
     double sum = 0.0;
-    for (int row = 0; row < MROWS; ++row) {
-      if (octo_row_term(row) != k) continue;
-      double c = octo_coefficient(at.q, row);
-      if (c != 0.0) sum += c * r[row] * r[row]; /* a step that a term leaves out may have no finite residual */
-    }
-    terms[item * NTERM + k] = sum;
+    for (int row = 0; row < NR; ++row) sum += octo_state_row_term[row] == k ? own[row] : 0.0;
+#if NFC > 0
+    for (int e = 0; e < CR; ++e)
+      for (int c = 0; c < NFC && octo_contact_row_term[e] == k; ++c) sum += own[NR + c * CR + e];
+#endif
+    terms[(item + s) * NTERM + k] = sum;
   }
 }
 
@@ -121,151 +141,200 @@ extern "C" __global__ void octo_constraints(int count, int steps, int rows, cons
 #endif
 }
 
-/* Residuals r (MROWS), their derivatives jac (NZ) and touch (TOUCH), and the multipliers lam (NX) of a step's FD: dE/du on the
- * actuated rows, Sᵀ multipliers on the others (none without multipliers). Shared: NU + 2 ANGLES doubles. */
+/* Residuals r (MROWS) of a step, their derivatives jac (NZ) and touch (TOUCH), and the multipliers lam (NX) of its FD: dE/du on the
+ * actuated rows, Sᵀ multipliers on the others (none without multipliers). Grid (half of the steps, batch); shared: TOGETHER
+ * ARGUMENTS doubles. */
 extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const double *test_value,
                                                  const double *nodes, const double *kin, const double *p, const double *q,
                                                  const double *row_scale, const double *fd, const double *multipliers, double *r, double *jac,
                                                  double *touch, double *lam) {
   SHARED(u);
-  size_t member = blockIdx.y, step = blockIdx.x, item = member * steps + step;
+  int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
+  size_t member = blockIdx.y, item = member * steps + step;
   octo_place_of_step at = octo_place_at(steps, member, step, nodes, kin, p, q, u);
   r += item * MROWS; jac += item * NZ; touch += item * TOUCH; lam += item * NX;
-  octo_costs_of_step(&at, fd + item * NX, r, jac, touch);
-  EACH(j, NU) {
+  octo_costs_of_steps(&at, count, fd + item * NX, r, jac, touch);
+  EACH_OF_STEPS(s, j, NU, count) {
     double sum = 0.0;
 #if NR > 0
-    for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* those of u are last */
+#pragma unroll 8
+    for (int z = NZ - NZU; z < NZ; ++z) { /* those of u */
       int row = octo_state_entry_row[z];
-      double c = at.q[octo_state_row_term[row]];
-      if (octo_state_entry_column[z] - W3 == j && c != 0.0) sum += 2.0 * c * r[row] * jac[z];
+      double c = at.q[s * NQ + octo_state_row_term[row]], value = r[s * MROWS + row], slope = jac[s * NZ + z];
+      sum += octo_state_entry_column[z] - W3 == j && c != 0.0 ? 2.0 * c * value * slope : 0.0;
     }
 #endif
-    lam[octo_actuated[j]] = sum;
+    lam[s * NX + octo_actuated[j]] = sum;
   }
 #if MU > 0
-  EACH(k, MU) {
+  EACH_OF_STEPS(s, k, MU, count) {
     double sum = 0.0;
-    for (int t = (int)step * tests; multipliers && t < ((int)step + 1) * tests; ++t)
+    for (int t = (step + s) * tests; multipliers && t < (step + s + 1) * tests; ++t)
       if (test_row[t] >= 0) sum += test_value[t] * row_scale[member * MU + k] * multipliers[(member * rows + test_row[t]) * MU + k];
-    lam[octo_unactuated[k]] = sum;
+    lam[s * NX + octo_unactuated[k]] = sum;
   }
 #endif
 }
 
-/* The stacked rows d residual / d (next, now, previous), scaled by the root of twice their coefficient (0: left out). */
+/* Rows first … last − 1 of d residual / d (next, now, previous), scaled by the root of twice their coefficient (0: left out);
+ * those over contacts are of whole contacts. */
 static __device__ inline void octo_stack_rows(const octo_place_of_step *at, const double *cost_jac, const double *touch, const double *jac,
-                                              const double *scale, double *rows) {
-  EACH(e, MROWS * W3) rows[e] = 0.0;
-  BARRIER;
+                                              const double *scale, int first, int last, double *rows) {
 #if NR > 0
-  EACH(z, NZ) {
-    int row = octo_state_entry_row[z], column = octo_state_entry_column[z];
-    if (column < W3 && scale[row] != 0.0) rows[row * W3 + column] = scale[row] * cost_jac[z];
+  EACH(e, ((last < NR ? last : NR) - first) * W3) {
+    int row = first + e / W3, j = e % W3;
+    double sum = 0.0;
+    for (int t = octo_torque_first[row]; scale[row] != 0.0 && t < octo_torque_first[row + 1]; ++t) {
+      int z = octo_torque_entry[t];
+      sum += scale[row] * cost_jac[z] * jac[octo_actuated[octo_state_entry_column[z] - W3] * W3 + j];
+    }
+    rows[e] = sum;
   }
 #endif
 #if NFC > 0
-  for (int row = NR; row < MROWS; ++row) {
-    if (scale[row] == 0.0) continue;
-    int body = octo_cost_contact_body[(row - NR) / CR], begin = octo_cost_path_start[body], length = octo_cost_path_start[body + 1] - begin;
-    EACH(e, 3 * length) {
-      int node = e / length, j = octo_cost_path[begin + e % length];
-      const double *xi = at->kin[node] + 12 * NB + 6 * j, *g = touch + (row - NR) * 18 + 6 * node;
-      rows[row * W3 + node * NX + j] =
-          scale[row] * (g[0] * xi[0] + g[1] * xi[1] + g[2] * xi[2] + g[3] * xi[3] + g[4] * xi[4] + g[5] * xi[5]);
-    }
+  int begin = first < NR ? NR : first;
+  EACH(e, (last - begin) / CR * W3) {
+    int c = (begin - NR) / CR + e / W3, j = e % W3, node = j / NX, moves = octo_cost_contact_moves[c * NX + j % NX];
+    const double *xi = at->kin - node * KIN + 12 * NB + 6 * (j % NX), *g = touch + c * CR * 18 + 6 * node;
+    double x[6];
+    for (int k = 0; k < 6; ++k) x[k] = xi[k];
+    for (int row = NR + c * CR; row < NR + (c + 1) * CR; ++row, g += 18)
+      rows[(row - first) * W3 + j] = moves && scale[row] != 0.0
+          ? scale[row] * (g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + g[3] * x[3] + g[4] * x[4] + g[5] * x[5]) : 0.0;
   }
 #endif
   BARRIER;
 #if NR > 0
-  for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) {
+  EACH(z, NZ - NZU) {
     int row = octo_state_entry_row[z];
-    if (scale[row] == 0.0) continue;
-    const double *source = jac + octo_actuated[octo_state_entry_column[z] - W3] * W3, value = scale[row] * cost_jac[z];
-    EACH(j, W3) rows[row * W3 + j] += value * source[j];
+    if (row >= first && row < last && scale[row] != 0.0) rows[(row - first) * W3 + octo_state_entry_column[z]] += scale[row] * cost_jac[z];
   }
 #endif
   BARRIER;
 }
 
-/* hess (6, NX, NX) = curvature (0: none) + rowsᵀ rows, gradient (W3) = rowsᵀ values. Shared: 2 MROWS, and MROWS W3 doubles of
- * rows unless global memory ``spill`` is given for them. */
-extern "C" __global__ void octo_step_model(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *r,
-                                           const double *cost_jac, const double *touch, const double *jac, const double *curvature,
-                                           double *spill, double *hess, double *gradient) {
+/* A thread multiplies TILE neighbouring columns of a node with as many of the same or an older one. Of the PAIRS of tiles, each
+ * once, a triangle of COLUMNS of them, there are as many as a rectangle of COLUMNS / 2 and COLUMNS + 1 has: its rows are two of
+ * the triangle's. */
+#define TILE 3
+#define TILES ((NX + TILE - 1) / TILE)
+#define COLUMNS (3 * TILES + TILES % 2)
+#define PAIRS (COLUMNS / 2 * (COLUMNS + 1))
+
+/* sum (TILE, TILE) to rows i … and columns j … of a block, or of its transpose, where there is that much; to curvature at first. */
+static __device__ inline void octo_put_tile(const double (*sum)[TILE], int i, int j, int transposed, const double *before, double *block) {
+  for (int a = 0; a < TILE && i + a < NX; ++a)
+    for (int b = 0; b < TILE && j + b < NX; ++b) {
+      int at = transposed ? (j + b) * NX + i + a : (i + a) * NX + j + b;
+      block[at] = (before ? before[at] : 0.0) + sum[a][b];
+    }
+}
+
+/* hess (6, NX, NX) = curvature (0: none) + rowsᵀ rows, gradient (W3) = rowsᵀ values, ``held`` ≥ CR rows at a time.
+ * Shared: 2 MROWS + held W3 + TILE doubles. */
+extern "C" __global__ void octo_step_model(int steps, int held, const double *nodes, const double *kin, const double *p, const double *q,
+                                           const double *r, const double *cost_jac, const double *touch, const double *jac,
+                                           const double *curvature, double *hess, double *gradient) {
   SHARED(scale);
-  double *value = scale + MROWS;
-  size_t member = blockIdx.y, step = blockIdx.x, item = member * steps + step;
-  double *rows = spill ? spill + item * MROWS * W3 : value + MROWS;
-  octo_place_of_step at = octo_place_at(steps, member, step, nodes, kin, p, q, 0);
+  double *value = scale + MROWS, *rows = value + MROWS;
+  size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
+  octo_place_of_step at = octo_place_at(steps, blockIdx.y, blockIdx.x, nodes, kin, p, q, 0);
+  hess += item * 6 * NX * NX; gradient += item * W3;
+  if (curvature) curvature += item * CURVATURE * NX * NX;
   EACH(row, MROWS) {
     double c = octo_coefficient(at.q, row);
     scale[row] = c != 0.0 ? sqrt(2.0 * c) : 0.0;
     value[row] = c != 0.0 ? scale[row] * r[item * MROWS + row] : 0.0;
   }
-  BARRIER;
-  octo_stack_rows(&at, cost_jac + item * NZ, touch + item * TOUCH, jac + item * NX * W3, scale, rows);
-  const int newer[6] = {0, 0, 0, 1, 2, 1}, older[6] = {0, 1, 2, 1, 2, 2};
-  EACH(e, 6 * NX * NX) {
-    int block = e / (NX * NX), i = newer[block] * NX + e / NX % NX, j = older[block] * NX + e % NX;
-    double sum = curvature && block < CURVATURE ? curvature[item * CURVATURE * NX * NX + e] : 0.0;
-    for (int row = 0; row < MROWS; ++row)
-      if (scale[row] != 0.0) sum += rows[row * W3 + i] * rows[row * W3 + j];
-    hess[item * 6 * NX * NX + e] = sum;
-  }
-  EACH(j, W3) {
-    double sum = 0.0;
-    for (int row = 0; row < MROWS; ++row)
-      if (scale[row] != 0.0) sum += value[row] * rows[row * W3 + j];
-    gradient[item * W3 + j] = sum;
+  int first = 0, last;
+  do {
+    last = first + held;
+#if NFC > 0
+    if (last > NR) last = NR + (last - NR) / CR * CR;
+#endif
+    if (last > MROWS) last = MROWS;
+    BARRIER;
+    octo_stack_rows(&at, cost_jac + item * NZ, touch + item * TOUCH, jac + item * NX * W3, scale, first, last, rows);
+    EACH(e, PAIRS + 3 * TILES) {
+      if (e < PAIRS) {
+        int r = e / (COLUMNS + 1), c = e % (COLUMNS + 1), one = c > r ? r : COLUMNS - 1 - r, other = c > r ? c - 1 : COLUMNS - 1 - c;
+        if (other >= 3 * TILES) continue;
+        int newer = one / TILES, older = other / TILES, i = one % TILES * TILE, j = other % TILES * TILE;
+        const double *left = rows + newer * NX + i, *right = rows + older * NX + j; /* beyond NX: computed with and not used */
+        double sum[TILE][TILE] = {};
+        for (int row = first; row < last; ++row, left += W3, right += W3)
+          if (scale[row] != 0.0)
+            for (int a = 0; a < TILE; ++a)
+              for (int b = 0; b < TILE; ++b) sum[a][b] += left[a] * right[b];
+        int block = newer == 0 ? older : older == 1 ? 3 : newer == 1 ? 5 : 4;
+        double *out = hess + block * NX * NX;
+        const double *before = first > 0 ? out : curvature && block < CURVATURE ? curvature + block * NX * NX : 0;
+        octo_put_tile(sum, i, j, 0, before, out);
+        if (newer == older && i != j) octo_put_tile(sum, i, j, 1, before, out);
+      } else {
+        int j = (e - PAIRS) * TILE;
+        double sum[TILE] = {};
+        for (int row = first; row < last; ++row)
+          for (int b = 0; b < TILE; ++b) sum[b] += value[row] * rows[(row - first) * W3 + j + b];
+        for (int b = 0; b < TILE && j + b < W3; ++b) gradient[j + b] = first > 0 ? gradient[j + b] + sum[b] : sum[b];
+      }
+    }
+    first = last;
+  } while (first < MROWS);
+}
+
+/* Sums of one place (tables.py) over the blocks of all steps: number ``of`` of a block, ``of_transposed`` of one whose place is
+ * negative (~), times a coefficient for each part of a unit or each pair of parts, count ≤ 4 of them. */
+static __device__ inline void octo_gather(int count, const int *first, const int *source, const double *value, const double *blocks, int of,
+                                          int of_transposed, double *sum) {
+  for (int m = 0; m < 4; ++m) sum[m] = 0.0;
+#pragma unroll 8
+  for (int t = first[0]; t < first[1]; ++t) {
+    int at = source[t];
+    double taken = blocks[at < 0 ? ~at + of_transposed : at + of];
+    for (int m = 0; m < 4; ++m)
+      if (m < count) sum[m] += value[t * count + m] * taken;
   }
 }
 
-/* H (units, 3, NCV, NCV) = Sᵀ hess S and b (units, NCV) = Sᵀ gradient, NCV = parts NX; grid (units, 3 lags, batch).
- * first ((units 3 parts parts) + 1) are the entries of each pair of parts: a step, its two nodes 3 a + b, their coefficient;
- * b_first likewise for each part of a unit. Units that nothing moves (dummy) are the identity. */
-extern "C" __global__ void octo_gather_hessian(int steps, int parts, const int *first, const int *entry_step, const int *entry_nodes,
-                                               const double *entry_value, const int *b_first, const int *b_step, const int *b_node,
-                                               const double *b_value, const int *dummy, const double *hess, const double *gradient, double *h,
-                                               double *b) {
-  int unit = blockIdx.x, lag = blockIdx.y, units = gridDim.x, nc = parts * NX;
-  size_t member = blockIdx.z;
-  const double *own = hess + member * steps * 6 * NX * NX, *slope = gradient + member * steps * W3;
-  const int block_of[9] = {0, 1, 2, 1, 3, 5, 2, 5, 4};
-  double *out = h + ((member * units + unit) * 3 + lag) * nc * nc;
-  EACH(e, nc * nc) {
-    int i = e / nc, j = e % nc, r = i % NX, c = j % NX, at = ((unit * 3 + lag) * parts + i / NX) * parts + j / NX;
-    double sum = dummy[unit] && lag == 0 && i == j ? 1.0 : 0.0;
-    for (int t = first[at]; t < first[at + 1]; ++t) {
-      const double *block = own + ((size_t)entry_step[t] * 6 + block_of[entry_nodes[t]]) * NX * NX;
-      sum += entry_value[t] * (entry_nodes[t] / 3 <= entry_nodes[t] % 3 ? block[r * NX + c] : block[c * NX + r]);
+/* H (units, 3, NCV, NCV) = Sᵀ hess S and b (units, NCV) = Sᵀ gradient, NCV = parts NX; grid (units groups, 3 lags, batch).
+ * Units that nothing moves (dummy) are the identity. */
+extern "C" __global__ void octo_gather_hessian(int steps, int parts, int groups, const int *first, const int *source, const double *value,
+                                               const int *b_first, const int *b_source, const double *b_value, const int *dummy,
+                                               const double *hess, const double *gradient, double *h, double *b) {
+  int unit = blockIdx.x / groups, lag = blockIdx.y, nc = parts * NX;
+  size_t member = blockIdx.z, own = member * (gridDim.x / groups) + unit;
+  h += (own * 3 + lag) * nc * nc; b += own * nc;
+  for (int e = blockIdx.x % groups * LANES + LANE; e < NX * NX + (lag == 0 ? NX : 0); e += groups * LANES) {
+    int r = e / NX, c = e % NX;
+    double sum[4];
+    if (e < NX * NX) {
+      octo_gather(parts * parts, first + 3 * unit + lag, source, value, hess + member * steps * 6 * NX * NX, e, c * NX + r, sum);
+      for (int m = 0; m < 4; ++m) {
+        int i = m / parts, j = m % parts;
+        if (i < parts) h[(i * NX + r) * nc + j * NX + c] = sum[m] + (dummy[unit] && lag == 0 && i == j && r == c ? 1.0 : 0.0);
+      }
+    } else {
+      octo_gather(parts, b_first + unit, b_source, b_value, gradient + member * steps * W3, c, 0, sum);
+      for (int m = 0; m < 4; ++m)
+        if (m < parts) b[m * NX + c] = sum[m];
     }
-    out[e] = sum;
   }
-  if (lag == 0)
-    EACH(i, nc) {
-      int at = unit * parts + i / NX;
-      double sum = 0.0;
-      for (int t = b_first[at]; t < b_first[at + 1]; ++t) sum += b_value[t] * slope[(size_t)b_step[t] * W3 + b_node[t] * NX + i % NX];
-      b[(member * units + unit) * nc + i] = sum;
-    }
 }
 
-/* A (units, 3, parts MU, parts NX) = Sᵀ U_/J S, scaled; grid (units, 3 lags, batch). Entries: a step and its node, by the part of
- * the row and of the unit. */
-extern "C" __global__ void octo_gather_constraints(int steps, int parts, const int *first, const int *entry_step, const int *entry_node,
-                                                   const double *entry_value, const double *row_scale, const double *jac, double *a) {
+/* A (units, 3, parts MU, parts NX) = Sᵀ U_/J S, scaled; grid (units, 3 lags, batch). */
+extern "C" __global__ void octo_gather_constraints(int steps, int parts, const int *first, const int *source, const double *value,
+                                                   const double *row_scale, const double *jac, double *a) {
 #if MU > 0
-  int unit = blockIdx.x, lag = blockIdx.y, units = gridDim.x, nc = parts * NX, ma = parts * MU;
+  int unit = blockIdx.x, lag = blockIdx.y, nc = parts * NX;
   size_t member = blockIdx.z;
-  const double *own = jac + member * steps * NX * W3;
-  double *out = a + ((member * units + unit) * 3 + lag) * ma * nc;
-  EACH(e, ma * nc) {
-    int i = e / nc, j = e % nc, at = ((unit * 3 + lag) * parts + i / MU) * parts + j / NX;
-    double sum = 0.0, scale = row_scale[member * MU + i % MU];
-    for (int t = first[at]; t < first[at + 1]; ++t)
-      sum += entry_value[t] * own[((size_t)entry_step[t] * NX + octo_unactuated[i % MU]) * W3 + entry_node[t] * NX + j % NX];
-    out[e] = scale * sum;
+  a += ((member * gridDim.x + unit) * 3 + lag) * parts * MU * nc;
+  EACH(e, MU * NX) {
+    int r = e / NX, c = e % NX;
+    double sum[4], scale = row_scale[member * MU + r];
+    octo_gather(parts * parts, first + 3 * unit + lag, source, value, jac + member * steps * NX * W3, octo_unactuated[r] * W3 + c, 0, sum);
+    for (int m = 0; m < 4; ++m)
+      if (m / parts < parts) a[(m / parts * MU + r) * nc + m % parts * NX + c] = scale * sum[m];
   }
 #endif
 }

@@ -15,9 +15,14 @@ from octo.gpu.tables import Gather, Tables
 from octo.problem import codegen
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 
-SMALL = 128  # threads of a block for a step
-WIDE = 256  # for sums over blocks
+WARP = 32  # threads of a block, for a node
+NARROW = 64  # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are one wave
+SMALL = 128  # for a step
+TILED = 192  # for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
+WIDE = 256  # for one thing a thread
 PARTS = 128  # of common.cuh
+TILE, TOGETHER = 3, 2  # of model.cu
+HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")  # of dynamics.cu
 BATCHED = ("p", "q", "row_scale", "constant", "anchor")
 
@@ -46,9 +51,9 @@ class Program:
         self.touch = len(functions.contact_spheres) * len(functions.contact_terms) * 18
         self.terms = len(functions.references.terms)
         self.curvature = dynamics.curvature_blocks
-        room = 8 * self.rows * (3 * dynamics.nx + 2)  # bytes of a step's rows
-        self.spills = room > device.shared_limit
-        self.room = 16 * self.rows if self.spills else room
+        width, least = 3 * dynamics.nx, max(1, len(functions.contact_terms))  # all rows of a contact are held at the same time
+        self.held = max(least, min(self.rows, HELD // (8 * width)))
+        self.room = 8 * (2 * self.rows + self.held * width + TILE)
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
                 f"a step needs {8 * self.work} bytes of shared memory, this device has {device.shared_limit}: "
@@ -84,7 +89,7 @@ class DeviceProblem:
     def _upload(self) -> dict[str, Array]:
         """The stencil and its gather tables on the device."""
         stencil, device = self.host.stencil, self.device
-        tables = Tables.of(stencil, self.host.steps)
+        tables = Tables.of(stencil, self.host.steps, self.host.n)
         dummy = np.zeros(stencil.units, dtype=np.int32)
         dummy[self.host.fixed] = 1
         tests = np.where(stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1)
@@ -94,7 +99,7 @@ class DeviceProblem:
         arrays["test_value"] = device.array(stencil.test_coefficient)
         for name in ("hessian", "gradient", "jacobian", "tests"):
             gather: Gather = getattr(tables, name)
-            for part in ("first", "step", "node"):
+            for part in ("first", "source"):
                 arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)
             arrays[f"{name}_value"] = device.array(gather.value)
         return arrays
@@ -143,7 +148,7 @@ class DeviceProblem:
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
-        self._each_step("octo_terms", SMALL, room, at.nodes, kin, self.p, self.q, at.fd, at.terms)
+        self._each_step("octo_terms", SMALL, room, at.nodes, kin, self.p, self.q, at.fd, at.terms, together=TOGETHER)
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         self._reduce(at.fd, at.C)
@@ -157,18 +162,17 @@ class DeviceProblem:
         self._each_step(
             "octo_cost_derivatives", SMALL, 8 * program.arguments, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
             tables["test_row"], tables["test_value"], at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam,
-            scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"],
+            scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"], together=TOGETHER,
         )  # fmt: skip
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
-            self._each_step("octo_jacobian", SMALL, 8 * program.work, *dynamics, scratch["fd"], scratch["jac"])
+            self._each_step("octo_jacobian", NARROW, 8 * program.work, *dynamics, scratch["fd"], scratch["jac"])
         else:
             out = (scratch["lam"], scratch["fd"], scratch["jac"], scratch["curvature"])
-            self._each_step("octo_curvature", SMALL, 8 * program.work, *dynamics, *out)
+            self._each_step("octo_curvature", NARROW, 8 * program.work, *dynamics, *out)
         self._each_step(
-            "octo_step_model", WIDE, program.room, *dynamics, self.q, scratch["r"], scratch["cost_jac"], scratch["touch"],
-            scratch["jac"], None if lam is None else scratch["curvature"], scratch["rows"] if program.spills else None,
-            scratch["hess"], scratch["gradient"],
+            "octo_step_model", TILED, program.room, program.held, *dynamics, self.q, scratch["r"], scratch["cost_jac"],
+            scratch["touch"], scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
         )  # fmt: skip
         return self._gather(at)
 
@@ -180,41 +184,43 @@ class DeviceProblem:
 
     def _gather(self, at: Evaluation) -> Model:
         device, tables, scratch = self.device, self._tables, self.scratch
-        shape, parts, wide = (self.batch, self.K), self.host.stencil.parts, device.threads(WIDE)
+        shape, parts, threads = (self.batch, self.K), self.host.stencil.parts, device.threads(SMALL)
         H, A = device.empty((*shape, 3, self.nc, self.nc)), device.empty((*shape, 3, self.ma, self.nc))
         b = device.empty((*shape, self.nc))
-        columns = ("first", "step", "node", "value")
+        columns = ("first", "source", "value")
         hessian, gradient, jacobian = ([tables[f"{n}_{part}"] for part in columns] for n in ("hessian", "gradient", "jacobian"))
-        grid = (self.K, 3, self.batch)
+        groups = -(-self.n * (self.n + 1) // SMALL)
         own = (tables["dummy"], scratch["hess"], scratch["gradient"], H, b)
-        self.program.kernel("octo_gather_hessian")(grid, wide, self.steps, parts, *hessian, *gradient, *own)
+        grid = (self.K * groups, 3, self.batch)
+        self.program.kernel("octo_gather_hessian")(grid, threads, self.steps, parts, groups, *hessian, *gradient, *own)
         if self.program.between is not None:
             self.program.between.add(self.anchor, at.unknowns, self.q, tables["dummy"], H, b)
         if self.ma:
             rows = (self.row_scale, scratch["jac"], A)
-            self.program.kernel("octo_gather_constraints")(grid, wide, self.steps, parts, *jacobian, *rows)
+            self.program.kernel("octo_gather_constraints")((self.K, 3, self.batch), threads, self.steps, parts, *jacobian, *rows)
         return Model(H, A, b, at.C)
 
     def _kin(self, nodes: Array) -> Array:
-        kin = self.device.empty((*nodes.shape[:2], max(self.program.kin, 1)))
-        self._flat("octo_kin_of_nodes", nodes.shape[0] * nodes.shape[1], nodes, kin, threads=32)
+        program, grid = self.program, (self.steps + 2, self.batch)
+        kin = self.device.empty((*nodes.shape[:2], max(program.kin, 1)))
+        program.kernel("octo_kin_of_nodes")(grid, self.device.threads(WARP), nodes, kin, shared=8 * (2 * self.n + program.kin))
         return kin
 
     def _reduce(self, fd: Array, C: Array) -> None:
         if not self.ma:
             return
-        tables = [self._tables[f"tests_{part}"] for part in ("first", "step", "value")]
+        tables = [self._tables[f"tests_{part}"] for part in ("first", "source", "value")]
         self._flat("octo_constraints", C.size, self.steps, self.K * self.host.stencil.parts, *tables, self.row_scale, fd, C)
 
-    def _flat(self, name: str, count: int, *arguments: Any, threads: int = WIDE) -> None:
+    def _flat(self, name: str, count: int, *arguments: Any) -> None:
         """A kernel over ``count`` things, one a thread."""
-        threads = self.device.threads(threads)
+        threads = self.device.threads(WIDE)
         self.program.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
 
-    def _each_step(self, name: str, threads: int, shared: int, *arguments: Any) -> None:
-        """A kernel with a block for each step of each problem."""
-        grid = (self.steps, self.batch)
-        self.program.kernel(name)(grid, self.device.threads(threads), self.steps, *arguments, shared=shared)
+    def _each_step(self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1) -> None:
+        """A kernel with a block for each step of each problem, or for ``together`` of them; ``shared`` bytes for each step."""
+        grid = (-(-self.steps // together), self.batch)
+        self.program.kernel(name)(grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared)
 
     @cached_property
     def scratch(self) -> dict[str, Array]:
@@ -224,8 +230,6 @@ class DeviceProblem:
             "r": (program.rows,), "cost_jac": (program.entries,), "touch": (program.touch,), "lam": (n,), "fd": (n,),
             "jac": (n, 3 * n), "curvature": (program.curvature, n, n), "hess": (6, n, n), "gradient": (3 * n,),
         }  # fmt: skip
-        if program.spills:
-            sizes["rows"] = (program.rows, 3 * n)
         items = (self.batch, self.steps)
         return {name: self.device.empty((*items, *(max(s, 1) for s in shape))) for name, shape in sizes.items()}
 
@@ -238,7 +242,7 @@ def bytes_of(problem: CompiledProblem) -> int:
     iterate = K * (nc + ma) + N * (2 * n + len(functions.references.terms)) + K * ma
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
-    scratch = N * (rows * (1 + 3 * n) + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
+    scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
     if problem.neighbours is not None:
         scratch += K * sum(function.numel_out(0) for _, function in problem.neighbours.functions) * (2 * nc + 1)
     kin = N * 12 * (3 * n)  # poses and twists: bodies are no more than a few for each degree of freedom

@@ -12,31 +12,38 @@ from octo.problem.basis import Stencil
 
 Integers = NDArray[np.int32]
 Array = NDArray[np.float64]
+BLOCK = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (2, 2): 4, (1, 2): 5}  # of a step's Hessian, by its nodes
 
 
 @dataclass(frozen=True, eq=False)
 class Gather:
-    """Sums in compressed rows: entries first[k] … first[k+1] − 1 belong to place k, in the order of the steps."""
+    """Sums in compressed rows: entries first[k] … first[k+1] − 1 belong to place k, in the order of the steps.
+
+    source: where in the array of all steps the block of n columns, or of n × n numbers, starts that an entry takes; ~ of it
+    where the block is taken transposed. value (entries, width): its coefficient for each part of the place.
+    """
 
     first: Integers
-    step: Integers
-    node: Integers  # of the step: 0 next, 1 now, 2 previous; 3 a + b for two of them
+    source: Integers
     value: Array
 
     @classmethod
-    def of(cls, places: int, entries: list[tuple[int, int, int, float]]) -> Gather:
-        """From (place, step, node, value), which come in the order of the steps."""
-        place = np.array([entry[0] for entry in entries], dtype=np.int64)
-        order = np.argsort(place, kind="stable")
-        first = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=places))]).astype(np.int32)
-        step, node = (np.array([entry[k] for entry in entries], dtype=np.int32)[order] for k in (1, 2))
-        return cls(first, step, node, np.array([entry[3] for entry in entries], dtype=float)[order])
+    def of(cls, places: int, width: int, entries: list[tuple[int, int, int, float]]) -> Gather:
+        """From (place, source, part, value), which come in the order of the steps."""
+        rows: dict[tuple[int, int], Array] = {}
+        for place, source, part, value in entries:
+            rows.setdefault((place, source), np.zeros(width))[part] += value
+        keys = np.array(list(rows), dtype=np.int64).reshape(-1, 2)
+        order = np.argsort(keys[:, 0], kind="stable")
+        first = np.concatenate([[0], np.cumsum(np.bincount(keys[:, 0], minlength=places))]).astype(np.int32)
+        return cls(first, keys[order, 1].astype(np.int32), np.array(list(rows.values())).reshape(-1, width)[order])
 
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """hessian: places (unit, lag, part, part); gradient: (unit, part); jacobian: (row unit, lag, row part, part);
-    tests: (unit, part)."""
+    """Places: (unit, lag) of hessian (N, 6, n, n) and, of the rows' units, jacobian (N, n, 3n), whose parts are pairs, that of
+    the row first; unit of gradient (N, 3n); (unit, part) of tests, whose sources are the steps.
+    """
 
     hessian: Gather
     gradient: Gather
@@ -44,27 +51,27 @@ class Tables:
     tests: Gather
 
     @classmethod
-    def of(cls, stencil: Stencil, steps: int) -> Tables:
+    def of(cls, stencil: Stencil, steps: int, n: int) -> Tables:
         parts, units = stencil.parts, stencil.units
         hessian, gradient, jacobian, tests = [], [], [], []
         for i in range(steps):
             slots = list(_slots(stencil, i))
             for a, unit, part, value in slots:
-                gradient.append((unit * parts + part, i, a, value))
+                gradient.append((unit, (3 * i + a) * n, part, value))
                 for b, other, other_part, other_value in slots:
                     if other <= unit:
-                        place = ((unit * 3 + unit - other) * parts + part) * parts + other_part
-                        hessian.append((place, i, 3 * a + b, value * other_value))
+                        block = (6 * i + BLOCK[min(a, b), max(a, b)]) * n * n
+                        pair = part * parts + other_part
+                        hessian.append((3 * unit + unit - other, block if a <= b else ~block, pair, value * other_value))
             for k in np.flatnonzero(stencil.test_row[i] >= 0):
                 row, row_part = int(stencil.test_row[i, k]), int(stencil.test_part[i, k])
                 test = float(stencil.test_coefficient[i, k])
                 tests.append((row * parts + row_part, i, 0, test))
                 for a, unit, part, value in slots:
-                    jacobian.append((((row * 3 + row - unit) * parts + row_part) * parts + part, i, a, test * value))
-        places = units * 3 * parts * parts
+                    jacobian.append((3 * row + row - unit, (3 * n * i + a) * n, row_part * parts + part, test * value))
         return cls(
-            Gather.of(places, hessian), Gather.of(units * parts, gradient),
-            Gather.of(places, jacobian), Gather.of(units * parts, tests),
+            Gather.of(3 * units, parts**2, hessian), Gather.of(units, parts, gradient),
+            Gather.of(3 * units, parts**2, jacobian), Gather.of(units * parts, 1, tests),
         )  # fmt: skip
 
 

@@ -232,7 +232,24 @@ def residual_text(
     """
     written = [function_of_numbers(function) for function in made]
     rows_text = (resources.files("octo.problem") / "rows.c").read_text()
-    return "\n".join([*written, _tables(functions, dynamics, rows, columns), rows_text])
+    tables = [make(functions, dynamics, rows, columns) for make in (_tables, _block_tables)]
+    return "\n".join([*written, *tables, rows_text])
+
+
+def _block_tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:
+    """For a block of threads: the last NZU derivatives, those with respect to u, by row; what coordinates move each contact."""
+    entries = np.flatnonzero(columns >= 3 * dynamics.nx)
+    tables = {
+        "torque_first": np.searchsorted(np.sort(rows[entries]), np.arange(len(functions.state_terms) + 1)),
+        "torque_entry": entries[np.argsort(rows[entries], kind="stable")],
+    }
+    if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
+        robot = dynamics.character
+        moves = np.zeros((len(functions.contact_spheres), robot.nx), dtype=int)
+        for k, sphere in enumerate(functions.contact_spheres):
+            moves[k, list(robot.path[robot.contacts[sphere].body])] = 1
+        tables["cost_contact_moves"] = moves.ravel()
+    return "\n".join([f"#define NZU {len(entries)}", *(_integers(name, values) for name, values in tables.items())])
 
 
 def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:
@@ -257,9 +274,11 @@ def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp]
         tables["cost_path"] = [j for path in robot.path for j in path]
         for sphere in spheres:
             data += [*sphere.position, sphere.radius]
-    for name, values in tables.items():
-        entries = ", ".join(str(int(v)) for v in values) or "0"
-        lines.append(f"static const int octo_{name}[] = {{{entries}}};")
+    lines += [_integers(name, values) for name, values in tables.items()]
     numbers = ", ".join(float(v).hex() for v in data) or "0.0"
     lines.append(f"static const double octo_cost_contact_data[] = {{{numbers}}};")
     return "\n".join(lines)
+
+
+def _integers(name: str, values: Any) -> str:
+    return f"static const int octo_{name}[] = {{{', '.join(str(int(v)) for v in values) or '0'}}};"
