@@ -74,7 +74,7 @@ template <int B> static __device__ inline octo_share octo_shared() {
   return share;
 }
 
-typedef struct __align__(16) { double at[2]; } octo_two;
+typedef struct __align__(2 * sizeof(double)) { double at[2]; } octo_two;
 
 /* The `count` rows of the list lose their multiples of the SIZE pivot rows; columns eliminated before hold L⁻¹ as it grows, the others
  * what is left of P, of which `best` gets the largest entries that this thread leaves behind. */
