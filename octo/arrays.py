@@ -59,17 +59,19 @@ def scaled(factor: Numbers, v: Array) -> Array:
 
 
 def some(mask: NDArray[np.bool_]) -> bool:
-    """Whether any is set. On a few members NumPy's any() and all() take five times as long, several times an iteration."""
-    return bool(np.count_nonzero(mask))
+    """Whether any is set: by its bytes, for on a few members NumPy's any() and all() take ten times as long."""
+    return b"\1" in mask.tobytes()
 
 
 def every(mask: NDArray[np.bool_]) -> bool:
     """Whether all are set."""
-    return bool(np.count_nonzero(mask) == mask.size)
+    return b"\0" not in mask.tobytes()
 
 
 def choose(mask: NDArray[np.bool_], one: Array, other: Array | float) -> Array:
-    """``one`` (batch, …) where mask (batch,), ``other`` elsewhere; ``one`` itself where all are set."""
+    """``one`` (batch, …) where mask (batch,), ``other`` elsewhere; an array itself where all members come from it."""
     if every(mask):
         return one
+    if not (some(mask) or isinstance(other, float)):
+        return other
     return array_module(one).where(like(mask.reshape(-1, *(1,) * (one.ndim - 1)), one), one, other)

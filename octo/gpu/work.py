@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import every, some
+from octo.arrays import Numbers, every, some
 from octo.gpu.device import Array
 from octo.gpu.factor import DeviceFactor, Solving
 from octo.gpu.linear import Linear
@@ -24,7 +24,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.gpu.sequence import Sequence
 from octo.gpu.slab import FIELDS, Slab, SlabEvaluation
 from octo.problem.compiled import Evaluation, Model
-from octo.solver.factors import Attempt
+from octo.solver.factors import Attempt, Three
 
 TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
 TOLERANCE = 1e-10  # of a solution's relative residual
@@ -48,6 +48,7 @@ class Work:
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
         self.active = device.empty((batch,), np.int32)
         self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")}
+        self.plain = False  # whether rhs_c is −C of the model
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
         self.models = {exact: Modelled(self, exact) for exact in (True, False)}
@@ -81,7 +82,7 @@ class Work:
     def linearize(self, at: Evaluation, lam: Array, exact: bool) -> Model:
         self.place(at, lam)
         _ = self.problem.scratch  # allocated before the first sequence, which would take it for its own
-        return self.models[exact].linearize(at)
+        return self.models[exact].linearize()
 
     def of(self, name: str, array: Array) -> Modelled | None:
         """What belongs to the model that ``linearize`` gave, by its H or its A; None for another's."""
@@ -127,7 +128,7 @@ class Modelled:
         self._work, self._exact = work, exact
         self.model: Model | None = None
         device = work.device
-        self._linearize = Sequence(device, lambda: work.problem.linearize(work.at, work.lam if exact else None))
+        self._linearize = Sequence(device, self._launch_linearize)
         self._factor = Sequence(device, self._launch_factor)
         self._attempt = Sequence(device, self._launch_attempt)
         self._refined = Sequence(device, self._launch_refined)
@@ -143,9 +144,9 @@ class Modelled:
             self._normal.close()
         self.__dict__.clear()
 
-    def linearize(self, at: Evaluation) -> Model:
-        self.model = self._linearize()
-        return Model(self.model.H, self.model.A, self.model.b, at.C)
+    def linearize(self) -> Model:
+        self.model, self._work.plain = self._linearize(), True
+        return self.model
 
     def normal(self) -> NormalSequences:
         """AAᵀ of the model, factored."""
@@ -157,11 +158,15 @@ class Modelled:
     def factor(self) -> NDArray[np.bool_]:
         """Factor the active members with their weights: where the inertia of each member is right."""
         self.factored = self._factor()
-        return np.asarray(self._work.device.host(self.factored.good) != 0)
+        return self._work.device.host(self.factored.good).astype(bool)
 
-    def attempt(self) -> Attempt:
+    def attempt(self, rhs_c: Array | None) -> Attempt:
         """The step of the right-hand side (−b, rhs_c) and the trial of its first length."""
         work, refinements = self._work, int(self._coarse)
+        if rhs_c is not None:
+            work.device.copy(rhs_c, work.rhs_c)
+        assert rhs_c is not None or work.plain, "−C was asked for after another right-hand side"
+        work.plain = rhs_c is None
         if self._step is None:
             out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
             self._step = Solving.of(work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out)
@@ -186,7 +191,7 @@ class Modelled:
         delta, lam = self.solve(-model.b, rhs_c)
         units = work.device.empty((*model.b.shape[:2], 3))
 
-        def numbers() -> tuple[Any, Any, Any]:
+        def numbers() -> Three:
             work.linear.step_numbers(model.A, model.b, delta, work.lam, units)
             return _numbers(work.device.host(units))
 
@@ -201,6 +206,12 @@ class Modelled:
             device.copy(source, target)
         solving = self._solve()
         return solving.v.copy(), solving.lam.copy()
+
+    def _launch_linearize(self) -> Model:
+        work = self._work
+        if work.linear.ma:
+            work.linear.negative(work.at.C, work.rhs_c)
+        return work.problem.linearize(work.at, work.lam if self._exact else None)
 
     def _launch_factor(self) -> DeviceFactor:
         work, model = self._work, self._own
@@ -245,7 +256,7 @@ class Modelled:
         return self.model
 
 
-def _numbers(units: NDArray[np.float64]) -> tuple[Any, Any, Any]:
+def _numbers(units: Numbers) -> Three:
     """Those of an Attempt, from what ``Linear.step_numbers`` says of each unit."""
     return units[:, :, 0], units[:, :, 1].max(axis=1), units[:, :, 2].sum(axis=1)
 
@@ -268,11 +279,12 @@ class DeviceFactors:
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         return self._own.solve(rhs_v, rhs_c)
 
-    def attempt(self, rhs_c: Array, limit: NDArray[np.float64], cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
-        if members is not None and not every(members) and not self._work.together:
+    def attempt(
+        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+    ) -> Attempt:
+        if rhs_c is not None and members is not None and not every(members) and not self._work.together:
             return self._own.untried(rhs_c)
-        bounds = np.empty((len(limit), 2))
+        bounds = np.empty((self._work.problem.batch, 2))
         bounds[:, 0], bounds[:, 1] = limit, cap
         self._work.write("bounds", bounds)
-        self._work.device.copy(rhs_c, self._work.rhs_c)
-        return self._own.attempt()
+        return self._own.attempt(rhs_c)

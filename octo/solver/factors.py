@@ -15,6 +15,8 @@ from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.options import SqpOptions
 
+Three = tuple[Numbers, Numbers, Numbers]
+
 
 class Attempt:
     """A KKT step Δ (batch, K, nc) with its multipliers (batch, K, ma), and what decides about it.
@@ -23,14 +25,11 @@ class Attempt:
     numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the iterate and bᵀΔ (batch,), on the host.
     """
 
-    def __init__(
-        self, delta: Array, multipliers: Array, numbers: Callable[[], tuple[Numbers, Numbers, Numbers]],
-        trial: Evaluation | None = None,
-    ):  # fmt: skip
+    def __init__(self, delta: Array, multipliers: Array, numbers: Callable[[], Three], trial: Evaluation | None = None):
         self.delta, self.multipliers, self.trial, self._numbers = delta, multipliers, trial, numbers
 
     @cached_property
-    def numbers(self) -> tuple[Numbers, Numbers, Numbers]:
+    def numbers(self) -> Three:
         return self._numbers()
 
     @cached_property
@@ -54,10 +53,12 @@ class Factors(Protocol):
         """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without a factor."""
         ...
 
-    def attempt(self, rhs_c: Array, limit: Numbers, cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
+    def attempt(
+        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+    ) -> Attempt:
         """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap / ‖Δ‖∞), limit (batch,).
 
-        members (batch,): those that it is for; None: all.
+        rhs_c: None is −C, asked for before any other. members (batch,): those that it is for; None: all.
         """
         ...
 
@@ -94,11 +95,13 @@ class HostFactors:
             dv[solved], lam[solved] = v[kept], multipliers[kept]
         return dv, lam
 
-    def attempt(self, rhs_c: Array, limit: Numbers, cap: float, members: NDArray[np.bool_] | None = None) -> Attempt:
+    def attempt(
+        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+    ) -> Attempt:
         blocks, lam = self.blocks, self._lam
-        delta, multipliers = self.solve(-blocks.b, rhs_c)
+        delta, multipliers = self.solve(-blocks.b, -blocks.C if rhs_c is None else rhs_c)
 
-        def numbers() -> tuple[Numbers, Numbers, Numbers]:
+        def numbers() -> Three:
             dual = host(largest(blocks.b + blocks.constraints_transposed_times(lam)))
             return host(abs(delta).max(axis=2)), dual, host(inner(blocks.b, delta))
 

@@ -6,11 +6,13 @@ was taken for its constraints and not for a sufficient decrease of E.
 
 from __future__ import annotations
 
-from typing import Any
+import numpy as np
+from numpy.typing import NDArray
 
-from octo.arrays import array_module
+from octo.arrays import Numbers, some
 
-Array = Any
+Mask = NDArray[np.bool_]
+Pair = tuple[Numbers, Numbers]
 GAMMA_C, GAMMA_E = 1e-5, 1e-8  # by how much a step must beat an entry
 ARMIJO = 1e-4
 SWITCH_C, SWITCH_E = 1.1, 2.3  # exponents of the switching condition (19)
@@ -21,41 +23,41 @@ CAPACITY = 256  # entries kept of each member; the oldest are forgotten
 class Filter:
     """Entries (batch, CAPACITY) of ‖C‖₁ and E."""
 
-    def __init__(self, violation: Array):
-        xp = array_module(violation)
+    def __init__(self, violation: Numbers):
         batch = len(violation)
-        scale = xp.maximum(1.0, violation)
+        scale = np.maximum(1.0, violation)
         self.small, self.large = C_SMALL * scale, C_LARGE * scale
-        self.violation = xp.full((batch, CAPACITY), xp.inf)
-        self.energy = xp.full((batch, CAPACITY), xp.inf)
-        self.count = xp.zeros(batch, dtype=int)
+        self.violation = np.full((batch, CAPACITY), np.inf)
+        self.energy = np.full((batch, CAPACITY), np.inf)
+        self.count = np.zeros(batch, dtype=int)
 
-    def take(self, members: Array) -> Filter:
+    def take(self, members: NDArray[np.intp]) -> Filter:
         """The filter of some members."""
         part = object.__new__(Filter)
         for name, value in self.__dict__.items():
             setattr(part, name, value[members])
         return part
 
-    def descends(self, slope: Array, length: Array, violation: Array) -> Array:
+    def descends(self, slope: Numbers, length: Numbers, violation: Numbers) -> Mask:
         """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease (switching condition)."""
-        return length * array_module(slope).maximum(-slope, 0.0) ** SWITCH_E > violation**SWITCH_C
+        return length * np.maximum(-slope, 0.0) ** SWITCH_E > violation**SWITCH_C
 
-    def accepts(self, at: tuple[Array, Array], trial: tuple[Array, Array], slope: Array, length: Array) -> Array:
+    def accepts(self, at: Pair, trial: Pair, slope: Numbers, length: Numbers) -> Mask:
         """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken, never to one that is not finite.
 
         ``slope`` is bᵀΔ.
         """
-        xp = array_module(slope)
         (violation, energy), (new_violation, new_energy) = at, trial
         blocked = (new_violation[:, None] >= self.violation) & (new_energy[:, None] >= self.energy)
-        free = xp.isfinite(new_energy) & (new_violation <= self.large) & ~blocked.any(axis=1)
-        must_descend = self.descends(slope, length, violation) & (violation <= self.small)
-        armijo = new_energy <= energy + ARMIJO * length * slope
+        free = np.isfinite(new_energy) & (new_violation <= self.large) & ~blocked.any(axis=1)
         either = (new_violation <= (1.0 - GAMMA_C) * violation) | (new_energy <= energy - GAMMA_E * violation)
-        return free & xp.where(must_descend, armijo, either)
+        near = violation <= self.small
+        if some(near):
+            must_descend = near & self.descends(slope, length, violation)
+            either = np.where(must_descend, new_energy <= energy + ARMIJO * length * slope, either)
+        return free & either
 
-    def add(self, violation: Array, energy: Array, members: Array) -> None:
+    def add(self, violation: Numbers, energy: Numbers, members: Mask) -> None:
         """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than they are."""
         chosen = members.nonzero()[0]
         if len(chosen):
@@ -64,6 +66,6 @@ class Filter:
             self.energy[chosen, place] = energy[chosen] - GAMMA_E * violation
             self.count[chosen] += 1
 
-    def clear(self, members: Array) -> None:
+    def clear(self, members: NDArray[np.intp]) -> None:
         """Forget the entries of some members."""
         self.violation[members], self.energy[members] = float("inf"), float("inf")

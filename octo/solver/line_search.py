@@ -61,7 +61,7 @@ class LineSearch:
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
         factors = self.backend.factors(self.problem, model, at, lam, self.options)
-        attempt, sigma, has = self._step(factors, -model.C)
+        attempt, sigma, has = self._step(factors)
         delta, multipliers, first = attempt.delta, attempt.multipliers, attempt.trial
         _, dual, slope = attempt.numbers
         o, full = self.options, choose(has, attempt.largest, np.inf)
@@ -90,21 +90,20 @@ class LineSearch:
         self.flat = (self.flat + 1) * change
         return Move(
             at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=step, ratio=length,
-            radius=np.full(len(full), o.cap), sigma=sigma, factorizations=self.regularisation.factorizations.copy(),
-            converged=converged,
+            radius=o.cap, sigma=sigma, factorizations=self.regularisation.factorizations, converged=converged,
         )  # fmt: skip
 
-    def _step(self, factors: Factors, rhs_c: Array) -> tuple[Attempt, Numbers, Mask]:
+    def _step(self, factors: Factors) -> tuple[Attempt, Numbers, Mask]:
         """The KKT step, the weights of its factors (batch,), and where there is one.
 
         Where single units would move beyond the cap, their own weights are raised first.
         """
-        local, limit = self.regularisation.local, np.ones(len(rhs_c))
+        local = self.regularisation.local
         for attempt in range(HOLDS + 1):
             with self.clock("factor"):
                 sigma, has = self.regularisation.factorize(factors)
             with self.clock("solve"):
-                step = factors.attempt(rhs_c, limit, self.options.cap)
+                step = factors.attempt(None, 1.0, self.options.cap)
             has &= np.isfinite(step.largest)
             if attempt == HOLDS or not some(step.largest > HELD):
                 break
@@ -177,7 +176,9 @@ class LineSearch:
             accepted |= good
             pending = pending & ~good
             length[pending] *= 0.5
-        descends = self.filter.descends(slope, length, here[0]) & (result.energy <= here[1] + ARMIJO * length * slope)
+        descends = accepted & self.filter.descends(slope, length, here[0])
+        if some(descends):
+            descends &= result.energy <= here[1] + ARMIJO * length * slope
         self.filter.add(here[0], here[1], accepted & ~descends)
         return accepted, length, result, taken, corrected
 

@@ -38,7 +38,7 @@ class Regularisation:
         first = np.maximum(self.options.first_sigma, SHRINK * self.last)
         while some(pending):
             good = factors.add(pending, (sigma + FLOOR)[:, None] + self.local)
-            self.factorizations += pending
+            self.factorizations = self.factorizations + pending
             pending = pending & ~good
             if some(pending):
                 sigma = choose(pending, np.maximum(first, GROW * sigma), sigma)

@@ -54,7 +54,7 @@ class Move:
     step: Numbers  # ‖Δ‖∞ of the full KKT step from the iterate before
     taken: Numbers  # ‖Δ‖∞ of what was taken
     ratio: Numbers  # actual over predicted reduction, or the line search's length
-    radius: Numbers
+    radius: Numbers | float
     sigma: Numbers
     factorizations: NDArray[np.intp]
     converged: NDArray[np.bool_]  # the tests of the rule held before the step: it was not taken

@@ -195,6 +195,7 @@ class _Run:
         if self.model is None or some(self.moved) or iteration == self.options.gauss_newton_first:
             with self.clock("linearize"):
                 self.model = self.backend.linearize(self.problem, self.at, self.lam, exact)
+        self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
         plateau = self._record(move)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
@@ -222,13 +223,16 @@ class _Run:
         """N."""
         return self.options.tolerance * (self.problem.weight if self.options.step == "line_search" else 1.0)
 
-    def _record(self, move: Move) -> NDArray[np.bool_]:
-        """Where E has not changed lately; what is at hand is kept where it is better than the best so far."""
+    def _remember(self) -> None:
+        """Keep what is at hand where it is better than the best so far."""
         score = self.score
         better = score <= self.best_score
         if some(better):
             self.best, self.best_lam = self.best.replaced(better, self.at), choose(better, self.lam, self.best_lam)
             self.best_score = choose(better, score, self.best_score)
+
+    def _record(self, move: Move) -> NDArray[np.bool_]:
+        """Where E has not changed lately."""
         self.factorizations[self.active] = move.factorizations
         return self.records.add(
             self.active, self.at.energy, self.violation, move.dual, move.step, move.taken, move.ratio, move.radius, move.sigma,

@@ -87,7 +87,7 @@ class TrustRegion:
             at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
             dual=dual, step=most, taken=np.where(ok, moved, 0.0),
             ratio=reduction / np.maximum(-energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
-            factorizations=self.regularisation.factorizations.copy(),
+            factorizations=self.regularisation.factorizations,
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
         )  # fmt: skip
 
