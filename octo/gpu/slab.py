@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from functools import cache
 from math import prod
 
 from octo.gpu.device import Array, Device
@@ -13,53 +12,43 @@ Place = tuple[slice, tuple[int, ...]]
 FIELDS = tuple(field.name for field in fields(Evaluation))
 
 
-class Layout:
-    """Where each array of a slab is, in the order of ``shapes``; made once for all slabs alike."""
-
-    def __init__(self, shapes: dict[str, tuple[int, ...]]):
-        self.shapes, self.places, self.size = shapes, dict[str, Place](), 0
-        for name, shape in shapes.items():
-            self.places[name] = slice(self.size, self.size + prod(shape)), shape
-            self.size += prod(shape)
-        self.rest, self.span = cache(self._rest), cache(self._span)
-
-    def _rest(self, first: str) -> Layout:
-        """From one array to the end."""
-        names = list(self.shapes)
-        return Layout({name: self.shapes[name] for name in names[names.index(first) :]})
-
-    def _span(self, first: str, last: str) -> tuple[slice, Layout]:
-        """From one array to another: where they are together, and each within that."""
-        rest = self.rest(first)
-        names = list(rest.shapes)
-        part = Layout({name: rest.shapes[name] for name in names[: names.index(last) + 1]})
-        begin = self.places[first][0].start
-        return slice(begin, begin + part.size), part
-
-
 class Slab:
-    """Memory laid out by ``layout``."""
+    """Memory and where each array is in it."""
 
-    def __init__(self, layout: Layout, flat: Array):
-        self.layout, self.flat = layout, flat
+    def __init__(self, places: dict[str, Place], flat: Array):
+        self.places, self.flat = places, flat
 
     @classmethod
     def fresh(cls, device: Device, shapes: dict[str, tuple[int, ...]]) -> Slab:
-        layout = Layout(shapes)
-        return cls(layout, device.empty((layout.size,)))
+        """Arrays in the order of ``shapes``."""
+        return cls(_places(shapes), device.empty((sum(map(prod, shapes.values())),)))
 
     def __getitem__(self, name: str) -> Array:
-        place, shape = self.layout.places[name]
+        place, shape = self.places[name]
         return self.flat[place].reshape(shape)
 
-    def copied(self, first: str) -> Slab:
-        """A copy, from one array to the end."""
-        return Slab(self.layout.rest(first), self.flat[self.layout.places[first][0].start :].copy())
+    def part(self, first: str, last: str | None = None) -> Slab:
+        """From one array to another or to the end, in the same memory."""
+        names = list(self.places)
+        own = names[names.index(first) : None if last is None else names.index(last) + 1]
+        place = slice(self.places[own[0]][0].start, self.places[own[-1]][0].stop)
+        return Slab(_places({name: self.places[name][1] for name in own}), self.flat[place])
 
-    def host(self, device: Device, first: str, last: str) -> Slab:
-        """Some arrays on the host, in one copy that waits for the device."""
-        place, part = self.layout.span(first, last)
-        return Slab(part, device.host(self.flat[place]))
+    def copy(self) -> Slab:
+        """In memory of its own."""
+        return Slab(self.places, self.flat.copy())
+
+    def host(self, device: Device) -> Slab:
+        """On the host, in one copy that waits for the device."""
+        return Slab(self.places, device.host(self.flat))
+
+
+def _places(shapes: dict[str, tuple[int, ...]]) -> dict[str, Place]:
+    places, size = dict[str, Place](), 0
+    for name, shape in shapes.items():
+        places[name] = slice(size, size + prod(shape)), shape
+        size += prod(shape)
+    return places
 
 
 class SlabEvaluation(Evaluation):

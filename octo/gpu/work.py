@@ -44,6 +44,8 @@ class Work:
         self.at = SlabEvaluation(Slab.fresh(device, iterate))
         self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
         self.tried = SlabEvaluation(self.trial)
+        self._iterate, self._found = self.trial.part("summary"), self.trial.part("beside", "sizes")
+        self.decisive = self.trial.part("units", "sizes")  # about a step and its trial
         self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
         self.active = device.empty((batch,), np.int32)
@@ -86,7 +88,10 @@ class Work:
 
     def of(self, name: str, array: Array) -> Modelled | None:
         """What belongs to the model that ``linearize`` gave, by its H or its A; None for another's."""
-        return next((own for own in self.models.values() if own.model is not None and getattr(own.model, name) is array), None)
+        for own in self.models.values():
+            if own.model is not None and getattr(own.model, name) is array:
+                return own
+        return None
 
     def close(self) -> None:
         """Give everything back; graphs and arrays refer to one another."""
@@ -98,15 +103,15 @@ class Work:
         """A trial, in arrays of its own; its numbers are on the host."""
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
-        return self.evaluated(self.trial.copied("summary"), self.trial.host(self.device, "summary", "sizes"))
+        return self.evaluated(self._iterate.copy(), self._found.host(self.device))
 
     def evaluate_with(self, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
         self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
-        found = self.trial.host(self.device, "beside", "sizes")
-        return self.evaluated(self.trial.copied("summary"), found), list(found["beside"][: len(numbers)])
+        found = self._found.host(self.device)
+        return self.evaluated(self._iterate.copy(), found), list(found["beside"][: len(numbers)])
 
     @staticmethod
     def evaluated(slab: Slab, numbers: Slab) -> Evaluation:
@@ -171,7 +176,7 @@ class Modelled:
             out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
             self._step = Solving.of(work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out)
         (self._refined if self._coarse else self._attempt)()
-        numbers = work.trial.host(work.device, "units", "sizes")
+        numbers = work.decisive.host(work.device)
         coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
         self._coarse = some(coarse)
         while True:
@@ -180,9 +185,9 @@ class Modelled:
             if refinements == REFINEMENTS or not some(coarse):
                 break
             self._again()
-            numbers = work.trial.host(work.device, "units", "sizes")
+            numbers = work.decisive.host(work.device)
             refinements += 1
-        slab, units = work.trial.copied("delta"), numbers["units"]
+        slab, units = work.trial.copy(), numbers["units"]
         return Attempt(slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers))
 
     def untried(self, rhs_c: Array) -> Attempt:

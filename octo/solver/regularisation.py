@@ -39,7 +39,7 @@ class Regularisation:
         while some(pending):
             good = factors.add(pending, (sigma + FLOOR)[:, None] + self.local)
             self.factorizations = self.factorizations + pending
-            pending = pending & ~good
+            pending = pending ^ good
             if some(pending):
                 sigma = choose(pending, np.maximum(first, GROW * sigma), sigma)
                 pending &= sigma <= LARGEST

@@ -166,7 +166,6 @@ class _Run:
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend)
         self.active = np.arange(problem.batch)
         self.records = _Records(problem.batch, options)
-        self.factorizations = np.zeros(problem.batch, dtype=int)
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
         self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
@@ -233,7 +232,6 @@ class _Run:
 
     def _record(self, move: Move) -> NDArray[np.bool_]:
         """Where E has not changed lately."""
-        self.factorizations[self.active] = move.factorizations
         return self.records.add(
             self.active, self.at.energy, self.violation, move.dual, move.step, move.taken, move.ratio, move.radius, move.sigma,
             move.factorizations, time.perf_counter() - self.began,
@@ -275,7 +273,7 @@ class _Run:
             lam=np.concatenate([e[2] for e in ends]),
             status=[e[0] for e in ends],
             iterations=np.array([len(history["energy"]) for history in histories]),
-            factorizations=self.factorizations,
+            factorizations=np.array([int(history["factorizations"].max(initial=0.0)) for history in histories]),
             history=histories,
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,
