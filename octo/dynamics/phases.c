@@ -119,8 +119,8 @@ static inline void octo_clear_tails(octo_work *s) {
 
 /* Twists by component; virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a and η_j = ad_{V_j} ξ_j. */
 static void octo_load(const octo_input *in, octo_work *s) {
-  for (int node = 0; node < (in->order > 0 ? 3 : 1); ++node)
-    GRID(j, NX, c, 6) s->xi[node][c][j] = in->kin[node][12 * NB + 6 * j + c];
+  GRID(j, NX, c, 6)
+    for (int node = 0; node < (in->order > 0 ? 3 : 1); ++node) s->xi[node][c][j] = in->kin[node][12 * NB + 6 * j + c];
   if (in->order < 2) return;
   BARRIER;
   EACH(c, 6)
@@ -138,12 +138,23 @@ static inline void octo_add(int count, const double *from, double *to) {
   for (int e = 0; e < count; ++e) to[e] += from[e];
 }
 
+static inline void octo_add_where(int active, int count, const double *from, double *to) {
+#ifdef LANE
+  double value = *from; /* also where it is not used, without a branch */
+  *to += active ? value : 0.0;
+#else
+  if (active) octo_add(count, from, to);
+#endif
+}
+
 /* ``total`` numbers of every contact, from ``from`` on, into those of its link, from ``to`` on. */
 static inline void octo_add_contacts(octo_work *s, int total, int from, int to) {
 #if NC > 0
+  int active[NC]; /* all at once: none waits until the sums before it are written */
+  for (int c = 0; c < NC; ++c) active[c] = s->touch[c].active;
   SPAN(e, count, total)
     for (int c = 0; c < NC; ++c)
-      if (s->touch[c].active) octo_add(count, s->touch[c].W + from + e, s->link[octo_contact_link[c]].W + to + e);
+      octo_add_where(active[c], count, s->touch[c].W + from + e, s->link[octo_contact_link[c]].W + to + e);
 #endif
 }
 
@@ -209,8 +220,11 @@ static void octo_write_joints(const octo_input *in, const octo_work *s, double *
     double sum = k[0];
     for (int c = 0; c < 6; ++c) sum += s->xi[0][c][j] * W[c];
     fd[j] = sum;
-    if (in->order >= 1)
-      for (int node = 0; node < 3; ++node) JAC(j, node, j) += k[1 + node];
+    if (in->order >= 1) {
+      double own[3];
+      for (int node = 0; node < 3; ++node) own[node] = JAC(j, node, j) + k[1 + node];
+      for (int node = 0; node < 3; ++node) JAC(j, node, j) = own[node];
+    }
     if (in->order == 2) HESS(0, j, j) += in->lam[j] * k[4];
   }
 }

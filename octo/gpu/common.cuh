@@ -44,7 +44,7 @@ static __device__ inline double octo_block_sum(double *part) { /* of part (PARTS
 }
 
 /* The same of maxima; a NaN anywhere is the maximum, as in NumPy. */
-static __device__ inline double octo_larger(double a, double b) { return a != a || a > b ? a : b; }
+static __device__ inline double octo_larger(double a, double b) { return (a != a) | (a > b) ? a : b; }
 
 static __device__ inline double octo_block_max(double *part) {
   BARRIER;

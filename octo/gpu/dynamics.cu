@@ -8,7 +8,8 @@ extern "C" __global__ void octo_work_size(int *size) {
 }
 
 /* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. */
-extern "C" __global__ void octo_kin_of_nodes(const double *nodes, double *kin) {
+extern "C" __global__ void __launch_bounds__(WARP, 8)
+octo_kin_of_nodes(const double *nodes, double *kin) {
 #if KIN > 0
   SHARED(turn);
   double *own = turn + 2 * NX;
@@ -35,7 +36,8 @@ static __device__ __forceinline__ void octo_step_of_block(int steps, const doubl
             order < 1 ? 0 : jac + item * 3 * NX * NX, order < 2 ? 0 : hess + item * CURVATURE * NX * NX, octo_shared);
 }
 
-extern "C" __global__ void octo_value(int steps, const double *nodes, const double *kin, const double *p, double *fd) {
+extern "C" __global__ void __launch_bounds__(SMALL, 4)
+octo_value(int steps, const double *nodes, const double *kin, const double *p, double *fd) {
   octo_step_of_block<0>(steps, nodes, kin, p, 0, fd, 0, 0);
 }
 

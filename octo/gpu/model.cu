@@ -2,14 +2,17 @@
  * scattered, so that every number has one writer and its sum one order.
  *
  * After the texts of the dynamics and of the costs (codegen.py), common.cuh and dynamics.cu. Grids are (steps or units, batch)
- * unless a kernel says otherwise. A step's Hessian is its six blocks 00 01 02 11 22 12 of (next, now, previous), as HESS of phases.c. */
+ * unless a kernel says otherwise. A step's Hessian is its six blocks 00 01 02 11 22 12 of (next, now, previous), as HESS of phases.c.
+ * Launch bounds name as few blocks a multiprocessor as 400 steps need: the compiler then has registers to read ahead. */
 
 #define W3 (3 * NX)
+#define AHEAD 8 /* reads of a sum that do not wait for each other */
 #define TOUCH (NFC * CR * 18)
 
 /* x_j = constant_j + sum over its slots (basis.py); over count = batch (steps + 2) NX numbers. */
-extern "C" __global__ void octo_nodes(int count, int steps, int units, int slots, int parts, const int *slot_unit, const int *slot_part,
-                                      const double *slot_value, const double *constant, const double *unknowns, double *nodes) {
+extern "C" __global__ void __launch_bounds__(FLAT, 4)
+octo_nodes(int count, int steps, int units, int slots, int parts, const int *slot_unit, const int *slot_part, const double *slot_value,
+           const double *constant, const double *unknowns, double *nodes) {
   for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) {
     int c = e % NX, node = e / NX % (steps + 2), member = e / NX / (steps + 2);
     double sum = constant[e];
@@ -83,8 +86,8 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
 }
 
 /* Each step's share of each term; grid (half of the steps, batch); shared: TOGETHER (MROWS + ARGUMENTS) doubles. */
-extern "C" __global__ void octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd,
-                                      double *terms) {
+extern "C" __global__ void __launch_bounds__(SMALL, 2)
+octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd, double *terms) {
   SHARED(r);
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t item = (size_t)blockIdx.y * steps + step;
@@ -108,7 +111,8 @@ extern "C" __global__ void octo_terms(int steps, const double *nodes, const doub
 }
 
 /* E, ‖C‖₁, ‖C‖∞ and ‖C‖₂² of each member; rows are the entries of C; grid (batch); shared: 4 PARTS doubles. */
-extern "C" __global__ void octo_summary(int steps, int rows, const double *terms, const double *c, double *summary) {
+extern "C" __global__ void __launch_bounds__(PARTS, 4)
+octo_summary(int steps, int rows, const double *terms, const double *c, double *summary) {
   SHARED(part);
   double *size = part + PARTS, *most = size + PARTS, *square = most + PARTS;
   const double *own = terms + (size_t)blockIdx.x * steps * NTERM, *residual = c + (size_t)blockIdx.x * rows;
@@ -128,15 +132,16 @@ extern "C" __global__ void octo_summary(int steps, int rows, const double *terms
 }
 
 /* C = (Sᵀ ⊗ U_/) FD over count = batch units parts MU numbers; first (units parts + 1) are the tests of each part of a unit. */
-extern "C" __global__ void octo_constraints(int count, int steps, int rows, const int *first, const int *test_step, const double *test_value,
-                                            const double *row_scale, const double *fd, double *c) {
+extern "C" __global__ void __launch_bounds__(FLAT, 4)
+octo_constraints(int count, int steps, int rows, const int *first, const int *test_step, const double *test_value, const double *row_scale,
+                 const double *fd, double *c) {
 #if MU > 0
   for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) {
     int r = e % MU, row = e / MU % rows, member = e / MU / rows;
+    const double *own = fd + (size_t)member * steps * NX + octo_unactuated[r];
     double sum = 0.0;
-    for (int t = first[row]; t < first[row + 1]; ++t)
-      sum += test_value[t] * row_scale[member * MU + r] * fd[((size_t)member * steps + test_step[t]) * NX + octo_unactuated[r]];
-    c[e] = sum;
+    for (int t = first[row]; t < first[row + 1]; ++t) sum += test_value[t] * own[test_step[t] * NX];
+    c[e] = row_scale[member * MU + r] * sum;
   }
 #endif
 }
@@ -144,10 +149,10 @@ extern "C" __global__ void octo_constraints(int count, int steps, int rows, cons
 /* Residuals r (MROWS) of a step, their derivatives jac (NZ) and touch (TOUCH), and the multipliers lam (NX) of its FD: dE/du on the
  * actuated rows, Sᵀ multipliers on the others (none without multipliers). Grid (half of the steps, batch); shared: TOGETHER
  * ARGUMENTS doubles. */
-extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const double *test_value,
-                                                 const double *nodes, const double *kin, const double *p, const double *q,
-                                                 const double *row_scale, const double *fd, const double *multipliers, double *r, double *jac,
-                                                 double *touch, double *lam) {
+extern "C" __global__ void __launch_bounds__(SMALL, 2)
+octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const double *test_value, const double *nodes,
+                      const double *kin, const double *p, const double *q, const double *row_scale, const double *fd,
+                      const double *multipliers, double *r, double *jac, double *touch, double *lam) {
   SHARED(u);
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t member = blockIdx.y, item = member * steps + step;
@@ -180,17 +185,7 @@ extern "C" __global__ void octo_cost_derivatives(int steps, int rows, int tests,
  * those over contacts are of whole contacts. */
 static __device__ inline void octo_stack_rows(const octo_place_of_step *at, const double *cost_jac, const double *touch, const double *jac,
                                               const double *scale, int first, int last, double *rows) {
-#if NR > 0
-  EACH(e, ((last < NR ? last : NR) - first) * W3) {
-    int row = first + e / W3, j = e % W3;
-    double sum = 0.0;
-    for (int t = octo_torque_first[row]; scale[row] != 0.0 && t < octo_torque_first[row + 1]; ++t) {
-      int z = octo_torque_entry[t];
-      sum += scale[row] * cost_jac[z] * jac[octo_actuated[octo_state_entry_column[z] - W3] * W3 + j];
-    }
-    rows[e] = sum;
-  }
-#endif
+  EACH(e, ((last < NR ? last : NR) - first) * W3) rows[e] = 0.0;
 #if NFC > 0
   int begin = first < NR ? NR : first;
   EACH(e, (last - begin) / CR * W3) {
@@ -198,17 +193,34 @@ static __device__ inline void octo_stack_rows(const octo_place_of_step *at, cons
     const double *xi = at->kin - node * KIN + 12 * NB + 6 * (j % NX), *g = touch + c * CR * 18 + 6 * node;
     double x[6];
     for (int k = 0; k < 6; ++k) x[k] = xi[k];
-    for (int row = NR + c * CR; row < NR + (c + 1) * CR; ++row, g += 18)
-      rows[(row - first) * W3 + j] = moves && scale[row] != 0.0
-          ? scale[row] * (g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + g[3] * x[3] + g[4] * x[4] + g[5] * x[5]) : 0.0;
+    for (int r = 0; r < CR; ++r, g += 18) {
+      int row = NR + c * CR + r;
+      double slope = g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + g[3] * x[3] + g[4] * x[4] + g[5] * x[5];
+      rows[(row - first) * W3 + j] = moves && scale[row] != 0.0 ? scale[row] * slope : 0.0;
+    }
   }
 #endif
   BARRIER;
 #if NR > 0
   EACH(z, NZ - NZU) {
     int row = octo_state_entry_row[z];
-    if (row >= first && row < last && scale[row] != 0.0) rows[(row - first) * W3 + octo_state_entry_column[z]] += scale[row] * cost_jac[z];
+    if (row >= first && row < last && scale[row] != 0.0) rows[(row - first) * W3 + octo_state_entry_column[z]] = scale[row] * cost_jac[z];
   }
+  BARRIER;
+  EACH(j, W3)
+    for (int z = NZ - NZU; z < NZ; z += AHEAD) { /* those of u, reads before what is written */
+      double slope[AHEAD], value[AHEAD];
+      int row[AHEAD];
+      for (int k = 0; k < AHEAD; ++k) {
+        int own = z + k < NZ ? z + k : NZ - 1;
+        row[k] = octo_state_entry_row[own];
+        slope[k] = cost_jac[own];
+        value[k] = jac[octo_actuated[octo_state_entry_column[own] - W3] * W3 + j];
+      }
+      for (int k = 0; k < AHEAD; ++k)
+        if (z + k < NZ && row[k] >= first && row[k] < last && scale[row[k]] != 0.0)
+          rows[(row[k] - first) * W3 + j] += scale[row[k]] * slope[k] * value[k];
+    }
 #endif
   BARRIER;
 }
@@ -232,9 +244,9 @@ static __device__ inline void octo_put_tile(const double (*sum)[TILE], int i, in
 
 /* hess (6, NX, NX) = curvature (0: none) + rowsᵀ rows, gradient (W3) = rowsᵀ values, ``held`` ≥ CR rows at a time.
  * Shared: 2 MROWS + held W3 + TILE doubles. */
-extern "C" __global__ void octo_step_model(int steps, int held, const double *nodes, const double *kin, const double *p, const double *q,
-                                           const double *r, const double *cost_jac, const double *touch, const double *jac,
-                                           const double *curvature, double *hess, double *gradient) {
+extern "C" __global__ void __launch_bounds__(TILED, 4)
+octo_step_model(int steps, int held, const double *nodes, const double *kin, const double *p, const double *q, const double *r,
+                const double *cost_jac, const double *touch, const double *jac, const double *curvature, double *hess, double *gradient) {
   SHARED(scale);
   double *value = scale + MROWS, *rows = value + MROWS;
   size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
@@ -284,57 +296,74 @@ extern "C" __global__ void octo_step_model(int steps, int held, const double *no
 }
 
 /* Sums of one place (tables.py) over the blocks of all steps: number ``of`` of a block, ``of_transposed`` of one whose place is
- * negative (~), times a coefficient for each part of a unit or each pair of parts, count ≤ 4 of them. */
-static __device__ inline void octo_gather(int count, const int *first, const int *source, const double *value, const double *blocks, int of,
-                                          int of_transposed, double *sum) {
-  for (int m = 0; m < 4; ++m) sum[m] = 0.0;
+ * negative (~), times a coefficient for each part of a unit or each pair of parts. */
+template <int count>
+static __device__ __forceinline__ void octo_gather(const int *first, const int *source, const double *value, const double *blocks, int of,
+                                                   int of_transposed, double *sum) {
+  for (int m = 0; m < count; ++m) sum[m] = 0.0;
 #pragma unroll 8
   for (int t = first[0]; t < first[1]; ++t) {
     int at = source[t];
     double taken = blocks[at < 0 ? ~at + of_transposed : at + of];
-    for (int m = 0; m < 4; ++m)
-      if (m < count) sum[m] += value[t * count + m] * taken;
+    for (int m = 0; m < count; ++m) sum[m] += value[t * count + m] * taken;
   }
+}
+
+/* Number (r, c) of the blocks of each pair of parts, ``height`` rows each. */
+template <int parts>
+static __device__ __forceinline__ void octo_gather_pairs(const int *first, const int *source, const double *value, const double *blocks, int of,
+                                                         int of_transposed, double scale, double diagonal, int height, int r, int c, double *out) {
+  double sum[parts * parts];
+  octo_gather<parts * parts>(first, source, value, blocks, of, of_transposed, sum);
+  for (int m = 0; m < parts * parts; ++m)
+    out[(m / parts * height + r) * parts * NX + m % parts * NX + c] = scale * sum[m] + (m / parts == m % parts ? diagonal : 0.0);
+}
+
+template <int parts>
+static __device__ __forceinline__ void octo_gather_parts(const int *first, const int *source, const double *value, const double *blocks, int c,
+                                                         double *out) {
+  double sum[parts];
+  octo_gather<parts>(first, source, value, blocks, c, 0, sum);
+  for (int m = 0; m < parts; ++m) out[m * NX + c] = sum[m];
 }
 
 /* H (units, 3, NCV, NCV) = Sᵀ hess S and b (units, NCV) = Sᵀ gradient, NCV = parts NX; grid (units groups, 3 lags, batch).
  * Units that nothing moves (dummy) are the identity. */
-extern "C" __global__ void octo_gather_hessian(int steps, int parts, int groups, const int *first, const int *source, const double *value,
-                                               const int *b_first, const int *b_source, const double *b_value, const int *dummy,
-                                               const double *hess, const double *gradient, double *h, double *b) {
+extern "C" __global__ void __launch_bounds__(SMALL, 8)
+octo_gather_hessian(int steps, int parts, int groups, const int *first, const int *source, const double *value, const int *b_first,
+                    const int *b_source, const double *b_value, const int *dummy, const double *hess, const double *gradient, double *h,
+                    double *b) {
   int unit = blockIdx.x / groups, lag = blockIdx.y, nc = parts * NX;
   size_t member = blockIdx.z, own = member * (gridDim.x / groups) + unit;
   h += (own * 3 + lag) * nc * nc; b += own * nc;
+  hess += member * steps * 6 * NX * NX; gradient += member * steps * W3;
   for (int e = blockIdx.x % groups * LANES + LANE; e < NX * NX + (lag == 0 ? NX : 0); e += groups * LANES) {
     int r = e / NX, c = e % NX;
-    double sum[4];
     if (e < NX * NX) {
-      octo_gather(parts * parts, first + 3 * unit + lag, source, value, hess + member * steps * 6 * NX * NX, e, c * NX + r, sum);
-      for (int m = 0; m < 4; ++m) {
-        int i = m / parts, j = m % parts;
-        if (i < parts) h[(i * NX + r) * nc + j * NX + c] = sum[m] + (dummy[unit] && lag == 0 && i == j && r == c ? 1.0 : 0.0);
-      }
+      const double one = dummy[unit] && lag == 0 && r == c ? 1.0 : 0.0;
+      if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
+      else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
+    } else if (parts == 1) {
+      octo_gather_parts<1>(b_first + unit, b_source, b_value, gradient, c, b);
     } else {
-      octo_gather(parts, b_first + unit, b_source, b_value, gradient + member * steps * W3, c, 0, sum);
-      for (int m = 0; m < 4; ++m)
-        if (m < parts) b[m * NX + c] = sum[m];
+      octo_gather_parts<2>(b_first + unit, b_source, b_value, gradient, c, b);
     }
   }
 }
 
 /* A (units, 3, parts MU, parts NX) = Sᵀ U_/J S, scaled; grid (units, 3 lags, batch). */
-extern "C" __global__ void octo_gather_constraints(int steps, int parts, const int *first, const int *source, const double *value,
-                                                   const double *row_scale, const double *jac, double *a) {
+extern "C" __global__ void __launch_bounds__(SMALL, 8)
+octo_gather_constraints(int steps, int parts, const int *first, const int *source, const double *value, const double *row_scale,
+                        const double *jac, double *a) {
 #if MU > 0
-  int unit = blockIdx.x, lag = blockIdx.y, nc = parts * NX;
+  int unit = blockIdx.x, lag = blockIdx.y;
   size_t member = blockIdx.z;
-  a += ((member * gridDim.x + unit) * 3 + lag) * parts * MU * nc;
+  a += ((member * gridDim.x + unit) * 3 + lag) * parts * MU * parts * NX; jac += member * steps * NX * W3;
   EACH(e, MU * NX) {
-    int r = e / NX, c = e % NX;
-    double sum[4], scale = row_scale[member * MU + r];
-    octo_gather(parts * parts, first + 3 * unit + lag, source, value, jac + member * steps * NX * W3, octo_unactuated[r] * W3 + c, 0, sum);
-    for (int m = 0; m < 4; ++m)
-      if (m / parts < parts) a[(m / parts * MU + r) * nc + m % parts * NX + c] = scale * sum[m];
+    int r = e / NX, c = e % NX, of = octo_unactuated[r] * W3 + c;
+    double scale = row_scale[member * MU + r];
+    if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0.0, MU, r, c, a);
+    else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0.0, MU, r, c, a);
   }
 #endif
 }

@@ -19,7 +19,8 @@ WARP = 32  # threads of a block, for a node
 NARROW = 64  # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are one wave
 SMALL = 128  # for a step
 TILED = 192  # for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
-WIDE = 256  # for one thing a thread
+FLAT = 256  # for one thing a thread
+THREADS = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT}  # as launch bounds of the kernels know them
 PARTS = 128  # of common.cuh
 TILE, TOGETHER = 3, 2  # of model.cu
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
@@ -37,7 +38,8 @@ class Program:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces = Pieces.of(functions)
         costs = [codegen.residual_text(functions, dynamics, pieces.functions, pieces.rows, pieces.columns), pieces.text()]
-        parts = [[text, source("common.cuh"), source("dynamics.cu")], [text, *costs, source("common.cuh"), source("model.cu")]]
+        common = [*(f"#define {name} {count}" for name, count in THREADS.items()), source("common.cuh")]
+        parts = [[text, *common, source("dynamics.cu")], [text, *costs, *common, source("model.cu")]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
@@ -214,7 +216,7 @@ class DeviceProblem:
 
     def _flat(self, name: str, count: int, *arguments: Any) -> None:
         """A kernel over ``count`` things, one a thread."""
-        threads = self.device.threads(WIDE)
+        threads = self.device.threads(FLAT)
         self.program.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
 
     def _each_step(self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1) -> None:

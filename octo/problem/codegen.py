@@ -232,24 +232,20 @@ def residual_text(
     """
     written = [function_of_numbers(function) for function in made]
     rows_text = (resources.files("octo.problem") / "rows.c").read_text()
-    tables = [make(functions, dynamics, rows, columns) for make in (_tables, _block_tables)]
+    tables = [_tables(functions, dynamics, rows, columns), _block_tables(functions, dynamics, columns)]
     return "\n".join([*written, *tables, rows_text])
 
 
-def _block_tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:
-    """For a block of threads: the last NZU derivatives, those with respect to u, by row; what coordinates move each contact."""
-    entries = np.flatnonzero(columns >= 3 * dynamics.nx)
-    tables = {
-        "torque_first": np.searchsorted(np.sort(rows[entries]), np.arange(len(functions.state_terms) + 1)),
-        "torque_entry": entries[np.argsort(rows[entries], kind="stable")],
-    }
+def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray[np.intp]) -> str:
+    """For a block of threads: how many derivatives, the last ones, are with respect to u; what coordinates move each contact."""
+    lines = [f"#define NZU {int((columns >= 3 * dynamics.nx).sum())}"]
     if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
         robot = dynamics.character
         moves = np.zeros((len(functions.contact_spheres), robot.nx), dtype=int)
         for k, sphere in enumerate(functions.contact_spheres):
             moves[k, list(robot.path[robot.contacts[sphere].body])] = 1
-        tables["cost_contact_moves"] = moves.ravel()
-    return "\n".join([f"#define NZU {len(entries)}", *(_integers(name, values) for name, values in tables.items())])
+        lines.append(_integers("cost_contact_moves", moves.ravel()))
+    return "\n".join(lines)
 
 
 def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import casadi as ca
 import numpy as np
 import pytest
 
 import octo
-from octo.gpu.problem import DeviceProblem
+from octo.gpu.emulator import KERNEL, EmulatedDevice, EmulatedKernel
+from octo.gpu.problem import PARTS, DeviceProblem
+from octo.gpu.problem import THREADS as BOUNDS
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
 
@@ -118,3 +122,27 @@ def test_neighbouring_hermite_controls(between_controls, wiggle, device, threads
             close(getattr(found, name), getattr(expected, name))
     single = other.take(np.array([1])).evaluate(gpu.array(unknowns[1:]))
     np.testing.assert_array_equal(single.energy, own.energy[1:])
+
+
+def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(compiled, wiggle, monkeypatch):
+    """CUDA refuses such a launch; the CPU, whose blocks have another number of threads, would not notice."""
+    most, run, seen = {**BOUNDS, "PARTS": PARTS}, EmulatedKernel.__call__, set()
+
+    def launch(kernel, grid, threads, *arguments, shared=0):
+        bound = re.search(rf"__launch_bounds__\((\w+), \d+\)\s*{kernel.name}\(", kernel.text)
+        if bound is not None:
+            assert threads <= most[bound[1]], kernel.name
+            seen.add(kernel.name)
+        run(kernel, grid, 1, *arguments, shared=shared)
+
+    monkeypatch.setattr(EmulatedKernel, "__call__", launch)
+    gpu = EmulatedDevice()
+    gpu.threads = lambda wanted: wanted
+    for basis in ("nodes", "hermite"):
+        problem = compiled(basis)
+        other = DeviceProblem(problem, gpu)
+        at = other.evaluate(gpu.array(wiggle(problem)))
+        for multipliers in (None, gpu.array(np.zeros((2, problem.K, problem.ma)))):
+            other.linearize(at, multipliers)
+    unbound = {"octo_work_size", "octo_jacobian", "octo_curvature"}
+    assert seen == {name for text in other.program.texts for name in KERNEL.findall(text)} - unbound
