@@ -138,8 +138,8 @@ class DeviceFactor:
     def _check(self, s: Solving, residual: Array, active: Array | None) -> None:
         linear, (batch, K, nc, ma) = self._linear, self.shape
         arrays = (s.rhs_v, s.rhs_c, s.v, s.lam, s.left_v, s.left_c, s.tops)
-        room = 8 * (SLICES + 2) * (nc + ma) * s.columns
-        linear.each("octo_kkt_residual", (K, batch), s.columns, active, *self._held, *arrays, threads=PARTS, shared=room)
+        grid, room = (K, batch, s.columns), 8 * (SLICES + 2) * (nc + ma)
+        linear.each("octo_kkt_residual", grid, active, *self._held, *arrays, threads=PARTS, shared=room)
         own = (K, s.columns, s.tolerance, active, s.tops, residual, s.coarse)
         linear.each("octo_kkt_check", (1, batch), *own, threads=PARTS, shared=16 * PARTS)
 

@@ -15,7 +15,7 @@ static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, i
 }
 
 /* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. */
-extern "C" __global__ void octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
+extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
                                            double *diagonal, double *lower, int *finite) {
   ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x, broken = 0;
@@ -73,7 +73,7 @@ extern "C" __global__ void octo_kkt_verdict(int D, int units, const int *active,
 
 /* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1, from the scales ``old`` (none: 1);
  * grid (D, batch); shared: SLICES KKT doubles. */
-extern "C" __global__ void octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
+extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
                                                 double *scale) {
   SHARED(most);
   ONLY(active, blockIdx.y);
@@ -101,7 +101,7 @@ extern "C" __global__ void octo_kkt_equilibrate(const int *active, const double 
 }
 
 /* diag(s) M diag(s) in place; members that are not finite become the identity. Grid (D, batch). */
-extern "C" __global__ void octo_kkt_scale(const int *active, const int *finite, const double *scale, double *diagonal, double *lower) {
+extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_scale(const int *active, const int *finite, const double *scale, double *diagonal, double *lower) {
   ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;
@@ -214,39 +214,39 @@ extern "C" __global__ void octo_rows_transposed_times(int columns, double factor
 }
 
 /* (left_v, left_c) = (rhs_v, rhs_c) - KKT (v, lam); rhs_c may be none: zero. tops (units, columns, 2): the largest entry of what is
- * left and of the right-hand side. Shared: (SLICES + 2) UNIT columns doubles. */
-extern "C" __global__ void octo_kkt_residual(int columns, const int *active, const double *h, const double *a, const double *sigma,
-                                             const double *rhs_v, const double *rhs_c, const double *v, const double *lam,
-                                             double *left_v, double *left_c, double *tops) {
+ * left and of the right-hand side. Grid (units, batch, columns); shared: (SLICES + 2) UNIT doubles. */
+extern "C" __global__ void __launch_bounds__(PARTS, 4) octo_kkt_residual(const int *active, const double *h, const double *a, const double *sigma,
+                                                                      const double *rhs_v, const double *rhs_c, const double *v,
+                                                                      const double *lam, double *left_v, double *left_c, double *tops) {
   SHARED(partial);
   ONLY(active, blockIdx.y);
+  int columns = gridDim.z, column = blockIdx.z;
   AT_UNIT;
-  const int size = UNIT * columns;
-  double *left = partial + SLICES * size, *right = left + size;
-  h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV;
-  EACH(item, SLICES * size) {
-    int e = item / SLICES, part = item % SLICES, i = e / columns, c = e % columns;
+  double *left = partial + SLICES * UNIT, *right = left + UNIT;
+  h += member * units * 3 * NCV * NCV; a += member * units * 3 * MAV * NCV; v += v_at; lam += c_at;
+  EACH(item, SLICES * UNIT) {
+    int i = item / SLICES, part = item % SLICES;
     double sum = 0.0;
     if (i < NCV)
-      sum = octo_hessian_row(units, k, i, c, columns, h, v + v_at, part, SLICES) + octo_column_times(units, k, i, c, columns, a, lam + c_at, part, SLICES);
-    else sum = octo_row_times(k, i - NCV, c, columns, a, v + v_at, part, SLICES);
-    partial[part * size + e] = sum;
+      sum = octo_hessian_row(units, k, i, column, columns, h, v, part, SLICES) + octo_column_times(units, k, i, column, columns, a, lam, part, SLICES);
+    else sum = octo_row_times(k, i - NCV, column, columns, a, v, part, SLICES);
+    partial[part * UNIT + i] = sum;
   }
   BARRIER;
   double weight = sigma ? sigma[member * units + k] : 0.0;
-  EACH(e, size) {
-    int below = e - NCV * columns; /* of the constraints */
-    double given = below < 0 ? rhs_v[own_v + e] : rhs_c ? rhs_c[own_c + below] : 0.0, value = given - octo_slices(partial, size, e);
-    if (below < 0) left_v[own_v + e] = value -= weight * v[own_v + e];
-    else left_c[own_c + below] = value;
-    left[e] = fabs(value), right[e] = fabs(given);
+  EACH(i, UNIT) {
+    size_t e = i < NCV ? own_v + i * columns + column : own_c + (i - NCV) * columns + column;
+    double given = i < NCV ? rhs_v[e] : rhs_c ? rhs_c[e] : 0.0, value = given - octo_slices(partial, UNIT, i);
+    if (i < NCV) left_v[e] = value -= weight * v[e - v_at];
+    else left_c[e] = value;
+    left[i] = fabs(value), right[i] = fabs(given);
   }
   BARRIER;
-  EACH(item, 2 * columns) {
-    const double *of = item % 2 ? right : left;
+  EACH(side, 2) {
+    const double *of = side ? right : left;
     double most = 0.0;
-    for (int i = 0; i < UNIT; ++i) most = octo_larger(of[i * columns + item / 2], most);
-    tops[(member * units + k) * 2 * columns + item] = most;
+    for (int i = 0; i < UNIT; ++i) most = octo_larger(of[i], most);
+    tops[((member * units + k) * columns + column) * 2 + side] = most;
   }
 }
 

@@ -117,15 +117,24 @@ static __device__ inline void octo_complement_of(int D, int first, const double 
   }
 }
 
-/* ---- solving: r is (D, B, columns), one block of threads a surviving block; SLICES threads share a sum over k ---- */
+/* ---- solving: r is (D, B, columns), a block of threads works on one block of it and one column; SLICES threads share a sum over k ---- */
 
 #define SLICES 4
+#define BATCH 12 /* products whose numbers are read before the first is added */
 
 /* Every SLICES-th product of a row and a vector of B, from number `part`. */
 template <int B>
 static __device__ inline double octo_slice(const double *row, int row_step, const double *x, int x_step, int part) {
   double sum = 0.0;
-  for (int k = part; k < B; k += SLICES) sum += row[k * row_step] * x[k * x_step];
+  for (int from = part; from < B; from += BATCH * SLICES) {
+    double one[BATCH], other[BATCH];
+    for (int u = 0; u < BATCH; ++u) {
+      int k = from + u * SLICES;
+      one[u] = k < B ? row[k * row_step] : 0.0;
+      other[u] = k < B ? x[k * x_step] : 0.0;
+    }
+    for (int u = 0; u < BATCH; ++u) sum += one[u] * other[u];
+  }
   return sum;
 }
 
@@ -135,97 +144,86 @@ static __device__ inline double octo_slices(const double *partial, int size, int
   return sum;
 }
 
-/* out (B, columns) = Tᵀ x; x and partial (SLICES B columns) are shared, x written before. */
+/* A column of out (B, columns) = Tᵀ x; x (B) and partial (SLICES B) are shared, x written before. */
 template <int B>
 static __device__ inline void octo_transposed_times(const double *half, const double *x, int columns, double *partial, double *out) {
-  int size = B * columns;
   BARRIER;
-  EACH(item, SLICES * size) {
-    int part = item / size, e = item % size;
-    partial[item] = octo_slice<B>(half + e / columns, B, x + e % columns, columns, part);
-  }
+  EACH(item, SLICES * B) partial[item] = octo_slice<B>(half + item % B, B, x, 1, item / B);
   BARRIER;
-  EACH(e, size) out[e] = octo_slices(partial, size, e);
+  EACH(i, B) out[i * columns] = octo_slices(partial, B, i);
 }
 
-/* held (E, B, columns) = sign T r of the eliminated blocks, what is left of r for the survivors. Shared: (2 + 2 SLICES) B columns. */
+/* held (E, B, columns) = sign T r of the eliminated blocks, what is left of r for the survivors; grid (S, batch, columns). Shared:
+ * (2 + 2 SLICES) B doubles. */
 template <int B>
-static __device__ inline void octo_fold_of(int D, int first, int columns, const double *half, const double *sign, const double *left,
-                                           const double *right, const double *r, double *held, double *folded) {
+static __device__ inline void octo_fold_of(int D, int first, const double *half, const double *sign, const double *left, const double *right,
+                                           const double *r, double *held, double *folded) {
   SHARED(w);
-  int s = blockIdx.x, S = gridDim.x, E = D - S, size = B * columns;
+  int s = blockIdx.x, S = gridDim.x, E = D - S, columns = gridDim.z, size = B * columns;
   size_t member = blockIdx.y, block = (size_t)B * B;
-  double *partial = w + 2 * size;
-  EACH(item, 2 * SLICES * size) { /* side 0: the block before, which this one holds; 1: the block after */
-    int side = item / (SLICES * size), e = item / SLICES % size, part = item % SLICES, b = s - first + side;
+  double *partial = w + 2 * B;
+  r += member * D * size + blockIdx.z, held += member * E * size + blockIdx.z, folded += member * S * size + blockIdx.z;
+  EACH(item, 2 * SLICES * B) { /* side 0: the block before, which this one holds; 1: the block after */
+    int side = item / (SLICES * B), i = item / SLICES % B, part = item % SLICES, b = s - first + side;
     if (b < 0 || b >= E) continue;
-    const double *row = half + (member * E + b) * block + e / columns * B, *x = r + (member * D + first + 2 * b) * size + e % columns;
-    partial[(side * SLICES + part) * size + e] = octo_slice<B>(row, 1, x, columns, part);
+    double sum = octo_slice<B>(half + (member * E + b) * block + i * B, 1, r + (first + 2 * b) * size, columns, part);
+    partial[(side * SLICES + part) * B + i] = sum;
   }
   BARRIER;
-  EACH(item, 2 * size) {
-    int side = item / size, e = item % size, b = s - first + side;
+  EACH(item, 2 * B) {
+    int side = item / B, i = item % B, b = s - first + side;
     if (b < 0 || b >= E) continue;
-    double value = sign[(member * E + b) * B + e / columns] * octo_slices(partial + side * SLICES * size, size, e);
+    double value = sign[(member * E + b) * B + i] * octo_slices(partial + side * SLICES * B, B, i);
     w[item] = value;
-    if (side == 0) held[(member * E + b) * size + e] = value;
+    if (side == 0) held[b * size + i * columns] = value;
   }
   BARRIER;
-  EACH(item, SLICES * size) {
-    int part = item / size, e = item % size;
+  EACH(item, SLICES * B) {
+    int part = item / B, i = item % B, b = s - first;
     double sum = 0.0;
-    for (int side = 0; side < 2; ++side) {
-      int b = s - first + side;
-      if (b < 0 || b >= E) continue;
-      const double *reach = (side == 0 ? right : left) + (member * E + b) * block;
-      sum += octo_slice<B>(reach + e / columns, B, w + side * size + e % columns, columns, part);
-    }
+    if (b >= 0 && b < E) sum = octo_slice<B>(right + (member * E + b) * block + i, B, w, 1, part);
+    if (b + 1 < E) sum += octo_slice<B>(left + (member * E + b + 1) * block + i, B, w + B, 1, part);
     partial[item] = sum;
   }
   BARRIER;
-  const double *own = r + (member * D + 1 - first + 2 * s) * size;
-  double *out = folded + (member * S + s) * size;
-  EACH(e, size) out[e] = own[e] - octo_slices(partial, size, e);
+  EACH(i, B) folded[s * size + i * columns] = r[(1 - first + 2 * s) * size + i * columns] - octo_slices(partial, B, i);
 }
 
-/* x of a level from x of its survivors; grid (D, batch); shared: (1 + SLICES) B columns. */
+/* x of a level from x of its survivors; grid (D, batch, columns); shared: (1 + SLICES) B doubles. */
 template <int B>
-static __device__ inline void octo_unfold_of(int D, int first, int columns, const double *half, const double *sign, const double *left,
-                                             const double *right, const double *held, const double *x, double *unfolded) {
+static __device__ inline void octo_unfold_of(int D, int first, const double *half, const double *sign, const double *left, const double *right,
+                                             const double *held, const double *x, double *unfolded) {
   SHARED(y);
-  int place = blockIdx.x, E = (D - first) / 2, S = D - E, size = B * columns;
-  size_t member = blockIdx.y, block = (size_t)B * B;
-  double *out = unfolded + (member * D + place) * size, *partial = y + size;
+  int place = blockIdx.x, E = (D - first) / 2, S = D - E, columns = gridDim.z, size = B * columns;
+  size_t member = blockIdx.y, block = (size_t)B * B, at = member * E + place / 2;
+  double *out = unfolded + (member * D + place) * size + blockIdx.z, *partial = y + B;
+  x += member * S * size + blockIdx.z, held += at * size + blockIdx.z;
   if (place % 2 != first) {
-    const double *own = x + (member * S + place / 2) * size;
-    EACH(k, size) out[k] = own[k];
+    EACH(i, B) out[i * columns] = x[place / 2 * size + i * columns];
     return;
   }
-  size_t at = member * E + place / 2;
-  const double *after = x + (member * S + place / 2 + first) * size, *before = after - size;
-  EACH(item, SLICES * size) {
-    int e = item / SLICES, part = item % SLICES, i = e / columns, c = e % columns;
-    double sum = octo_slice<B>(right + at * block + i * B, 1, after + c, columns, part);
-    if (place > 0) sum += octo_slice<B>(left + at * block + i * B, 1, before + c, columns, part);
-    partial[part * size + e] = sum;
+  const double *after = x + (place / 2 + first) * size, *before = after - size;
+  EACH(item, SLICES * B) {
+    int i = item / SLICES, part = item % SLICES;
+    double sum = octo_slice<B>(right + at * block + i * B, 1, after, columns, part);
+    if (place > 0) sum += octo_slice<B>(left + at * block + i * B, 1, before, columns, part);
+    partial[part * B + i] = sum;
   }
   BARRIER;
-  EACH(e, size) y[e] = held[at * size + e] - sign[at * B + e / columns] * octo_slices(partial, size, e);
+  EACH(i, B) y[i] = held[i * columns] - sign[at * B + i] * octo_slices(partial, B, i);
   octo_transposed_times<B>(half + at * block, y, columns, partial, out);
 }
 
-/* The last block: x = Tᵀ sign T r; grid (1, batch); shared: (1 + SLICES) B columns. */
+/* The last block: x = Tᵀ sign T r; grid (1, batch, columns); shared: (1 + SLICES) B doubles. */
 template <int B>
-static __device__ inline void octo_last_of(int columns, const double *half, const double *sign, const double *r, double *x) {
+static __device__ inline void octo_last_of(const double *half, const double *sign, const double *r, double *x) {
   SHARED(y);
-  int size = B * columns;
-  size_t member = blockIdx.y;
-  double *partial = y + size;
-  EACH(item, SLICES * size) {
-    int e = item / SLICES, part = item % SLICES;
-    partial[part * size + e] = octo_slice<B>(half + (member * B + e / columns) * B, 1, r + member * size + e % columns, columns, part);
-  }
+  int columns = gridDim.z;
+  size_t member = blockIdx.y, at = member * B * columns + blockIdx.z;
+  double *partial = y + B;
+  half += member * B * B, r += at;
+  EACH(item, SLICES * B) partial[item % SLICES * B + item / SLICES] = octo_slice<B>(half + item / SLICES * B, 1, r, columns, item % SLICES);
   BARRIER;
-  EACH(e, size) y[e] = sign[member * B + e / columns] * octo_slices(partial, size, e);
-  octo_transposed_times<B>(half + member * B * B, y, columns, partial, x + member * size);
+  EACH(i, B) y[i] = sign[member * B + i] * octo_slices(partial, B, i);
+  octo_transposed_times<B>(half, y, columns, partial, x + at);
 }

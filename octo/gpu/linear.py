@@ -159,20 +159,19 @@ class Reduction:
         """x (batch, D, B, columns), without refinement, of all members or of the active ones."""
         device, batch, B = self._linear.device, self.batch, self.B
         columns, held = int(r.shape[3]), []
-        size = 8 * B * columns
         for level in self._levels:
             S = level.D // 2 + level.first
             w, folded = device.empty((batch, level.D - S, B, columns)), device.empty((batch, S, B, columns))
-            own = (level.D, level.first, columns, active, level.half, level.sign, level.left, level.right, r, w, folded)
-            self._each("fold", (S, batch), *own, shared=(2 + 2 * SLICES) * size)
+            own = (level.D, level.first, active, level.half, level.sign, level.left, level.right, r, w, folded)
+            self._each("fold", (S, batch, columns), *own, shared=8 * (2 + 2 * SLICES) * B)
             held.append(w)
             r = folded
-        x = device.empty((batch, 1, B, columns))
-        self._each("last", (1, batch), columns, active, *self._last, r, x, shared=(1 + SLICES) * size)
+        x, room = device.empty((batch, 1, B, columns)), 8 * (1 + SLICES) * B
+        self._each("last", (1, batch, columns), active, *self._last, r, x, shared=room)
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
             unfolded = device.empty((batch, level.D, B, columns))
-            own = (level.D, level.first, columns, active, level.half, level.sign, level.left, level.right, w, x, unfolded)
-            self._each("unfold", (level.D, batch), *own, shared=(1 + SLICES) * size)
+            own = (level.D, level.first, active, level.half, level.sign, level.left, level.right, w, x, unfolded)
+            self._each("unfold", (level.D, batch, columns), *own, shared=room)
             x = unfolded
         return x
 

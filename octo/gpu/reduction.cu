@@ -7,33 +7,33 @@ extern "C" __global__ void octo_NAME_pivots(int D, int first, double rounding, d
   octo_pivots_of<NAME_BLOCK>(D, first, rounding, shift, places, place, diagonal, half, sign, counts);
 }
 
-extern "C" __global__ void octo_NAME_couple(int D, int first, const int *active, const double *lower, const double *half, double *left,
+extern "C" __global__ void __launch_bounds__(EDGE * EDGE) octo_NAME_couple(int D, int first, const int *active, const double *lower, const double *half, double *left,
                                                 double *right) {
   ONLY(active, blockIdx.z);
   octo_couple_of<NAME_BLOCK>(D, first, lower, half, left, right);
 }
 
-extern "C" __global__ void octo_NAME_complement(int D, int first, const int *active, const double *diagonal, const double *sign,
+extern "C" __global__ void __launch_bounds__(EDGE * EDGE) octo_NAME_complement(int D, int first, const int *active, const double *diagonal, const double *sign,
                                                     const double *left, const double *right, double *new_diagonal, double *new_lower) {
   ONLY(active, blockIdx.z);
   octo_complement_of<NAME_BLOCK>(D, first, diagonal, sign, left, right, new_diagonal, new_lower);
 }
 
-extern "C" __global__ void octo_NAME_fold(int D, int first, int columns, const int *active, const double *half, const double *sign,
-                                              const double *left, const double *right, const double *r, double *held, double *folded) {
+extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_fold(int D, int first, const int *active, const double *half, const double *sign,
+                                                                 const double *left, const double *right, const double *r, double *held,
+                                                                 double *folded) {
   ONLY(active, blockIdx.y);
-  octo_fold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, r, held, folded);
+  octo_fold_of<NAME_BLOCK>(D, first, half, sign, left, right, r, held, folded);
 }
 
-extern "C" __global__ void octo_NAME_unfold(int D, int first, int columns, const int *active, const double *half, const double *sign,
-                                                const double *left, const double *right, const double *held, const double *x,
-                                                double *unfolded) {
+extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_unfold(int D, int first, const int *active, const double *half, const double *sign,
+                                                                   const double *left, const double *right, const double *held, const double *x,
+                                                                   double *unfolded) {
   ONLY(active, blockIdx.y);
-  octo_unfold_of<NAME_BLOCK>(D, first, columns, half, sign, left, right, held, x, unfolded);
+  octo_unfold_of<NAME_BLOCK>(D, first, half, sign, left, right, held, x, unfolded);
 }
 
-extern "C" __global__ void octo_NAME_last(int columns, const int *active, const double *half, const double *sign, const double *r,
-                                              double *x) {
+extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_last(const int *active, const double *half, const double *sign, const double *r, double *x) {
   ONLY(active, blockIdx.y);
-  octo_last_of<NAME_BLOCK>(columns, half, sign, r, x);
+  octo_last_of<NAME_BLOCK>(half, sign, r, x);
 }

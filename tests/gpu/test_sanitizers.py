@@ -22,7 +22,7 @@ FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words,
     "race in a sum": ("thread", "octo_kkt_check", "_block_max(double *part) {\n  BARRIER;", "_block_max(double *part) {", RACE),
     "race in a pivot": ("thread", "octo_kkt_pivots", "/ WARP] = own;\n  }\n  BARRIER;", "/ WARP] = own;\n  }", RACE),
     "overrun of shared memory": (
-        "address", "octo_kkt_fold", "*partial = w + 2 * size;", "*partial = w + 2 * size + 1;", "heap-buffer-overflow",
+        "address", "octo_kkt_fold", "*partial = w + 2 * B;", "*partial = w + 2 * B + 1;", "heap-buffer-overflow",
     ),
     "overrun of an array": ("address", "octo_hessian_times", "out[own_v + e] =", "out[own_v + e + 1] =", "heap-buffer-overflow"),
 }  # fmt: skip
