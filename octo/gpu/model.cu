@@ -267,7 +267,7 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
     if (last > MROWS) last = MROWS;
     BARRIER;
     octo_stack_rows(&at, cost_jac + item * NZ, touch + item * TOUCH, jac + item * NX * W3, scale, first, last, rows);
-    EACH(e, PAIRS + 3 * TILES) {
+    EACH(e, PAIRS + (W3 + TILE - 1) / TILE) {
       if (e < PAIRS) {
         int r = e / (COLUMNS + 1), c = e % (COLUMNS + 1), one = c > r ? r : COLUMNS - 1 - r, other = c > r ? c - 1 : COLUMNS - 1 - c;
         if (other >= 3 * TILES) continue;

@@ -99,6 +99,13 @@ def wiggle() -> Callable[..., np.ndarray]:
 
 
 @lru_cache
+def _no_multiple_of_a_tile() -> CompiledProblem:
+    """Four coordinates: the last tile of three has one of them."""
+    dynamics = octo.CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 4, [0], {})
+    return CompiledProblem([octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(4), costs=[octo.costs.Effort()])])
+
+
+@lru_cache
 def _swing_up() -> tuple[CompiledProblem, np.ndarray]:
     def dynamics(x_next, x, x_prev, p):
         def places(q):
