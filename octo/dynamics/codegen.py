@@ -59,7 +59,7 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
     made = [function_in_lanes(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
-    tables += [_integers("coupled", places), slots.table(jac, hess)]
+    tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
     return "\n".join([HEAD, source("lanes.c"), *made, _macros(sizes), *tables, *common, *steps])
 
@@ -110,7 +110,8 @@ def _macros(sizes: dict[str, int]) -> str:
     return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
 
 
-def _integers(name: str, values: ArrayLike) -> str:
+def integers(name: str, values: ArrayLike) -> str:
+    """A table of integers in C."""
     entries = ", ".join(str(int(v)) for v in np.asarray(values).ravel()) or "0"
     return f"static const int octo_{name}[] = {{{entries}}};"
 
@@ -142,8 +143,8 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
             [joint.armature, joint.damping, joint.stiffness, joint.rest, joint.lower, joint.upper]
             for joint in character.joints
         ]),
-        _integers("contact_body", [sphere.body for sphere in spheres]),
-        _integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
+        integers("contact_body", [sphere.body for sphere in spheres]),
+        integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
         _numbers("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]  # fmt: skip
     return sizes, tables + _pair_tables(character, sizes)
@@ -152,11 +153,11 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
 def _kinematic_tables(character: Character) -> list[str]:
     joints = character.joints
     return [
-        _integers("body_parent", [body.parent for body in character.bodies]),
-        _integers("body_level", _levels(character)),
+        integers("body_parent", [body.parent for body in character.bodies]),
+        integers("body_level", _levels(character)),
         _numbers("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
-        _integers("body_first", [*character.first_joint, character.nx]),
-        _integers("joint_slides", [joint.kind == "slide" for joint in joints]),
+        integers("body_first", [*character.first_joint, character.nx]),
+        integers("joint_slides", [joint.kind == "slide" for joint in joints]),
         _numbers("joint_axis", [joint.axis for joint in joints]),
         _numbers("joint_anchor", [joint.anchor for joint in joints]),
         _numbers("joint_reference", [joint.reference for joint in joints]),
@@ -185,11 +186,11 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     related = [(i, j) for i, members in enumerate(below) for j in members]
     sizes["NRUN"], sizes["NRELATED"] = len(runs), len(related)
     return [
-        _integers("before", [path[-2] if len(path) > 1 else -1 for path in paths]),
-        _integers("path_start", np.cumsum([0, *(len(path) for path in paths)])),
-        _integers("run", runs),
-        _integers("above", [i for i, _ in related]),
-        _integers("below", [j for _, j in related]),
+        integers("before", [path[-2] if len(path) > 1 else -1 for path in paths]),
+        integers("path_start", np.cumsum([0, *(len(path) for path in paths)])),
+        integers("run", runs),
+        integers("above", [i for i, _ in related]),
+        integers("below", [j for _, j in related]),
     ]
 
 
@@ -207,8 +208,8 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
         start.append(len(dofs))
     sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
     return [
-        _integers("pair_body", bodies), _numbers("pair_spheres", spheres), _integers("loop_dof", dofs),
-        _integers("loop_start", start), _integers("loop_split", split),
+        integers("pair_body", bodies), _numbers("pair_spheres", spheres), integers("loop_dof", dofs),
+        integers("loop_start", start), integers("loop_split", split),
     ]  # fmt: skip
 
 
@@ -263,11 +264,11 @@ class _Links:
     def tables(self) -> list[str]:
         bodies, used = self.character.bodies, self.slots()
         return [
-            _integers("link_parent", self.parents()),
-            _integers("link_body", self.first),
-            _integers("link_first", [self.character.first_joint[b] for b in self.first]),
-            _integers("link_last", [self.character.path[b][-1] for b in self.first]),
-            _integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
-            _integers("link_slot", used),
+            integers("link_parent", self.parents()),
+            integers("link_body", self.first),
+            integers("link_first", [self.character.first_joint[b] for b in self.first]),
+            integers("link_last", [self.character.path[b][-1] for b in self.first]),
+            integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
+            integers("link_slot", used),
             _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
         ]

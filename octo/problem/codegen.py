@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.dynamics import symbolic
 from octo.dynamics.balance import GRAVITY
+from octo.dynamics.codegen import integers
 from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
@@ -244,7 +245,7 @@ def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray
         moves = np.zeros((len(functions.contact_spheres), robot.nx), dtype=int)
         for k, sphere in enumerate(functions.contact_spheres):
             moves[k, list(robot.path[robot.contacts[sphere].body])] = 1
-        lines.append(_integers("cost_contact_moves", moves.ravel()))
+        lines.append(integers("cost_contact_moves", moves))
     return "\n".join(lines)
 
 
@@ -270,11 +271,7 @@ def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp]
         tables["cost_path"] = [j for path in robot.path for j in path]
         for sphere in spheres:
             data += [*sphere.position, sphere.radius]
-    lines += [_integers(name, values) for name, values in tables.items()]
+    lines += [integers(name, values) for name, values in tables.items()]
     numbers = ", ".join(float(v).hex() for v in data) or "0.0"
     lines.append(f"static const double octo_cost_contact_data[] = {{{numbers}}};")
     return "\n".join(lines)
-
-
-def _integers(name: str, values: Any) -> str:
-    return f"static const int octo_{name}[] = {{{', '.join(str(int(v)) for v in values) or '0'}}};"
