@@ -74,7 +74,7 @@ class DeviceFactor:
         blocks = device.empty((batch, D), np.int32)
         linear.each("octo_kkt_blocks", grid, K, active, H, A, sigma, diagonal, lower, blocks)
         self.finite, self.good, self.negative, self.shifted = (device.empty((batch,), np.int32) for _ in range(4))
-        linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS, shared=8 * PARTS)
+        linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS)
         scales: list[Array] = [None, *(device.empty((batch, D, B)) for _ in range(EQUILIBRATIONS))]
         for old, new in pairwise(scales):
             linear.each("octo_kkt_equilibrate", grid, active, diagonal, lower, old, new, shared=8 * SLICES * B)

@@ -14,16 +14,13 @@ extern "C" __global__ void octo_row_scale(const double *a, double *scale) {
   }
 }
 
-/* finite (batch): 1 where the scales of all rows are; grid (1, batch); shared: PARTS doubles. */
+/* finite (batch): 1 where the scales of all rows are; grid (1, batch). */
 extern "C" __global__ void octo_gram_finite(int rows, const double *scale, int *finite) {
-  SHARED(part);
   size_t member = blockIdx.y;
-  EACH(p, PARTS) {
-    part[p] = 0.0;
-    for (int e = p; e < rows; e += PARTS) part[p] += !isfinite(scale[member * rows + e]);
-  }
-  double broken = octo_block_sum(part);
-  if (LANE == 0) finite[member] = broken == 0.0;
+  int broken = 0;
+  EACH(e, rows) broken |= !isfinite(scale[member * rows + e]);
+  broken = __syncthreads_or(broken);
+  if (LANE == 0) finite[member] = !broken;
 }
 
 /* Row r of unit k times row c of unit l, k >= l; units beyond the last are the identity. */

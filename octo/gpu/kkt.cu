@@ -15,7 +15,7 @@ static __device__ inline double octo_kkt_entry(int units, int k, int r, int l, i
 }
 
 /* Pairs of units as SBT(D, KKT): grid (D, batch); finite (D) is 0 where a block has an entry that is not. */
-extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_kkt_blocks(int units, const int *active, const double *h, const double *a, const double *sigma,
                                            double *diagonal, double *lower, int *finite) {
   ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x, broken = 0;
@@ -37,17 +37,14 @@ extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_blocks(int units, 
   if (LANE == 0) finite[member * D + d] = !broken;
 }
 
-/* finite (batch): 1 where all D blocks of a member are; grid (1, batch); shared: PARTS doubles. */
+/* finite (batch): 1 where all D blocks of a member are; grid (1, batch). */
 extern "C" __global__ void octo_kkt_finite(int D, const int *active, const int *blocks, int *finite) {
-  SHARED(part);
   ONLY(active, blockIdx.y);
   size_t member = blockIdx.y;
-  EACH(p, PARTS) {
-    part[p] = 0.0;
-    for (int d = p; d < D; d += PARTS) part[p] += !blocks[member * D + d];
-  }
-  double broken = octo_block_sum(part);
-  if (LANE == 0) finite[member] = broken == 0.0;
+  int broken = 0;
+  EACH(d, D) broken |= !blocks[member * D + d];
+  broken = __syncthreads_or(broken);
+  if (LANE == 0) finite[member] = !broken;
 }
 
 /* What a factorisation found, from the counts (D, 2) of its pivot blocks: good (batch) where the inertia is right, negative
@@ -73,7 +70,7 @@ extern "C" __global__ void octo_kkt_verdict(int D, int units, const int *active,
 
 /* One pass of Ruiz scaling: the largest entry of every row of diag(s) M diag(s) towards 1, from the scales ``old`` (none: 1);
  * grid (D, batch); shared: SLICES KKT doubles. */
-extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_kkt_equilibrate(const int *active, const double *diagonal, const double *lower, const double *old,
                                                 double *scale) {
   SHARED(most);
   ONLY(active, blockIdx.y);
@@ -101,7 +98,7 @@ extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_equilibrate(const 
 }
 
 /* diag(s) M diag(s) in place; members that are not finite become the identity. Grid (D, batch). */
-extern "C" __global__ void __launch_bounds__(256, 2) octo_kkt_scale(const int *active, const int *finite, const double *scale, double *diagonal, double *lower) {
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_kkt_scale(const int *active, const int *finite, const double *scale, double *diagonal, double *lower) {
   ONLY(active, blockIdx.y);
   int d = blockIdx.x, D = gridDim.x;
   size_t member = blockIdx.y, size = (size_t)KKT * KKT;

@@ -10,8 +10,6 @@
 
 /* ---- products of blocks: a block of threads makes a tile of TILE x TILE entries, a thread 3 x 3 of them, EDGE apart ---- */
 
-#define TILE 48
-#define EDGE 16
 #define OWN (TILE / EDGE)
 #define PITCH (TILE + 1) /* of a tile in shared memory: rows begin in different banks */
 #define TILES(B) (((B) + TILE - 1) / TILE)
@@ -119,7 +117,6 @@ static __device__ inline void octo_complement_of(int D, int first, const double 
 
 /* ---- solving: r is (D, B, columns), a block of threads works on one block of it and one column; SLICES threads share a sum over k ---- */
 
-#define SLICES 4
 #define BATCH 12 /* products whose numbers are read before the first is added */
 
 /* Every SLICES-th product of a row and a vector of B, from number `part`. */

@@ -11,18 +11,23 @@ from octo.gpu.device import Array, Device, source
 from octo.solver.blocks import KKTBlocks
 
 WIDE, PARTS = 256, 128
-TILE, EDGE, SLICES = 48, 16, 4  # of linear.cu
+TILE, EDGE, SLICES = 48, 16, 4  # entries and threads along the edge of a tile of a product; threads that share a sum
+
+
+def sizes(nc: int, ma: int, shared: int) -> str:
+    """What the kernels know of units of nc variables and ma constraint rows, and of a GPU whose blocks have ``shared`` bytes."""
+    known = {"NCV": nc, "MAV": ma, "SHARED_BYTES": shared, "WIDE": WIDE, "TILE": TILE, "EDGE": EDGE, "SLICES": SLICES}
+    return "\n".join(f"#define {name} {value}" for name, value in known.items())
 
 
 def text(nc: int, ma: int, shared: int) -> str:
-    """The CUDA text for units of nc variables and ma constraint rows, on a GPU whose blocks have ``shared`` bytes."""
-    sizes = f"#define NCV {nc}\n#define MAV {ma}\n#define SHARED_BYTES {shared}\n"
+    """The CUDA text of ``sizes``."""
     files = ("common.cuh", "pivots.cu", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
     kinds = {"kkt": 2 * (nc + ma), "gram": 2 * ma}
     reductions = [
         source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name) for name, B in kinds.items() if B
     ]
-    return "\n".join([sizes, *map(source, files), *reductions])
+    return "\n".join([sizes(nc, ma, shared), *map(source, files), *reductions])
 
 
 def pivot_threads(B: int) -> int:

@@ -40,8 +40,7 @@ static __device__ inline octo_place_of_step octo_place_after(const octo_place_of
   return later;
 }
 
-/* Steps that a block evaluates the costs of: a piece is long, has few threads, and needs the registers of many. */
-#define TOGETHER 2
+/* A block evaluates the costs of TOGETHER steps: a piece is long, has few threads, and needs the registers of many. */
 #define EACH_OF_STEPS(s, e, count, steps) /* the steps and numbers of each */ \
   for (int s##e = LANE, s, e; s##e < TOGETHER * (count) && (s = s##e % TOGETHER, e = s##e / TOGETHER, 1); s##e += LANES) if (s < (steps))
 
@@ -228,7 +227,6 @@ static __device__ inline void octo_stack_rows(const octo_place_of_step *at, cons
 /* A thread multiplies TILE neighbouring columns of a node with as many of the same or an older one. Of the PAIRS of tiles, each
  * once, a triangle of COLUMNS of them, there are as many as a rectangle of COLUMNS / 2 and COLUMNS + 1 has: its rows are two of
  * the triangle's. */
-#define TILE 3
 #define TILES ((NX + TILE - 1) / TILE)
 #define COLUMNS (3 * TILES + TILES % 2)
 #define PAIRS (COLUMNS / 2 * (COLUMNS + 1))

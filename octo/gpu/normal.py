@@ -25,7 +25,7 @@ class DeviceNormal:
         self._scale = device.empty((batch, K, ma))
         linear.each("octo_row_scale", (K, batch), A, self._scale)
         self._finite = device.empty((batch,), np.int32)
-        linear.each("octo_gram_finite", (1, batch), K * ma, self._scale, self._finite, threads=PARTS, shared=8 * PARTS)
+        linear.each("octo_gram_finite", (1, batch), K * ma, self._scale, self._finite, threads=PARTS)
         diagonal, lower = device.empty((batch, D, 2 * ma, 2 * ma)), device.empty((batch, max(D - 1, 1), 2 * ma, 2 * ma))
         linear.each("octo_gram_blocks", (D, batch), K, self._finite, A, self._scale, diagonal, lower)
         self._reduced = Reduction(linear, "gram", diagonal, lower, DROP, 0.0)

@@ -168,7 +168,7 @@ static __device__ inline octo_eliminated octo_pivots(double *w, octo_entry *seen
   return done;
 }
 
-/* Row e of T is own[e] times row order[e] of L⁻¹ and other[e] times that of its partner. d (B): the eigenvalues. */
+/* Row e of T is own[e] times row order[e] of L⁻¹ and other[e] times that of its partner; sign (B): of its eigenvalue. */
 template <int B>
 static __device__ inline void octo_rotations(const double *w, const int *order, const int *begin, int eliminated, double shift, double *sign,
                                              double *own, double *other, int *partner) {

@@ -20,9 +20,9 @@ NARROW = 64  # for the derivatives of a step: of 255 registers, four blocks fit 
 SMALL = 128  # for a step
 TILED = 192  # for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
 FLAT = 256  # for one thing a thread
-THREADS = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT}  # as launch bounds of the kernels know them
 PARTS = 128  # of common.cuh
-TILE, TOGETHER = 3, 2  # of model.cu
+TILE, TOGETHER = 3, 2  # columns that a thread multiplies with as many; steps that a block evaluates the costs of
+DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT, "TILE": TILE, "TOGETHER": TOGETHER}  # for the kernels
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")  # of dynamics.cu
 BATCHED = ("p", "q", "row_scale", "constant", "anchor")
@@ -38,7 +38,7 @@ class Program:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces = Pieces.of(functions)
         costs = [codegen.residual_text(functions, dynamics, pieces.functions, pieces.rows, pieces.columns), pieces.text()]
-        common = [*(f"#define {name} {count}" for name, count in THREADS.items()), source("common.cuh")]
+        common = [*(f"#define {name} {value}" for name, value in DEFINED.items()), source("common.cuh")]
         parts = [[text, *common, source("dynamics.cu")], [text, *costs, *common, source("model.cu")]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)

@@ -19,21 +19,21 @@ extern "C" __global__ void __launch_bounds__(EDGE * EDGE) octo_NAME_complement(i
   octo_complement_of<NAME_BLOCK>(D, first, diagonal, sign, left, right, new_diagonal, new_lower);
 }
 
-extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_fold(int D, int first, const int *active, const double *half, const double *sign,
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_NAME_fold(int D, int first, const int *active, const double *half, const double *sign,
                                                                  const double *left, const double *right, const double *r, double *held,
                                                                  double *folded) {
   ONLY(active, blockIdx.y);
   octo_fold_of<NAME_BLOCK>(D, first, half, sign, left, right, r, held, folded);
 }
 
-extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_unfold(int D, int first, const int *active, const double *half, const double *sign,
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_NAME_unfold(int D, int first, const int *active, const double *half, const double *sign,
                                                                    const double *left, const double *right, const double *held, const double *x,
                                                                    double *unfolded) {
   ONLY(active, blockIdx.y);
   octo_unfold_of<NAME_BLOCK>(D, first, half, sign, left, right, held, x, unfolded);
 }
 
-extern "C" __global__ void __launch_bounds__(256, 2) octo_NAME_last(const int *active, const double *half, const double *sign, const double *r, double *x) {
+extern "C" __global__ void __launch_bounds__(WIDE, 2) octo_NAME_last(const int *active, const double *half, const double *sign, const double *r, double *x) {
   ONLY(active, blockIdx.y);
   octo_last_of<NAME_BLOCK>(half, sign, r, x);
 }
