@@ -21,7 +21,7 @@ import octo
 from octo.arrays import host
 from octo.gpu.device import source
 from octo.gpu.emulator import EmulatedDevice
-from octo.gpu.linear import Reduction
+from octo.gpu.linear import Reduction, sizes
 from octo.problem.compiled import CompiledProblem, Model
 from octo.solve import first_nodes
 from octo.solver import sqp
@@ -98,8 +98,7 @@ def systems(problem: octo.Problem, iterations: int) -> list[System]:
 def reduction_text(B: int, dtype: Any, shared: int) -> str:
     """The CUDA text of the reduction of blocks of B, in float64 or in float32."""
     kernels = source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", "kkt")
-    sizes = f"#define NCV {B // 2}\n#define MAV 0\n#define SHARED_BYTES {shared}"
-    text = "\n".join([sizes, *map(source, ("common.cuh", "pivots.cu", "linear.cu")), kernels])
+    text = "\n".join([sizes(B // 2, 0, shared), *map(source, ("common.cuh", "pivots.cu", "linear.cu")), kernels])
     if np.dtype(dtype) == np.float64:
         return text
     text = re.sub(r"\bdouble\b", "float", text)
@@ -112,11 +111,7 @@ class _Kernels:
     def __init__(self, device: Any, B: int, dtype: Any):
         self._device, self._B, self._dtype = device, B, np.dtype(dtype)
         self._kernel = device.module(reduction_text(B, dtype, device.shared_limit)).kernel
-        self.device = self
-
-    @property
-    def shared_limit(self) -> int:
-        return int(self._device.shared_limit)
+        self.device, self.shared_limit = self, device.shared_limit
 
     def threads(self, wanted: int) -> int:
         return int(self._device.threads(wanted))
@@ -126,6 +121,7 @@ class _Kernels:
 
     def each(self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = 256, shared: int = 0) -> None:
         own = [self._dtype.type(a) if isinstance(a, float) else a for a in arguments]
+        # in float32 half the room, but for PIVOT_BYTES' integers
         room = shared if self._dtype == np.float64 else shared // 2 + 512 + 12 * self._B
         self._kernel(name)(grid, self._device.threads(threads), *own, shared=room)
 

@@ -15,6 +15,7 @@ import octo
 from octo import arrays
 from octo.gpu import bound
 from octo.gpu.problem import bytes_of
+from octo.gpu.sequence import Counts
 from octo.problem.compiled import CompiledProblem
 from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
@@ -35,6 +36,11 @@ def each(bench: Bench, items: Mapping[str, T], measured: Callable[[T], Row]) -> 
         yield name, row
         if "why_not" in row:
             bench.recover()
+
+
+def _spent(bench: Bench, before: Counts) -> dict[str, float]:
+    """What the device was asked for since then."""
+    return {name: value - getattr(before, name) for name, value in vars(bench.device.counts).items()}
 
 
 def _one_and_all(bench: Bench) -> tuple[int, ...]:
@@ -75,7 +81,7 @@ def _launching(bench: Bench, problem: octo.Problem) -> Row:
             before, copies = replace(device.counts), arrays.copies
             result = bench.solve(problem, options)
             copies, count = arrays.copies - copies, max(1, int(result.iterations[0]))
-            spent = {key: value - getattr(before, key) for key, value in vars(device.counts).items()}
+            spent = _spent(bench, before)
             out[name] = {
                 "captured": device.graphs, **of_solve(result), "copies": copies / count, "kernels": spent["launches"] / count,
                 "kernels_in_graphs": spent["replayed"] / count, "graphs": spent["graphs"] / count,
@@ -100,7 +106,7 @@ def _ended(bench: Bench, problem: octo.Problem, seeds: range) -> Row:
     bench.renew()
     before = replace(bench.device.counts)
     result = bench.solve(problem, bench.to_the_end, seeds)
-    spent = {key: value - getattr(before, key) for key, value in vars(bench.device.counts).items()}
+    spent = _spent(bench, before)
     words = [status.label for status in result.status]
     converged = sum(status.converged for status in result.status)
     row = {
