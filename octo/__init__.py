@@ -24,6 +24,7 @@ _HOME = {
     "replay": "octo.replay",
     "simulate": "octo.dynamics.simulate",
     "Problem": "octo.problem.problem",
+    "Cycle": "octo.problem.cycle",
     "Nodes": "octo.problem.basis",
     "Hermite": "octo.problem.basis",
     "Goal": "octo.goals",
@@ -117,6 +118,7 @@ if TYPE_CHECKING:
     from octo.plot import plot as plot
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes
+    from octo.problem.cycle import Cycle as Cycle
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay
     from octo.solve import solve as solve

@@ -96,6 +96,9 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
 def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
     """Nodes (N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
     shifted = nodes + (problem.start - before.start)
+    if problem.closure is not None:
+        shifted[:2] = shifted[-2:] @ problem.closure.matrix.T + problem.closure.constant
+        return np.ascontiguousarray(shifted)
     shifted[0] = problem.start - problem.dt * problem.start_velocity
     return np.ascontiguousarray(shifted)
 

@@ -18,6 +18,7 @@ from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.compiled import CompiledProblem
+from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
 from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
@@ -27,6 +28,7 @@ from octo.solver.sqp import Iterate, Monitor
 
 NOISE = 0.02  # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
 NOISE_PERIOD = 0.5  # s, between the knots of the noise
+CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 DEVICES = ("auto", "cpu", "cuda")
 
 
@@ -252,20 +254,46 @@ def _solution(
 
 def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
     """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates, or what the user gave."""
+    if problem.closure is not None:
+        return _first_cycle(problem, problem.closure, seed, start)
     before = problem.start - problem.dt * problem.start_velocity
     if start is None:
         nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
         nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
     else:
-        given = start.x[1:] if isinstance(start, Solution) else np.asarray(start, dtype=float)
-        if given.shape != (problem.steps + 1, problem.dynamics.nx):
-            raise ShapeError("start", given.shape, (problem.steps + 1, problem.dynamics.nx))
-        if not np.isfinite(given).all():
-            raise ValueRangeError("start is not finite")
-        nodes = np.concatenate([before[None], given])
+        nodes = _given_nodes(problem, start)
         nodes[1] = problem.start
     nodes[0] = before
     return nodes
+
+
+def _first_cycle(problem: Problem, closure: Closure, seed: int, start: Solution | Array | None) -> Array:
+    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first harmonic."""
+    if start is None:
+        part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
+        end = closure.forward @ problem.start + closure.forward_constant
+        nodes = problem.start + part * (end - problem.start)
+        mirrored = closure.mirror is not None
+        angle = 2.0 * np.pi * part / (2.0 if mirrored else 1.0)
+        a, b = CYCLE_NOISE * np.random.default_rng(seed).standard_normal((2, problem.dynamics.nx))
+        if mirrored:  # what half a period later has changed sign must be what the mirror gives
+            a, b = (0.5 * (wave - closure.forward @ wave) for wave in (a, b))
+        joints = problem.dynamics.actuated
+        nodes[:, joints] = problem.start[joints] + (np.cos(angle) * a + np.sin(angle) * b)[:, joints]
+    else:
+        nodes = _given_nodes(problem, start)
+    nodes[:2] = nodes[-2:] @ closure.matrix.T + closure.constant
+    return nodes
+
+
+def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
+    """x_0 (twice) … x_N (N+2, nx) that the user gave."""
+    given = start.x[1:] if isinstance(start, Solution) else np.asarray(start, dtype=float)
+    if given.shape != (problem.steps + 1, problem.dynamics.nx):
+        raise ShapeError("start", given.shape, (problem.steps + 1, problem.dynamics.nx))
+    if not np.isfinite(given).all():
+        raise ValueRangeError("start is not finite")
+    return np.concatenate([given[:1], given])
 
 
 def smooth_noise(problem: Problem, seed: int) -> Array:

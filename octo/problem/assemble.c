@@ -269,14 +269,18 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
   const double *kin[3] = {s->kin[k + 2], s->kin[k + 1], s->kin[k]};
   octo_build_rows(&s->values[k], s->jac[k], kin, q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam ? s->curvature[k] : 0, t->slots == 1, s->hess, s->gradient);
+  octo_gauss_newton(&s->rows, t->lam ? s->curvature[k] : 0, t->parts == 1, s->hess, s->gradient);
+  if (t->carry && i < 2) {
+    octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
+    s->zeros = 2;
+  }
   octo_find_places(t, i, &s->places);
   int units = g->clear_unit, rows = g->clear_row;
   for (int l = 0; l < s->places.count; ++l) units = s->places.unit[l] >= units ? s->places.unit[l] + 1 : units;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
-  int fresh = t->slots == 1 && s->places.count == 3 && units > g->clear_unit;
+  int fresh = t->parts == 1 && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->slots == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from octo.errors import ProblemError
 
 Array = NDArray[np.float64]
+LEAST_CYCLE = 4  # steps: with fewer a residual would see a node twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,12 +163,73 @@ class Hermite:
         return {steps // q - 1: np.concatenate([x_end, q * dt * v_end], axis=-1)}
 
 
-Basis = Nodes | Hermite
+@dataclass(frozen=True)
+class Folded:
+    """The nodes of a cycle: all of x_1 … x_N are unknown, and x_{-1}, x_0 are x_{N−1}, x_N carried back by one stride.
+
+    A chain that closes on itself couples its first units with its last ones. Folded in the middle, units k and N−1−k side
+    by side, it is a chain again: each pair touches the two pairs before it and no others, so that every solver of open
+    chains, on every device, solves closed ones: SBT(4(2n−|u|)) of N/4 blocks. FD_i looks at three neighbours on one limb;
+    on the way back the last of them lies two pairs further on, where its row stands. A pair of rows remains at the fold:
+    the last unit is a dummy that carries it.
+    """
+
+    name = "nodes"
+
+    def check(self, steps: int) -> None:
+        if steps < LEAST_CYCLE:
+            raise ProblemError(f"steps is {steps}: a cycle needs at least {LEAST_CYCLE} steps")
+
+    def units(self, steps: int) -> int:
+        return (steps + 1) // 2 + 1
+
+    def _fold(self, steps: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Unit and part (N,) of x_1 … x_N."""
+        k = np.arange(steps, dtype=np.int32)
+        back = k >= (steps + 1) // 2
+        return np.where(back, steps - 1 - k, k).astype(np.int32), back.astype(np.int32)
+
+    def stencil(self, steps: int) -> Stencil:
+        unit, part = self._fold(steps)
+        node = np.arange(-1, steps + 1) - 1
+        unit, part = unit[node % steps][:, None], part[node % steps][:, None]
+        k, fold = np.arange(steps, dtype=np.int32), (steps + 1) // 2
+        row, row_part = np.where(k <= fold, k, steps + 1 - k), (k > fold).astype(np.int32)
+        row[0], row_part[0] = 1, 1  # FD_0 looks at x_1, x_N and x_{N−1}
+        ones = np.ones((steps + 2, 1))
+        tests = row.astype(np.int32)[:, None], row_part[:, None]
+        return Stencil(self.units(steps), 2, unit, part, ones, *tests, np.ones((steps, 1)))
+
+    def dummies(self, steps: int) -> NDArray[np.bool_]:
+        """(K, parts) where no node is made of a part of a unit."""
+        stencil = self.stencil(steps)
+        unused = np.ones((stencil.units, stencil.parts), dtype=bool)
+        unused[stencil.unit, stencil.part] = False
+        return unused
+
+    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
+        """(…, N+2, n) what carries x_N and x_{N−1} back by a stride, beside the matrix that it is done with."""
+        return Nodes().constant(steps, x0, x_previous)
+
+    def fit(self, nodes: Array, dt: float) -> Array:
+        del dt
+        steps = nodes.shape[-2] - 2
+        unit, part = self._fold(steps)
+        n = nodes.shape[-1]
+        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), 2, n))
+        unknowns[..., unit, part, :] = nodes[..., 2:, :]
+        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), 2 * n)
+
+    def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
+        raise ProblemError("a cycle has no end to fix: x_end cannot be given with cycle")
+
+
+Basis = Nodes | Hermite | Folded
 
 
 def basis_named(name: str | Basis) -> Basis:
     """The basis a user named: "nodes", "hermite", or one of the two objects."""
-    if isinstance(name, (Nodes, Hermite)):
+    if isinstance(name, (Nodes, Hermite, Folded)):
         return name
     from octo.errors import UnknownNameError
 
@@ -177,8 +239,11 @@ def basis_named(name: str | Basis) -> Basis:
     return table[name]
 
 
-def node_values(stencil: Stencil, unknowns: Array, constant: Array) -> Array:
-    """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, parts·n): T_x = (S ⊗ I) T_c."""
+def node_values(stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None) -> Array:
+    """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, parts·n): T_x = (S ⊗ I) T_c.
+
+    carry (…, n, n): of a cycle, what the unknowns in x_{-1} and x_0 are multiplied with.
+    """
     n = constant.shape[-1]
     split = unknowns.reshape(*unknowns.shape[:-1], stencil.parts, n)
     nodes = constant.copy()
@@ -186,4 +251,7 @@ def node_values(stencil: Stencil, unknowns: Array, constant: Array) -> Array:
         live = np.flatnonzero(stencil.unit[:, s] >= 0)
         values = split[..., stencil.unit[live, s], stencil.part[live, s], :]
         nodes[..., live, :] += stencil.coefficient[live, s, None] * values
+    if carry is not None:
+        first = nodes[..., :2, :] - constant[..., :2, :]
+        nodes[..., :2, :] = constant[..., :2, :] + first @ np.swapaxes(carry, -1, -2)
     return nodes

@@ -22,13 +22,14 @@ from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
 from octo.problem import codegen
-from octo.problem.basis import Hermite, Stencil, node_values
+from octo.problem.basis import Folded, Hermite, Stencil, node_values
 from octo.problem.costs import NeighbourCost
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
 HOSTED = frozenset(("numbers", "unit_sizes"))  # what an Evaluation keeps on the host once it was asked for
+BATCHED = ("p", "q", "row_scale", "start", "constant", "ends", "carry")  # of a CompiledProblem, by members
 GROUP = 8  # steps that the dynamics take at a time, at most
 
 
@@ -165,6 +166,7 @@ class CompiledProblem:
         dt = np.array([problem.dt for problem in problems])[:, None]
         before = self.start - dt * np.stack([problem.start_velocity for problem in problems])
         self.constant = self.basis.constant(self.steps, self.start, before)
+        self.carry = self._carry()
         self.stencil, self.fixed, self.ends = self._fix_ends()
         self.K, self.nc, self.ma = self.stencil.units, self.stencil.parts * self.n, self.stencil.parts * self.m
         self.neighbours: NeighbourTerms | None = like.neighbours if like is not None else self._neighbour_terms()
@@ -174,6 +176,14 @@ class CompiledProblem:
         between = isinstance(self.basis, Hermite) and any(isinstance(term, NeighbourCost) for term in self.problems[0].costs)
         return NeighbourTerms(self) if between else None
 
+    def _carry(self) -> Array | None:
+        """(batch, n, n) of cycles: x_0 = carry x_N + constant; the constants are set too."""
+        closures = [problem.closure for problem in self.problems if problem.closure is not None]
+        if not closures:
+            return None
+        self.constant[:, 1] = self.constant[:, 0] = np.stack([closure.constant for closure in closures])
+        return np.stack([closure.matrix for closure in closures])
+
     def _fix_ends(self) -> tuple[Stencil, NDArray[np.intp], Array]:
         """Pins the units of a fixed last state: they become constants of the trajectory and dummies of the KKT matrix.
 
@@ -181,7 +191,7 @@ class CompiledProblem:
         """
         stencil = self.basis.stencil(self.steps)
         ends = [p.x_end is not None for p in self.problems]
-        fixed: list[int] = [stencil.units - 1] if isinstance(self.basis, Hermite) else []
+        fixed: list[int] = [stencil.units - 1] if isinstance(self.basis, (Hermite, Folded)) else []
         values = np.zeros((self.batch, stencil.units, stencil.parts * self.n))
         if any(ends):
             if not all(ends):
@@ -207,14 +217,20 @@ class CompiledProblem:
         v_end = np.zeros(self.n) if problem.v_end is None else problem.v_end
         return self.basis.fixed_end(self.steps, problem.x_end, v_end, problem.dt)
 
+    @cached_property
+    def idle(self) -> tuple[int, int] | None:
+        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of the pair at the fold."""
+        return (self.K - 2, 1) if isinstance(self.basis, Folded) and self.steps % 2 else None
+
     def take(self, members: NDArray) -> CompiledProblem:
         """A batch of some members, by index; everything generated is shared."""
         part: CompiledProblem = object.__new__(CompiledProblem)
         part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_task", "_chunks", "_machine")})
         part.problems = tuple(self.problems[int(k)] for k in members)
         part.batch = len(part.problems)
-        for name in ("p", "q", "row_scale", "start", "constant", "ends"):
-            setattr(part, name, np.ascontiguousarray(getattr(self, name)[members]))
+        for name in BATCHED:
+            whole = getattr(self, name)
+            setattr(part, name, None if whole is None else np.ascontiguousarray(whole[members]))
         return part
 
     def prepare(self) -> None:
@@ -232,7 +248,7 @@ class CompiledProblem:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
-        nodes = node_values(self.stencil, unknowns, self.constant)
+        nodes = node_values(self.stencil, unknowns, self.constant, self.carry)
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         if self._library is not None:
@@ -263,6 +279,10 @@ class CompiledProblem:
         if self.neighbours is not None:
             self.neighbours.add(self, at.unknowns, H, b)
         H[:, self.fixed, 0] = np.eye(self.nc)
+        if self.idle is not None:
+            unit, part = self.idle
+            own = np.arange(part * self.n, (part + 1) * self.n)
+            H[:, unit, 0, own, own] = 1.0
         return Model(H, A, b, C)
 
     def term_values(self, at: Evaluation) -> Array:
@@ -299,6 +319,9 @@ class CompiledProblem:
     @cached_property
     def _chunks(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """First own step, unit and row of each chunk of neighbouring steps (see assemble.c)."""
+        if isinstance(self.basis, Folded):  # both ends of the chain write to the same units
+            zero = np.zeros(1, dtype=np.int32)
+            return np.array([0, self.steps], dtype=np.int32), zero, zero
         q = self.basis.steps_per_segment if isinstance(self.basis, Hermite) else 1
         pieces, grain = self.steps // q, GROUP if q == 1 else 1
         groups = -(-pieces // grain)
@@ -319,6 +342,9 @@ class CompiledProblem:
         kept = [np.ascontiguousarray(a) for a in (*tables, self.p, self.q, self.row_scale)]
         sizes = (self.batch, self.steps, s.units, s.unit.shape[1], s.test_row.shape[1], s.parts, chunks)
         task = task_of(sizes, kept[:9], kept[9:], halo)
+        if self.carry is not None:
+            kept.append(np.ascontiguousarray(self.carry))
+            task.carry = kept[-1].ctypes.data
         kept.append(halo)
         return task, kept
 
@@ -364,7 +390,7 @@ def task_of(sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[
     """octo_task of assemble.c over contiguous arrays that the caller keeps: ``tables`` of the chunks and the stencil,
     ``values`` p, q and the scale of the rows."""
     at, given = [a.ctypes.data for a in tables], [a.ctypes.data for a in values]
-    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data)
+    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data, None)
 
 
 def _check_alike(first: Problem, other: Problem) -> None:
@@ -391,7 +417,7 @@ class _Task(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 "chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value", "test_row", "test_part",
-                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo",
+                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo", "carry",
             )
         ),
     ]  # fmt: skip

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from octo.problem.symbols import ContactSymbols, Setting
 
 TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
+TINY_LOAD = 1e-6  # of the weight; rounds the root of a load off at zero
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,3 +116,30 @@ class ForceRate(ContactCost):
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return contact.force - contact.force_before
+
+
+@dataclass(frozen=True, eq=False)
+class SlipPower(ContactCost):
+    """√(f_n/mg)·v_t: its square is the load times the squared speed with which a loaded foot slides."""
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        load = ca.sqrt(ca.fmax(contact.normal_force, 0.0) + TINY_LOAD)
+        return load * contact.tangential_velocity
+
+
+@dataclass(frozen=True, eq=False)
+class SwingClearance(ContactCost):
+    """A moving foot is to be ``height`` (m) over the ground: |v_t|·max(0, 1 − h/height), h the foot's own height.
+
+    Near the ground a foot moves slowly, fast it is high.
+    """
+
+    of_feet: ClassVar[bool] = True
+    height: float = 0.04  # m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"inverse_height": np.array([1.0 / self.height])}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        low = ca.fmax(0, 1 - contact.height * p["inverse_height"])
+        return low * contact.tangential_velocity

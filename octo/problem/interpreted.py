@@ -95,8 +95,22 @@ class Interpreted:
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
+        if owner.carry is not None:
+            fd_jac = fd_jac.copy()
+            self._carry_back(owner.carry, step_hess, gradient, fd_jac)
         self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None], out)
         out[3][:] = owner.reduce(at.fd)
+
+    def _carry_back(self, carry: Array, hess: Array, gradient: Array, jac: Array) -> None:
+        """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what these are made of."""
+        n = self.problem.n
+        for i in (0, 1):
+            for node in range(1 + i, 3):
+                own = slice(node * n, (node + 1) * n)
+                gradient[:, i, own] = np.matmul(gradient[:, i, None, own], carry)[:, 0]
+                jac[:, i, :, own] = np.matmul(jac[:, i, :, own], carry)
+                hess[:, i, :, own] = np.matmul(hess[:, i, :, own], carry)
+                hess[:, i, own] = np.matmul(np.swapaxes(carry, 1, 2), hess[:, i, own])
 
     def _scatter(self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]) -> None:
         H, A, b, _ = out

@@ -20,11 +20,14 @@ from octo.errors import ProblemError, UnknownNameError
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
-from octo.problem.basis import Basis, basis_named
-from octo.problem.costs import Cost
+from octo.problem.basis import Basis, Folded, Hermite, basis_named
+from octo.problem.costs import Cost, PoseTarget
+from octo.problem.cycle import Closure, Cycle, closure_of
 from octo.problem.symbols import Setting
 
 Array = NDArray[np.float64]
+ANCHOR = "Anchor"  # the term that holds a cycle in place …
+HOLD = 1e3  # … with this weight: on an arc it says how far the middle is, to micrometres
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
@@ -44,6 +47,8 @@ class Problem:
     pose: (nx,) the pose a static start is searched from, instead of the character's default one.
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
+    cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or none need be given, the
+        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
     Raises
@@ -52,8 +57,8 @@ class Problem:
     """
 
     model: Character | Dynamics = field(kw_only=False)
-    steps: int
-    dt: float
+    steps: int = 0
+    dt: float = 0.0
     costs: Sequence[Cost]
     basis: str | Basis = "nodes"
     terrain: Plane | Terrain | None = None
@@ -63,11 +68,14 @@ class Problem:
     v0: Array | None = None
     x_end: Array | None = None
     v_end: Array | None = None
+    cycle: Cycle | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
             raise ProblemError(f"model is a {type(self.model).__name__}, must be a Character or a Dynamics")
+        if self.cycle is not None:
+            self._check_cycle(self.cycle)
         whole("steps", self.steps)
         positive("dt", self.dt, "s")
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
@@ -89,6 +97,28 @@ class Problem:
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
+        if self.closure is not None and ANCHOR not in [term.label for term in self.costs]:
+            end = self.closure.forward @ self.start + self.closure.forward_constant
+            anchor = PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
+            object.__setattr__(self, "costs", (*self.costs, anchor))
+
+    def _check_cycle(self, cycle: Cycle) -> None:
+        """Refuse what no cycle has, and fill in steps and dt."""
+        if not isinstance(cycle, Cycle):
+            raise ProblemError(f"cycle is {cycle!r}, must be an octo.Cycle")
+        for name, given in (("steps", self.steps), ("dt", self.dt)):
+            if given != 0 and name == "steps":
+                whole("steps", given)
+            elif given != 0:
+                positive("dt", given, "s")
+        if isinstance(self.basis, Hermite) or self.basis == "hermite":
+            raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
+        for name in ("x0", "v0", "x_end", "v_end"):
+            if getattr(self, name) is not None:
+                raise ProblemError(f"{name} is given with cycle: the first and last states of a cycle are unknown")
+        steps, dt = cycle.sampling(int(self.steps), float(self.dt))
+        object.__setattr__(self, "steps", steps)
+        object.__setattr__(self, "dt", dt)
 
     def _check_costs(self) -> None:
         if not isinstance(self.costs, Sequence) or isinstance(self.costs, str):
@@ -136,7 +166,12 @@ class Problem:
 
     @cached_property
     def basis_object(self) -> Basis:
-        return basis_named(self.basis)
+        return basis_named(self.basis) if self.cycle is None else Folded()
+
+    @cached_property
+    def closure(self) -> Closure | None:
+        """How the cycle closes; None for a problem without one."""
+        return None if self.cycle is None else closure_of(self, self.cycle)
 
     @cached_property
     def p(self) -> Array:

@@ -28,6 +28,7 @@ typedef struct {
   const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
   double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */
+  const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
 } octo_task;
 
 static int octo_halo_size(const octo_task *t) {
@@ -93,6 +94,30 @@ static inline __attribute__((always_inline)) void octo_combine(const octo_places
     for (int j = 0; j < NX; ++j) out[j] = (keep ? out[j] : 0.0) + (v[0] * a[j] + v[1] * b[j]);
   else
     for (int j = 0; j < NX; ++j) out[j] = (keep ? out[j] : 0.0) + (v[0] * a[j] + v[1] * b[j] + v[2] * c[j]);
+}
+
+/* line (3 NX) over a step's nodes: from ``node`` on, over what the carried nodes are made of: line_node times the matrix. */
+static void octo_carry_line(const double *carry, int node, double *line) {
+  for (; node < 3; ++node) {
+    double *own = line + node * NX, turned[NX] = {0};
+    for (int j = 0; j < NX; ++j)
+      for (int k = 0; k < NX; ++k) turned[k] += own[j] * carry[j * NX + k];
+    memcpy(own, turned, sizeof turned);
+  }
+}
+
+/* A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what these are made of. */
+static void octo_carry_back(const double *carry, int i, double *hess, double *gradient, double *jac) {
+  int node = 1 + i; /* step 0 sees both as nodes 1 and 2, step 1 sees x_0 as node 2 */
+  octo_carry_line(carry, node, gradient);
+  for (int r = 0; r < NX; ++r) octo_carry_line(carry, node, jac + r * W3);
+  for (int r = 0; r < W3; ++r) octo_carry_line(carry, node, hess + r * LD);
+  for (int c = 0; c < W3; ++c) {
+    double column[W3];
+    for (int r = 0; r < W3; ++r) column[r] = hess[r * LD + c];
+    octo_carry_line(carry, node, column);
+    for (int r = 0; r < W3; ++r) hess[r * LD + c] = column[r];
+  }
 }
 
 /* Nodes: a part is a whole node. The first step that sees a unit, with both units before it, writes all of its blocks. */

@@ -12,6 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem, Evaluation
+from octo.solver.stride import Stride
 
 Array = NDArray[np.float64]
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
@@ -50,6 +51,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "weight": described.weight,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
+        "cycle": Stride.of(described),
         "parameters": {name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)},
         **_contacts(dynamics, at.nodes[member], p, problem),
     }

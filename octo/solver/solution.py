@@ -20,6 +20,8 @@ from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.solver import export
+from octo.solver.stride import ARRAYS as STRIDE
+from octo.solver.stride import Stride, tiled
 
 Array = NDArray[np.float64]
 LOADED = 0.01  # of the weight: a contact that carries more counts as loaded
@@ -79,6 +81,7 @@ class Solution:
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
     history: one column per name of HISTORY, one row per iteration of every pass.
     processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an idle machine.
+    cycle: what a cycle is carried on with; None of other motions.
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
     """
 
@@ -113,6 +116,7 @@ class Solution:
     processor_seconds: float = 0.0
     seed: int = 0
     device: str = "cpu"
+    cycle: Stride | None = None
     stages: dict[str, float] = field(default_factory=dict)
     passes: tuple[dict[str, Any], ...] = ()
     starts: tuple[dict[str, Any], ...] = ()
@@ -164,6 +168,15 @@ class Solution:
             return np.zeros(self.steps + 1)
         rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
         return np.unwrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
+
+    def tile(self, strides: int) -> Solution:
+        """Whole strides of a cycle one after the other: a mirrored one has two pieces a stride.
+
+        Raises
+        ------
+        ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
+        """
+        return tiled(self, strides)
 
     # -- what the feet do -----------------------------------------------------------------------------------------
 
@@ -299,6 +312,9 @@ class Solution:
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
         for name in ("ground", "history"):
             plain.pop(name)
+        if self.cycle is not None:
+            arrays |= {f"cycle_{name}": getattr(self.cycle, name) for name in STRIDE}
+            plain["cycle"] = self.cycle.plain()
         plain["status"] = self.status.label
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
@@ -328,6 +344,8 @@ class Solution:
             for group in ("ground", "history"):
                 values[group] = {k.removeprefix(f"{group}_"): v for k, v in data.items() if k.startswith(f"{group}_")}
             plain["status"] = Status[plain["status"].upper()]
+            if plain.get("cycle") is not None:
+                plain["cycle"] = Stride(**plain["cycle"], **{name: data[f"cycle_{name}"] for name in STRIDE})
             if plain["character"] is not None:
                 plain["character"] = store.from_plain(plain["character"])
             for name in ("contact_names", "passes", "starts"):

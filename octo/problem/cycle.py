@@ -1,0 +1,203 @@
+"""Cycles (§8.6's loops, and a stride): the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift, v_N = G v_0.
+
+x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half a stride, left and
+right exchanged); x_s is the pose that the problem starts its search from, where the mirror's plane and the middle of the
+turn are. Every residual FD_0 … FD_{N−1} is there once, and what follows from the last state is what followed from the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import number, positive
+from octo.errors import ProblemError, ValueRangeError
+from octo.model.mirror import Mirror, mirror_of
+
+if TYPE_CHECKING:
+    from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
+WHOLE = 1e-6  # of a step: how far a period may be from a whole number of them
+LEVEL = 1e-9  # of the normal's length: what counts as a plane without slope
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cycle:
+    """A motion that repeats: a stride, or with ``mirror`` half of one.
+
+    Attributes
+    ----------
+    speed: m/s, of the mean over a stride, along the heading; negative is backward.
+    period: s, of a whole stride; or (shortest, longest), of which the best is kept.
+    mirror: half a stride is solved for, the other half is its mirror image. True finds the mirror
+        (:func:`octo.mirror_of`), a mapping gives pairs of names by hand, a Mirror is taken as it is.
+    turn: rad, by which the heading changes in a stride, to the left where positive. A turning stride cannot be mirrored.
+    sideways: m/s, to the left; a stride sideways cannot be mirrored.
+    shift: m, length of a stride, in place of ``speed``.
+
+    Raises
+    ------
+    ProblemError, ValueRangeError: one line that names the field.
+    """
+
+    speed: float | None = None
+    period: float | tuple[float, float] = 0.8
+    mirror: bool | Mirror | Mapping[str, str] = True
+    turn: float = 0.0
+    sideways: float = 0.0
+    shift: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("turn", "sideways"):
+            number(f"cycle.{name}", getattr(self, name))
+        for name in ("speed", "shift"):
+            if getattr(self, name) is not None:
+                number(f"cycle.{name}", getattr(self, name))
+        if isinstance(self.period, (tuple, list)):
+            if len(self.period) != 2:
+                raise ValueRangeError(f"cycle.period is {self.period!r}, must be a number of seconds or (shortest, longest)")
+            low, high = (positive("cycle.period", value, "s") for value in self.period)
+            if not low < high:
+                raise ValueRangeError(f"cycle.period is {self.period!r}: the shortest must be less than the longest")
+            object.__setattr__(self, "period", (low, high))
+        else:
+            positive("cycle.period", self.period, "s")
+        if self.shift is not None and self.speed is not None:
+            raise ProblemError(f"cycle has speed {self.speed:g} m/s and shift {self.shift:g} m: one follows from the other, give one")
+        if not isinstance(self.mirror, (bool, Mirror, Mapping)):
+            raise ProblemError(f"cycle.mirror is {self.mirror!r}, must be True, False, a mapping of names or an octo.Mirror")
+        if self.mirrored and self.turn != 0.0:
+            raise ProblemError(f"cycle.turn is {self.turn:g} rad: a turning stride cannot be mirrored, give mirror=False")
+        if self.mirrored and self.sideways != 0.0:
+            raise ProblemError(f"cycle.sideways is {self.sideways:g} m/s: a stride sideways cannot be mirrored, give mirror=False")
+
+    @property
+    def mirrored(self) -> bool:
+        return self.mirror is not False
+
+    @property
+    def duration(self) -> float:
+        """s, of what is solved for: the period, half of it where mirrored; of a range its geometric middle."""
+        period = np.sqrt(self.period[0] * self.period[1]) if isinstance(self.period, tuple) else self.period
+        return float(period) / (2.0 if self.mirrored else 1.0)
+
+    @property
+    def velocity(self) -> float:
+        """m/s along the heading."""
+        if self.shift is not None:
+            return self.shift / (self.duration * (2.0 if self.mirrored else 1.0))
+        return 0.0 if self.speed is None else self.speed
+
+    def sampling(self, steps: int, dt: float) -> tuple[int, float]:
+        """Steps and dt (s) of the duration, from either, both or none (0).
+
+        Raises
+        ------
+        ProblemError: the duration is no whole number of steps.
+        """
+        half = "half of a mirrored stride, " if self.mirrored else ""
+        if isinstance(self.period, tuple) and dt > 0.0:
+            raise ProblemError(f"dt is {dt:g} s and cycle.period a range: give steps alone, each period then has a dt of its own")
+        if dt <= 0.0:
+            steps = steps or max(8, round(self.duration / TIME_STEP))
+            return steps, self.duration / steps
+        exact = self.duration / dt
+        wanted = steps or max(1, round(exact))
+        if abs(exact - wanted) > WHOLE * max(exact, 1.0):
+            near = wanted * dt * (2.0 if self.mirrored else 1.0)
+            raise ProblemError(
+                f"cycle.period is {self.period:g} s, {half}{exact:.6g} steps of {dt:g} s, must be "
+                f"{'the ' + str(steps) if steps else 'a whole number of'} steps: for example a period of {near:.6g} s"
+            )
+        return wanted, dt
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """How a cycle closes: x_N = forward x_0 + forward_constant, and back x_0 = matrix x_N + constant; (n, n) and (n,)."""
+
+    forward: Array
+    forward_constant: Array
+    matrix: Array
+    constant: Array
+    held: Array  # (n,) 1 for the coordinates of x_N that say where the motion takes place
+    mirror: Mirror | None
+
+    @classmethod
+    def of(cls, forward: Array, forward_constant: Array, held: Array, mirror: Mirror | None) -> Closure:
+        matrix = np.linalg.inv(forward)
+        return cls(forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror)
+
+
+def closure_of(problem: Problem, cycle: Cycle) -> Closure:
+    """The closure of a problem's cycle.
+
+    Raises
+    ------
+    ProblemError: no floating base, no mirror, a ground or a gravity that is not the same after the stride.
+    """
+    robot = problem.character
+    if robot is None:
+        raise ProblemError("cycle needs a robot: user-written dynamics have no base that a stride could carry on")
+    if robot.base != "floating":
+        raise ProblemError(f"cycle needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
+    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+    first = int(robot.first_joint[robot.base_body])
+    start = problem.start
+    normal = _normal(problem, values)
+    across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
+    sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
+    step = _displacement(cycle)
+    constant = np.zeros(robot.nx)
+    forward, mirror = np.eye(robot.nx), None
+    if cycle.mirrored:
+        if across:
+            raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
+        mirror = cycle.mirror if isinstance(cycle.mirror, Mirror) else mirror_of(robot, cycle.mirror if isinstance(cycle.mirror, Mapping) else None)
+        forward, constant = mirror.matrix.copy(), mirror.offset.copy()
+        place = np.zeros(robot.nx)
+        place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s
+        if abs(place[first + 3]) > LEVEL:
+            raise ProblemError(f"the start has a heading of {place[first + 3]:g} rad: a mirrored cycle goes along x, must be 0")
+        constant = constant + place - forward @ place
+    elif cycle.turn != 0.0:
+        if sloped:
+            raise ProblemError("a turning cycle needs level ground: on a slope the stride after it is another one")
+        c, s = np.cos(cycle.turn), np.sin(cycle.turn)
+        forward[first : first + 2, first : first + 2] = [[c, -s], [s, c]]
+        middle = start[first : first + 2]
+        constant[first : first + 2] = middle - forward[first : first + 2, first : first + 2] @ middle
+        constant[first + 3] = cycle.turn
+    constant[first : first + 2] += step
+    constant[first + 2] -= (normal[0] * step[0] + normal[1] * step[1]) / normal[2]
+    held = np.zeros(robot.nx)
+    held[first] = 1.0
+    held[first + 1] = 0.0 if cycle.mirrored else 1.0  # on an arc x and y together say how far its middle is
+    held[first + 3] = 0.0 if cycle.mirrored or sloped or step.any() else 1.0
+    return Closure.of(forward, constant, held, mirror)
+
+
+def _displacement(cycle: Cycle) -> Array:
+    """(2,) m, of what is solved for: along an arc whose tangent is the heading, which begins along x."""
+    duration, turn = cycle.duration, cycle.turn
+    along = np.array([cycle.velocity, cycle.sideways]) * duration
+    if abs(turn) < 1e-9:
+        return along
+    a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
+    return np.array([[a, -b], [b, a]]) @ along
+
+
+def _normal(problem: Problem, values: Mapping[str, float]) -> Array:
+    """(3,) of the plane that the cycle walks on."""
+    from octo.model.terrain import Plane
+
+    if not isinstance(problem.terrain or Plane(), Plane):
+        raise ProblemError("a cycle needs ground that is the same everywhere: terrain must be an octo.Plane")
+    found = np.array([values.get(f"terrain.normal_{axis}", 0.0) for axis in "xyz"])
+    return found if found.any() else np.array([0.0, 0.0, 1.0])

@@ -1,0 +1,128 @@
+"""What a solved cycle is carried on with, and the cycle carried on: ``Solution.tile``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import whole
+from octo.errors import ProblemError
+
+if TYPE_CHECKING:
+    from octo.problem.problem import Problem
+    from octo.solver.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stride:
+    """A motion whose last state is its first one carried on: x_N = matrix x_0 + constant.
+
+    Attributes
+    ----------
+    period: s, of a whole stride. speed, sideways: m/s. turn: rad a stride.
+    mirrored: the motion is half a stride, the other half its mirror image.
+    matrix (n, n), constant (n,): of a configuration. torque (nu, nu): of u.
+    rotation (3, 3), shift (3,) m: of a point of the world; reflected where mirrored.
+    contacts (c,): the contact that each one's place is taken by.
+    """
+
+    period: float
+    speed: float
+    sideways: float
+    turn: float
+    mirrored: bool
+    matrix: Array
+    constant: Array
+    torque: Array
+    rotation: Array
+    shift: Array
+    contacts: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, problem: Problem) -> Stride | None:
+        """The stride of a problem's cycle; None of a problem without one."""
+        cycle, closure, robot = problem.cycle, problem.closure, problem.character
+        if cycle is None or closure is None or robot is None:
+            return None
+        first = int(robot.first_joint[robot.base_body])
+        mirrored = closure.mirror is not None
+        rotation = np.diag([1.0, -1.0, 1.0]) if mirrored else closure.forward[first : first + 3, first : first + 3]
+        touching = list(robot.terrain_contacts)
+        images = np.arange(len(touching))
+        if closure.mirror is not None:
+            images = np.array([touching.index(int(closure.mirror.contacts[k])) for k in touching])
+        return cls(
+            period=problem.steps * problem.dt * (2.0 if mirrored else 1.0), speed=cycle.velocity, sideways=cycle.sideways,
+            turn=cycle.turn, mirrored=mirrored, matrix=closure.forward, constant=closure.forward_constant,
+            torque=closure.forward[np.ix_(robot.actuated, robot.actuated)], rotation=rotation,
+            shift=closure.forward_constant[first : first + 3], contacts=images,
+        )  # fmt: skip
+
+    def on(self, x: Array) -> Array:
+        """Configurations (…, n) one solved piece later."""
+        return np.asarray(x @ self.matrix.T + self.constant)
+
+    def times(self, count: int) -> Stride:
+        """The same motion ``count`` pieces long as one piece."""
+        whole = self
+        for _ in range(count - 1):
+            whole = replace(
+                whole, matrix=self.matrix @ whole.matrix, constant=self.matrix @ whole.constant + self.constant,
+                torque=self.torque @ whole.torque, rotation=self.rotation @ whole.rotation,
+                shift=self.rotation @ whole.shift + self.shift, contacts=whole.contacts[self.contacts],
+            )  # fmt: skip
+        return replace(whole, mirrored=False)
+
+    def plain(self) -> dict[str, Any]:
+        """The numbers that are not arrays, for files."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ARRAYS}
+
+
+ARRAYS = ("matrix", "constant", "torque", "rotation", "shift", "contacts")  # of a Stride
+
+
+def tiled(solution: Solution, strides: int) -> Solution:
+    """``strides`` whole strides of a solved cycle, one after the other.
+
+    Raises
+    ------
+    ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
+    """
+    stride = solution.cycle
+    if stride is None:
+        raise ProblemError("this motion is no cycle, it cannot be tiled: solve a Problem with cycle=octo.Cycle(…)")
+    pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
+    vectors = ("contact_force", "contact_velocity", "contact_normal")
+    made: dict[str, list[Array]] = {name: [getattr(solution, name)] for name in ("u", "contact_point", "contact_depth", *vectors)}
+    made["x"] = [solution.x[2:]]
+    for _ in range(pieces - 1):
+        last = {name: blocks[-1] for name, blocks in made.items()}
+        made["x"].append(stride.on(last["x"]))
+        made["u"].append(last["u"] @ stride.torque.T)
+        made["contact_depth"].append(last["contact_depth"][:, stride.contacts])
+        made["contact_point"].append(last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift)
+        for name in vectors:
+            made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
+    joined = {name: np.concatenate(blocks) for name, blocks in made.items()}
+    joined["x"] = np.concatenate([solution.x[:2], joined["x"]])
+    return replace(
+        solution, **joined, ground=_plane_around(solution.ground, joined["contact_point"]), cycle=stride.times(pieces),
+        unknowns=solution.unknowns[:0], multipliers=solution.multipliers[:0],
+    )  # fmt: skip
+
+
+def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
+    """The sampled plane of a cycle under all of ``points`` (N, c, 3) m."""
+    if not ground:
+        return ground
+    (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
+    slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
+    (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
+    wide = [np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2) for a, lo, hi in zip((x, y), low, high, strict=True)]
+    height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
+    return {"x": wide[0], "y": wide[1], "z": height}
