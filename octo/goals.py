@@ -16,6 +16,7 @@ from octo.solver.solution import Solution
 
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]
 Preset = Literal["paper", "robot"]
+MET = 0.1  # of what was asked: a goal is met when the motion is that near to it
 FLOOR = 0.1  # m/s, rad/s or m: no denominator of a goal's error is smaller
 
 
@@ -80,14 +81,43 @@ class Goal:
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""
+        found, wanted = self._compared(solution)
+        return float(np.linalg.norm(found - wanted)) / self._size(wanted)
+
+    def met(self, solution: Solution) -> bool:
+        """Whether the motion misses the goal by a tenth of it at most."""
+        return self.error(solution) <= MET
+
+    def verdict(self, solution: Solution) -> str:
+        """One line: whether the goal was met, what was asked, what came out, by how much it was missed."""
+        found, wanted = self._compared(solution)
+        unit = {"turn": "rad/s", "jump": "m"}.get(self.kind, "m/s")
+        what = {
+            "turn": "the base turns at",
+            "jump": "the centre of mass ends away from its start by",
+        }.get(self.kind, "the centre of mass moves at")
+        outcome = "met" if self.met(solution) else "missed"
+        return (
+            f"goal {self.kind} {outcome}: {what} {_numbers(found)} {unit}, asked for was {_numbers(wanted)}; "
+            f"off by {np.linalg.norm(found - wanted):.2g} {unit}, {MET * self._size(wanted):.2g} is allowed"
+        )
+
+    def _compared(self, solution: Solution) -> tuple[Array, Array]:
+        """What the motion does and what was asked for: mean yaw rate, displacement or mean velocity."""
         duration = solution.steps * solution.dt
-        com = solution.com
         if self.kind == "turn":
-            rate = (solution.yaw[-1] - solution.yaw[0]) / duration
-            return float(abs(rate - self.speed) / max(abs(self.speed), FLOOR))
+            return np.array([(solution.yaw[-1] - solution.yaw[0]) / duration]), np.array([self.speed])
+        travel = solution.com[-1] - solution.com[0]
         if self.kind == "jump":
-            miss = float(np.linalg.norm(com[-1] - com[0] - self._displacement))
-            return miss / max(float(np.linalg.norm(self._displacement)), FLOOR)
-        wanted = np.array(self.velocity)
-        miss = float(np.linalg.norm((com[-1] - com[0]) / duration - wanted))
-        return miss / max(float(np.linalg.norm(wanted)), FLOOR)
+            return travel, self._displacement
+        return travel / duration, np.array(self.velocity)
+
+    @staticmethod
+    def _size(wanted: Array) -> float:
+        return max(float(np.linalg.norm(wanted)), FLOOR)
+
+
+def _numbers(values: Array) -> str:
+    """One number, or several in brackets, without the sign of a zero."""
+    words = [f"{value:.2f}".replace("-0.00", "0.00") for value in values]
+    return words[0] if len(words) == 1 else f"({', '.join(words)})"

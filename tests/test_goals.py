@@ -36,6 +36,20 @@ ERRORS = {
 def test_error(name):
     goal, found, expected = ERRORS[name]
     assert goal.error(found) == pytest.approx(expected, abs=1e-12)
+    assert goal.met(found) == (expected <= 0.1)
+    assert f"goal {goal.kind} {'met' if expected <= 0.1 else 'missed'}: " in goal.verdict(found)
+
+
+def test_verdicts_have_units_and_what_is_allowed():
+    turn = Goal("turn", -0.5).verdict(motion(yaw_rate=0.5))
+    assert turn == "goal turn missed: the base turns at 0.50 rad/s, asked for was -0.50; off by 1 rad/s, 0.05 is allowed"
+    jump = Goal("jump", distance=0.6, height=0.8).verdict(motion((0.6, -1e-9, 0.75)))
+    assert jump == (
+        "goal jump met: the centre of mass ends away from its start by (0.60, 0.00, 0.75) m, "
+        "asked for was (0.60, 0.00, 0.80); off by 0.05 m, 0.1 is allowed"
+    )
+    assert Goal("stand").verdict(motion((0.02, 0.0, 0.0))).endswith("off by 0.02 m/s, 0.01 is allowed")
+    assert Goal("walk").verdict(motion((np.nan, 0.0, 0.0))).startswith("goal walk missed")
 
 
 @pytest.mark.parametrize("preset", ["paper", "robot"])

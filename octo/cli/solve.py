@@ -29,6 +29,7 @@ FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_goal_arguments(parser)
     parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
+    parser.add_argument("--accept-missed", action="store_true", help="exit with 0 also when the goal is missed")
     parser.set_defaults(run=run)
 
 
@@ -84,10 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
     solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
     write(folder, solution, report(solution, goal))
     print(solution)
+    print(f"  {goal.verdict(solution)}")
     print(f"written to {folder.path}")
     if solution.status is Status.INTERRUPTED:
         return 130
-    return 0 if solution.converged else 1
+    return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
 
 
 def described(robot: Character, goal: Goal, steps: int, arguments: argparse.Namespace) -> Problem:
@@ -112,6 +114,7 @@ def report(solution: Solution, goal: Goal) -> dict[str, Any]:
         **solution.report(),
         "goal": goal.kind,
         "goal_error": goal.error(solution),
+        "goal_met": goal.met(solution),
         "starts": [dict(record) for record in solution.starts],
     }
 

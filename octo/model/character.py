@@ -43,6 +43,7 @@ class Joint:
     reference: float = 0.0  # rad or m; the coordinate at which the displacement is zero (MuJoCo's qpos0)
     actuated: bool = True
     torque_limit: float = math.inf  # N m or N, of |u|
+    velocity_limit: float = math.inf  # rad/s or m/s, of |dq/dt|
     gear: float = 1.0  # joint torque per unit of the actuator's control
     armature: float = 0.0  # kg m² or kg, inertia of the rotor seen at the joint
     damping: float = 0.0  # N m s/rad or N s/m
@@ -127,6 +128,8 @@ class Character:
         for joint in self.joints:
             if not joint.lower <= joint.upper:
                 raise ModelError(f"joint {joint.name!r}: lower limit {joint.lower} is above the upper limit {joint.upper}")
+            if not joint.velocity_limit > 0.0:
+                raise ModelError(f"joint {joint.name!r}: velocity limit is {joint.velocity_limit}, must be positive")
         self._check_inertia()
 
     def _check_inertia(self) -> None:
@@ -209,6 +212,11 @@ class Character:
     def torque_limit(self) -> Array:
         """(nu,) N m or N."""
         return np.array([self.joints[j].torque_limit for j in self.actuated])
+
+    @cached_property
+    def velocity_limit(self) -> Array:
+        """(nx,) rad/s or m/s, infinite where a coordinate has none."""
+        return np.array([joint.velocity_limit for joint in self.joints])
 
     def body_index(self, name: str) -> int:
         return _index("body", name, [body.name for body in self.bodies])

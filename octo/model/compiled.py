@@ -151,6 +151,7 @@ def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
             model.jnt_axis[j].copy(),
             lower=float(lower),
             upper=float(upper),
+            velocity_limit=source.velocity.get(name, math.inf),
             reference=float(model.qpos0[address]),
             rest=float(model.qpos_spring[address]),
             **common,

@@ -6,7 +6,7 @@ import importlib
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ class RobotFile:
     free_body: MuJoCo's index of the body that floats, None for a fixed base.
     inertials: by body, where the file itself (a URDF) says them: MuJoCo cannot compile all of them.
     effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
+    velocity: rad/s or m/s by joint, where the file itself (a URDF) limits it.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
     """
 
@@ -44,6 +45,7 @@ class RobotFile:
     free_body: int | None = None
     inertials: Mapping[str, Inertial] | None = None
     effort: Mapping[str, float] | None = None
+    velocity: Mapping[str, float] = field(default_factory=dict)
     left_out: frozenset[int] = frozenset()
 
     def inertial(self, b: int) -> Inertial:

@@ -36,6 +36,7 @@ class Prepared:
     mesh_files: dict[str, str] = field(default_factory=dict)  # name inside the prepared file -> as written
     inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
     efforts: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
+    velocities: dict[str, float] = field(default_factory=dict)  # rad/s or m/s, by joint
     unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # (mesh as written, reason) -> links
     dropped: list[str] = field(default_factory=list)
 
@@ -46,7 +47,9 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     with quiet_compiler():
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
-    source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, prepared.efforts)
+    source = RobotFile(
+        model, prepared.name, path.name, free, prepared.inertials, prepared.efforts, prepared.velocities
+    )
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}" for (mesh, reason), links in prepared.unusable.items()
     ]
@@ -70,7 +73,7 @@ def prepare(path: Path) -> Prepared:
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
     elements.check_moved_mass(file, tree, prepared.inertials)
-    prepared.efforts = elements.take_limits(file, tree, prepared.dropped)
+    prepared.efforts, prepared.velocities = elements.take_limits(file, tree, prepared.dropped)
     elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):
         if child.tag not in ("link", "joint"):

@@ -148,19 +148,18 @@ def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]
             raise ModelError(f"{file}: {what}, must move some mass")
 
 
-def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, float]:
-    """Effort (N m or N) by joint, infinite for zero or none; MuJoCo is left with the ranges."""
-    efforts, fast = {}, []
+def take_limits(
+    file: str, tree: Element, dropped: list[str]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Effort (N m or N) and velocity (rad/s or m/s) by joint, infinite for zero or none; MuJoCo is left with the ranges."""
+    efforts, velocities = {}, {}
     for joint in tree.findall("joint"):
         name = str(joint.get("name"))
         if joint.get("type") not in MOVABLE:
             continue
         limit = joint.find("limit")
-        effort, velocity = (attribute(joint, "limit", key, "0") for key in ("effort", "velocity"))
-        bound = math.inf if effort == "inf" else abs(number(file, f"joint {name!r}: effort", effort))
-        efforts[name] = bound if bound > 0.0 else math.inf
-        if velocity != "inf" and number(file, f"joint {name!r}: velocity limit", velocity) > 0.0:
-            fast.append(name)
+        efforts[name] = _bound(file, f"joint {name!r}: effort", attribute(joint, "limit", "effort", "0"))
+        velocities[name] = _bound(file, f"joint {name!r}: velocity limit", attribute(joint, "limit", "velocity", "0"))
         if joint.get("type") != "continuous" and (
             limit is None or float(limit.get("lower", "0")) == float(limit.get("upper", "0"))
         ):
@@ -169,9 +168,13 @@ def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, float
         for key in ("effort", "velocity"):
             if limit is not None:
                 limit.attrib.pop(key, None)
-    if fast:
-        dropped.append(f"velocity limits of joints {', '.join(fast)}")
-    return efforts
+    return efforts, velocities
+
+
+def _bound(file: str, what: str, text: str) -> float:
+    """The size of a limit; infinite for "inf" and for zero, which says that there is none."""
+    bound = math.inf if text == "inf" else abs(number(file, what, text))
+    return bound if bound > 0.0 else math.inf
 
 
 def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:

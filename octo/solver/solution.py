@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.solver import export
+from octo.solver.gait import Gait, measure_gait
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
 
@@ -233,10 +235,15 @@ class Solution:
             return 0.0
         return float(np.max(np.abs(self.u[:, limited]) / self.torque_limit[limited]))
 
+    @cached_property
+    def gait(self) -> Gait | None:
+        """How good the motion is, in figures; None for user-written dynamics."""
+        return measure_gait(self)
+
     # -- words and numbers ----------------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """The numbers of report.json; every one is finite."""
+        """The numbers of report.json; every one is finite, or None in ``gait`` where there is nothing to measure."""
         travel = self.com[-1] - self.com[0]
         return {
             "status": self.status.label,
@@ -256,6 +263,7 @@ class Solution:
             "friction_use": self.friction_use,
             "friction_use_95": self.friction_use_95,
             "torque_excess": self.torque_excess,
+            "gait": None if self.gait is None else self.gait.report(),
             "seconds": self.seconds,
             "processor_seconds": self.processor_seconds,
             "setup_seconds": self.setup_seconds,
@@ -283,6 +291,8 @@ class Solution:
                 f"  centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, {travel[2]:.2f}) m; feet sink "
                 f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
+        if self.gait is not None:
+            lines.append(f"  {self.gait}")
         return "\n".join(lines)
 
     # -- other tools ----------------------------------------------------------------------------------------------

@@ -65,7 +65,8 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 def walk(out: Path, *more: str) -> int:
-    return main(["solve", "chain", "--seconds", "0.1", "--out", str(out), *more])
+    """The stand-in stands whatever is asked: it meets one goal."""
+    return main(["solve", "chain", "--goal", "stand", "--seconds", "0.1", "--out", str(out), *more])
 
 
 @pytest.mark.parametrize(
@@ -79,15 +80,36 @@ def test_exit_codes_and_files(status: Status, code: int, solver: Callable[..., N
     assert Solution.load(tmp_path / "walk" / "solution.npz").status is status
 
 
+def test_a_missed_goal_is_said_and_exits_with_1(
+    solver: Callable[..., None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solver()
+    assert walk(tmp_path, "--goal", "walk") == 1
+    said = "goal walk missed: the centre of mass moves at (0.00, 0.00, 0.00) m/s, asked for was (0.50, 0.00, 0.00); off by 0.5 m/s"
+    assert said in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
+    assert walk(tmp_path, "--goal", "walk", "--accept-missed") == 0
+    assert "goal walk missed" in capsys.readouterr().out
+    assert walk(tmp_path) == 0 and "goal stand met: " in capsys.readouterr().out
+    assert json.loads((tmp_path / "report.json").read_text())["goal_met"] is True
+    solver(Status.STALLED)
+    assert walk(tmp_path, "--accept-missed") == 1  # of the goal, not of the solver
+    solver(Status.INTERRUPTED)
+    assert walk(tmp_path, "--goal", "walk") == 130
+
+
 def test_report_has_every_key_and_finite_numbers(solver: Callable[..., None], tmp_path: Path) -> None:
     solver()
-    assert walk(tmp_path) == 0
+    assert walk(tmp_path, "--goal", "walk", "--accept-missed") == 0
     report = json.loads((tmp_path / "report.json").read_text(), parse_constant=lambda word: pytest.fail(f"{word} in report.json"))
     for name in NUMBERS:
         assert isinstance(report[name], (int, float)), name
     assert set(OTHERS) <= set(report)
     assert report["converged"] is True and report["status"] == "converged"
     assert report["goal_error"] == pytest.approx(1.0)  # it stands, and should walk
+    assert report["goal_met"] is False
+    assert all(value is None or isinstance(value, (int, float)) for value in report["gait"].values())
+    assert report["gait"]["joint_speed"] == 0.0 and report["gait"]["shortest_swing"] is None
     assert report["energy"] == pytest.approx(sum(report["terms"].values()))
     assert len(report["starts"]) == 1 and report["starts"][0]["status"] == "converged"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 
 import mujoco
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
+from octo.model import store
 from octo.model.load import load
 
 INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -153,7 +156,7 @@ def test_what_is_dropped_is_listed(robot):
       <safety_controller k_velocity="1"/>"""
     transmission = '<transmission name="t"><joint name="j"/></transmission><gazebo reference="a"/>'
     character = load(robot(link("a"), link("b"), joint("j", "a", "b", inside=inside), transmission))
-    for word in ("velocity limits of joints j", "dry friction of joints j", "safety controllers of joints j", "1 transmissions"):
+    for word in ("dry friction of joints j", "safety controllers of joints j", "1 transmissions"):
         assert notes(character, word), word
     assert character.joints[6].damping == 0.2
 
@@ -199,7 +202,40 @@ def test_infinite_effort_and_velocity(robot):
     limit = '<limit lower="-1" upper="1" effort="inf" velocity="inf"/>'
     character = load(robot(link("a"), link("b"), joint("j", "a", "b", inside=limit)))
     assert character.joints[6].torque_limit == math.inf
+    assert character.joints[6].velocity_limit == math.inf
     assert not notes(character, "velocity")
+
+
+def test_velocity_limits_are_kept(robot):
+    limit = '<limit lower="-1" upper="1" effort="1" {}/>'
+    joints = [
+        joint("fast", "a", "b", inside=limit.format('velocity="9.5"')),
+        joint("rail", "b", "c", "prismatic", limit.format('velocity=".25"')),
+        joint("zero", "c", "d", inside=limit.format('velocity="0"')),
+        joint("silent", "d", "e", inside=limit.format("")),
+    ]
+    character = load(robot(*(link(name) for name in "abcde"), *joints))
+    assert character.velocity_limit[:6].tolist() == [math.inf] * 6  # of the base
+    assert character.velocity_limit[6:].tolist() == [9.5, 0.25, math.inf, math.inf]
+    assert not notes(character, "velocity")
+
+
+def test_velocity_limits_survive_a_file(robot):
+    character = load(robot(link("a"), link("b"), joint("j", "a", "b")))
+    plain = json.loads(json.dumps(store.to_plain(character), allow_nan=False))
+    assert np.array_equal(store.from_plain(plain).velocity_limit, character.velocity_limit)
+    for body in plain["bodies"]:
+        for old in body["joints"]:
+            del old["velocity_limit"]  # a file of before there was the field
+    assert np.isinf(store.from_plain(plain).velocity_limit).all()
+
+
+def test_a_velocity_limit_must_be_positive(robot):
+    character = load(robot(link("a"), link("b"), joint("j", "a", "b")))
+    still = dataclasses.replace(character.joints[6], velocity_limit=0.0)
+    bodies = (character.bodies[0], dataclasses.replace(character.bodies[1], joints=(still,)))
+    with pytest.raises(ModelError, match="joint 'j': velocity limit is 0.0, must be positive"):
+        dataclasses.replace(character, bodies=bodies)
 
 
 BAD = {
