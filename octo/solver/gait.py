@@ -1,7 +1,7 @@
 """How good a motion is: what its feet, its joints and its torques do, as a dozen numbers.
 
-Row i of forces, torques and joint speeds belongs to the step from x_i to x_{i+1}. Loads are compared
-with the weight mg.
+Row i of forces, torques and joint speeds belongs to the step from x_i to x_{i+1}. Loads are
+compared with the weight mg.
 """
 
 from __future__ import annotations
@@ -28,6 +28,14 @@ HIGH = 5.0  # Hz: what a step needs of a torque is slower
 LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
+ROWS = (  # of a Solution, one a step
+    "u",
+    "contact_force",
+    "contact_point",
+    "contact_velocity",
+    "contact_normal",
+    "contact_depth",
+)
 
 
 @dataclass(frozen=True)
@@ -92,9 +100,7 @@ class Gait:
         return "; ".join(parts)
 
 
-def measure_gait(
-    solution: Solution, first: float = 0.0, last: float | None = None
-) -> Gait | None:
+def measure_gait(solution: Solution, first: float = 0.0, last: float | None = None) -> Gait | None:
     """The figures of the motion between two times; None for user-written dynamics.
 
     What was before and what comes after is looked at only to know whether a foot stands.
@@ -218,8 +224,7 @@ def _window(solution: Solution, first: float, last: float | None) -> tuple[int, 
 
 def _cut(solution: Solution, begin: int, end: int) -> Solution:
     """The steps begin … end−1 alone."""
-    names = ("u", *(f"contact_{name}" for name in ("force", "point", "velocity", "normal", "depth")))
-    rows = {name: getattr(solution, name)[begin:end] for name in names}
+    rows = {name: getattr(solution, name)[begin:end] for name in ROWS}
     return dataclasses.replace(solution, x=solution.x[begin : end + 2], **rows)
 
 
