@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Steps = Literal["all", "last"]
+FREE = 1e6  # rad or m, in place of a limit that is none
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -259,6 +260,43 @@ class TorqueLimit(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimit(Cost):
+    """Squared hinge on the joints' limits (rad or m), which begins ``margin`` inside them."""
+
+    margin: float = 0.02
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        robot = setting.character
+        if robot is None:
+            raise ProblemError(f"{self.label} is asked of user-written dynamics, which have no joint limits")
+        lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
+        inside = np.minimum(self.margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
+        return {"lower": np.where(np.isfinite(lower), lower + inside, -FREE), "upper": np.where(np.isfinite(upper), upper - inside, FREE)}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        q = step.joints(step.x_next)
+        return ca.fmax(0, q - p["upper"]) + ca.fmax(0, p["lower"] - q)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpeedLimit(Cost):
+    """Squared hinge on |q̇|/limit − ``margin``, over the joints whose speed has a limit, ``otherwise`` (rad/s) for the others."""
+
+    margin: float = 0.9
+    otherwise: float = np.inf
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        robot = setting.character
+        limit = np.full(len(setting.actuated), np.inf) if robot is None else robot.velocity_limit[robot.actuated]
+        limit = np.where(np.isfinite(limit), limit, self.otherwise)
+        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), "margin": np.array([self.margin])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
+        return ca.fmax(0, speed * p["inverse_limit"] - p["margin"])
 
 
 @dataclass(frozen=True, eq=False)
