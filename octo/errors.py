@@ -56,6 +56,10 @@ class ProblemError(OctoError):
     """A problem description contradicts itself."""
 
 
+class MirrorError(OctoError):
+    """A robot has no left-right mirror."""
+
+
 class StaticPoseError(OctoError):
     """No static pose was found to start from."""
 
