@@ -149,8 +149,8 @@ class _Search:
         inertia = np.array([body.inertia for body in robot.bodies])
         self.inertia = self.rotation @ inertia @ self.rotation.swapaxes(1, 2)  # (bodies, 3, 3)
         moving = [b for b, path in enumerate(robot.path) if path]
-        points = np.concatenate([self.origin[moving], self.com[moving], self.centers])
-        self.size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0  # m
+        points = [np.zeros((1, 3)), self.origin[moving], self.com[moving], self.centers]
+        self.size = float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) or 1.0  # m
         self.children: dict[int, list[int]] = {b: [] for b in (-1, *moving)}
         for b in moving:
             parent = robot.bodies[b].parent
@@ -163,7 +163,8 @@ class _Search:
         for b, c in image.items():
             if image[c] != b:
                 names = [robot.bodies[k].name for k in (b, c, image[c])]
-                raise _NoImage(math.inf, f"bodies {', '.join(names)} are in one place")
+                one_place = f"bodies {', '.join(names)} are in one place"
+                raise _NoImage(math.inf, f"{one_place}, pairs must tell them apart")
         matrix = np.zeros((robot.nx, robot.nx))
         joints: dict[str, tuple[str, int]] = {}
         for b, c in image.items():
@@ -304,10 +305,10 @@ class _Search:
             away = np.linalg.norm(reflected[:, None] - self.centers[others], axis=-1)
             away += np.abs(radius[own][:, None] - radius[others])
             away[touches[own][:, None] != touches[others]] = math.inf
-            # Capped, so that one sphere that is far away does not change the pairs of others.
-            for r, s in zip(*linear_sum_assignment(np.minimum(away, allowed)), strict=True):
-                if away[r, s] <= allowed:
-                    contacts[own[r]], contacts[others[s]] = others[s], own[r]
+            near = [(away[r, s], own[r], others[s]) for r, s in np.argwhere(away <= allowed)]
+            for _, k, other in sorted(near):
+                if contacts[k] < 0 and contacts[other] < 0:
+                    contacts[k], contacts[other] = other, k
         alone = np.flatnonzero(contacts < 0)
         for k in np.intersect1d(alone, self._feet()):
             raise _NoImage(math.inf, f"contact {spheres[k].name!r} has no image on the other side")

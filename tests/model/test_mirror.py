@@ -196,7 +196,7 @@ def test_pairs_by_hand() -> None:
         mirror_of(mammal, {"hind_left_shank_knee": "front_left_shank_knee"})
     with pytest.raises(UnknownNameError, match="joint 'hind_knee' is not known"):
         mirror_of(mammal, {"hind_knee": "hind_right_shank_knee"})
-    with pytest.raises(ProblemError, match="the images 'b_turn' and 'a_turn', must be one"):
+    with pytest.raises(ProblemError, match="joint 'b_turn' the images 'a_turn' and 'b_turn', must"):
         mirror_of(rotors(), {"a_turn": "b_turn", "b_turn": "b_turn"})
 
 
@@ -223,7 +223,7 @@ def test_shape_is_checked() -> None:
         ("go2_description/urdf/go2.urdf", "FL_hip_joint", "FR_hip_joint", 1e-3),
         ("go1_description/urdf/go1.urdf", "RL_calf_joint", "RR_calf_joint", 1e-3),
         ("anymal_c_simple_description/urdf/anymal.urdf", "LF_HAA", "RF_HAA", 1e-3),
-        ("hyq_no_sensors.urdf", "lh_hfe_joint", "rh_hfe_joint", 0.1),  # cables in the trunk
+        ("hyq_no_sensors.urdf", "lh_hfe_joint", "rh_hfe_joint", 0.1),  # the trunk's centre of mass is aside
         ("talos_reduced.urdf", "leg_left_4_joint", "leg_right_4_joint", 1e-2),
         ("g1_29dof_rev_1_0.urdf", "left_elbow_joint", "right_elbow_joint", 1e-3),
         ("kinova.urdf", "j2s6s200_joint_2", "j2s6s200_joint_2", 1e-3),  # limits of 0 to 2π
@@ -233,6 +233,7 @@ def test_urdfs(end: str, left: str, right: str, asymmetry: float) -> None:
     robot = loaded(urdf_named(end))
     mirror = mirror_of(robot)
     assert mirror.joints[left][0] == right
+    assert sorted(mirror.contacts) == list(range(len(robot.contacts)))
     assert difference(robot, mirror) < asymmetry
 
 
