@@ -18,6 +18,7 @@ _HOME = {
     "load": "octo.model.load",
     "describe": "octo.model.describe",
     "export_mjcf": "octo.model.export_mjcf",
+    "mirror_of": "octo.model.mirror",
     "Plane": "octo.model.terrain",
     "Terrain": "octo.model.terrain",
     "CustomDynamics": "octo.dynamics.evaluate",
@@ -112,6 +113,7 @@ if TYPE_CHECKING:
     from octo.model.describe import describe as describe
     from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
+    from octo.model.mirror import mirror_of as mirror_of
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.picture import filmstrip as filmstrip

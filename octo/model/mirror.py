@@ -25,14 +25,16 @@ from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 
 # How far from a mirror image a robot may be.
-JOINTS = 2e-3  # rad, and of the robot's size
-MASS = 0.05  # of the robot's mass
-MOMENT = 0.05  # of the robot's mass and size: mass times centre of mass of a body
-INERTIA = 0.05  # of the robot's mass and squared size
-PASSIVE = 0.05  # of a joint's armature, damping and stiffness; rad or m of a spring's rest
-CONTACTS = 0.02  # of the robot's size, centres and radii
+JOINTS = 5e-3  # rad, and of the robot's size
+MASS = 0.02  # of the robot's mass
+CENTERS = 0.05  # of the robot's size: centres of mass
+INERTIA = 0.02  # of the robot's mass and squared size
+PASSIVE = 0.25  # of the largest armature, damping and stiffness of the robot's joints
+REST = 0.05  # rad or m, of springs
+CONTACTS = 0.02  # of the robot's size: centres and radii of spheres
+FEET = 0.05  # of the robot's size: spheres up to here above the lowest one must have an image
 BY_HAND = 10.0  # times JOINTS where joints are paired by hand
-POSES = 10.0  # times JOINTS, of the bodies at the end of a chain of joints
+POSES = 5.0  # times JOINTS, of the bodies at the end of a chain of joints
 
 NAMES = 1e-6  # of the robot's size: names decide only between bodies in one place
 IMPOSSIBLE = 1e6  # of the robot's size
@@ -52,13 +54,15 @@ class Mirror:
     matrix: (nx, nx) G, a signed permutation.
     offset: (nx,) rad and m; not zero where a joint and its image have different zero positions.
     joints: name of a joint -> name of its image and the sign between their coordinates.
-    contacts: (contacts,) index of each contact sphere's image.
+    contacts: (contacts,) index of each contact sphere's image, its own where it has none.
+    alone: names of the contact spheres without an image; none of them is at the feet.
     """
 
     matrix: Array
     offset: Array
     joints: Mapping[str, tuple[str, int]]
     contacts: NDArray[np.intp]
+    alone: tuple[str, ...] = ()
 
     def __call__(self, x: NDArray) -> Array:
         """Mirrored configurations (..., nx) of x (..., nx), rad and m."""
@@ -113,14 +117,13 @@ def _both_ways(robot: Character, pairs: Mapping[str, str]) -> dict[str, str]:
             if joint not in names:
                 raise UnknownNameError("joint", joint, names)
             if both.setdefault(joint, image) != image:
-                raise ProblemError(
-                    f"pairs gives joint {joint!r} the images {both[joint]!r} and {image!r}, must be one"
-                )
+                named = f"{both[joint]!r} and {image!r}"
+                raise ProblemError(f"pairs gives joint {joint!r} the images {named}, must be one")
     return both
 
 
 def _configurations(robot: Character) -> list[Array]:
-    """Configurations (nx,) that may be their own mirror image, with a floating base at the origin."""
+    """Configurations (nx,) that may mirror themselves, with a floating base at the origin."""
     known = [pose for pose in (robot.default_pose, *robot.poses.values()) if pose is not None]
     found: list[Array] = []
     for pose in (np.array([joint.reference for joint in robot.joints]), *known):
@@ -146,8 +149,8 @@ class _Search:
         inertia = np.array([body.inertia for body in robot.bodies])
         self.inertia = self.rotation @ inertia @ self.rotation.swapaxes(1, 2)  # (bodies, 3, 3)
         moving = [b for b, path in enumerate(robot.path) if path]
-        points = np.concatenate([self.origin[moving], self.com[moving], self.centers])
-        self.size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0  # m
+        points = [np.zeros((1, 3)), self.origin[moving], self.com[moving], self.centers]
+        self.size = float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) or 1.0  # m
         self.children: dict[int, list[int]] = {b: [] for b in (-1, *moving)}
         for b in moving:
             parent = robot.bodies[b].parent
@@ -160,7 +163,8 @@ class _Search:
         for b, c in image.items():
             if image[c] != b:
                 names = [robot.bodies[k].name for k in (b, c, image[c])]
-                raise _NoImage(math.inf, f"bodies {', '.join(names)} are in one place")
+                one_place = f"bodies {', '.join(names)} are in one place"
+                raise _NoImage(math.inf, f"{one_place}, pairs must tell them apart")
         matrix = np.zeros((robot.nx, robot.nx))
         joints: dict[str, tuple[str, int]] = {}
         for b, c in image.items():
@@ -170,15 +174,28 @@ class _Search:
                 joints[robot.joints[j].name] = (robot.joints[k].name, sign)
         offset = self.x - matrix @ self.x
         offset[np.abs(offset) < JOINTS] = 0.0
-        found = Mirror(matrix, offset, joints, self._contacts(image))
+        offset += self._whole_turns(matrix, offset)
+        found = Mirror(matrix, offset, joints, *self._contacts(image))
         self._check_poses(found, image)
         return found
+
+    def _whole_turns(self, matrix: Array, offset: Array) -> Array:
+        """(nx,) rad: multiples of 2π that take mirrored limits (0 to 2π) to those of the image."""
+        lower, upper = self.robot.lower, self.robot.upper
+        hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
+        limited = hinge & np.isfinite(lower) & np.isfinite(upper)
+        middle = np.zeros(self.robot.nx)
+        middle[limited] = (lower[limited] + upper[limited]) / 2.0
+        apart = (middle - matrix @ middle - offset) / (2.0 * math.pi)
+        return 2.0 * math.pi * np.round(apart * limited * (np.abs(matrix) @ limited))
 
     def _joints(self, b: int) -> range:
         first = int(self.robot.first_joint[b])
         return range(first, first + len(self.robot.bodies[b].joints))
 
-    def _siblings(self, bodies: Sequence[int], images: Sequence[int]) -> tuple[float, dict[int, int]]:
+    def _siblings(
+        self, bodies: Sequence[int], images: Sequence[int]
+    ) -> tuple[float, dict[int, int]]:
         """Pair the subtrees of bodies that share a parent: distance (m) and body -> image."""
         cost = np.full((len(bodies), len(images)), IMPOSSIBLE * self.size)
         below: dict[tuple[int, int], dict[int, int]] = {}
@@ -224,7 +241,7 @@ class _Search:
         return distance + beyond + NAMES * self.size * (1.0 - alike), {b: c, **image}
 
     def _difference(self, j: int, k: int) -> tuple[float, int]:
-        """How far joint ``k`` is from the image of ``j`` (rad and parts of the size), and the sign."""
+        """How far joint ``k`` is from the image of ``j`` (rad, and of the size), and the sign."""
         scale = np.ones(6)
         if self.robot.joints[j].kind == "hinge":
             scale[3:] /= self.size
@@ -241,21 +258,23 @@ class _Search:
         if given is None and second.name not in self.by_hand:
             if not (alike and difference <= JOINTS):
                 raise _NoImage(0.0, f"joint {first.name!r} has no image on the other side")
-            self._check_passive(first, second, self.x[k] - sign * self.x[j], sign)
-        elif given != second.name:
-            raise _NoImage(-1.0, f"joint {first.name!r} has no image on the other side")
-        elif not (alike and difference <= BY_HAND * JOINTS):
-            named = f"joint {first.name!r} is no mirror image of {second.name!r}"
-            raise _NoImage(1.0, f"{named}, with which pairs names it")
+            apart = (second.rest - self.x[k]) - sign * (first.rest - self.x[j])
+            self._check_passive(first, second, float(apart))
+        elif given != second.name or not (alike and difference <= BY_HAND * JOINTS):
+            one = first.name if given else second.name
+            other = self.by_hand[one]
+            sentence = f"joint {one!r} and the image that pairs gives it, {other!r}, are not alike"
+            raise _NoImage(1.0 if given == second.name else 0.5, sentence)
         return difference
 
-    def _check_passive(self, first: Joint, second: Joint, offset: float, sign: int) -> None:
+    def _check_passive(self, first: Joint, second: Joint, apart: float) -> None:
+        """``apart``: of the rests of their springs, rad or m."""
         named = f"joint {first.name!r} and its image {second.name!r} differ in"
         for what in ("armature", "damping", "stiffness"):
             a, b = getattr(first, what), getattr(second, what)
-            if abs(a - b) > PASSIVE * max(a, b):
+            if abs(a - b) > PASSIVE * max(getattr(joint, what) for joint in self.robot.joints):
                 raise _NoImage(1.0, f"{named} {what}, {a:.3g} and {b:.3g}")
-        if first.stiffness > 0.0 and abs(second.rest - sign * first.rest - offset) > PASSIVE:
+        if min(first.stiffness, second.stiffness) > 0.0 and abs(apart) > REST:
             raise _NoImage(1.0, f"{named} the rest of their springs")
 
     def _check_masses(self, b: int, c: int) -> None:
@@ -263,40 +282,48 @@ class _Search:
         of = f"of body {first.name!r}" + ("" if b == c else f" and of its image {second.name!r}")
         if abs(first.mass - second.mass) > MASS * mass:
             raise _NoImage(1.0, f"the mass {of} is {first.mass:.3g} and {second.mass:.3g} kg")
-        moment = first.mass * (REFLECTION @ self.com[b]) - second.mass * self.com[c]
-        if np.linalg.norm(moment) > MOMENT * mass * self.size:
+        away = np.linalg.norm(REFLECTION @ self.com[b] - self.com[c])
+        if min(first.mass, second.mass) > 0.0 and away > CENTERS * self.size:
             raise _NoImage(1.0, f"the centre of mass {of} is no mirror image")
         reflected = REFLECTION @ self.inertia[b] @ REFLECTION
         if np.abs(reflected - self.inertia[c]).max() > INERTIA * mass * self.size**2:
             raise _NoImage(1.0, f"the inertia {of} is no mirror image")
 
-    def _contacts(self, image: Mapping[int, int]) -> NDArray[np.intp]:
-        """(contacts,) the nearest sphere of the image body, each of them once."""
-        spheres = self.robot.contacts
-        contacts = np.empty(len(spheres), dtype=np.intp)
+    def _contacts(self, image: Mapping[int, int]) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+        """The image of each sphere (contacts,), and the names of those that have none."""
+        spheres, allowed = self.robot.contacts, CONTACTS * self.size
+        radius = np.array([sphere.radius for sphere in spheres])
+        touches = np.array([sphere.touches_terrain for sphere in spheres])
+        contacts = np.full(len(spheres), -1)
         for b, c in image.items():
-            if b > c:
-                continue  # the same pairs, read the other way
-            own, others = ([k for k, s in enumerate(spheres) if s.body == body] for body in (b, c))
-            away = np.linalg.norm(
-                (self.centers[own] @ REFLECTION)[:, None] - self.centers[others], axis=-1
+            own, others = (
+                [k for k, sphere in enumerate(spheres) if sphere.body == body] for body in (b, c)
             )
-            radii = [np.array([spheres[k].radius for k in kind]) for kind in (own, others)]
-            away += np.abs(radii[0][:, None] - radii[1])
-            paired = [(own[r], others[s]) for r, s in zip(*linear_sum_assignment(away), strict=True)
-                      if away[r, s] <= CONTACTS * self.size
-                      and spheres[own[r]].touches_terrain == spheres[others[s]].touches_terrain]
-            alone = [k for k in own if k not in {k for k, _ in paired}]
-            alone += [k for k in others if k not in {k for _, k in paired}]
-            if alone:
-                name = spheres[alone[0]].name
-                raise _NoImage(math.inf, f"contact {name!r} has no image on the other side")
-            for k, other in paired:
-                contacts[k], contacts[other] = other, k
-        return contacts
+            if b > c or not own or not others:
+                continue  # b > c are the pairs of c, b, read backwards
+            reflected = self.centers[own] @ REFLECTION
+            away = np.linalg.norm(reflected[:, None] - self.centers[others], axis=-1)
+            away += np.abs(radius[own][:, None] - radius[others])
+            away[touches[own][:, None] != touches[others]] = math.inf
+            near = [(away[r, s], own[r], others[s]) for r, s in np.argwhere(away <= allowed)]
+            for _, k, other in sorted(near):
+                if contacts[k] < 0 and contacts[other] < 0:
+                    contacts[k], contacts[other] = other, k
+        alone = np.flatnonzero(contacts < 0)
+        for k in np.intersect1d(alone, self._feet()):
+            raise _NoImage(math.inf, f"contact {spheres[k].name!r} has no image on the other side")
+        contacts[alone] = alone
+        return contacts, tuple(spheres[k].name for k in alone)
+
+    def _feet(self) -> NDArray[np.intp]:
+        """The spheres that a robot in its default pose would stand on."""
+        robot = self.robot
+        pose = self.x if robot.default_pose is None else robot.default_pose
+        bottom = sphere_centers(robot, pose)[:, 2] - [sphere.radius for sphere in robot.contacts]
+        return np.flatnonzero(bottom <= bottom.min(initial=math.inf) + FEET * self.size)
 
     def _check_poses(self, mirror: Mirror, image: Mapping[int, int]) -> None:
-        """In other configurations, bodies of the mirrored one are where the reflected bodies are."""
+        """In mirrored configurations the bodies must be where their reflected images are."""
         bodies, images = list(image), list(image.values())
         reflected, at = REFLECTION @ self.rotation[bodies], self.origin[bodies] @ REFLECTION
         back = self.rotation[images].swapaxes(1, 2)
