@@ -52,6 +52,8 @@ _COSTS = (
     "ForceRate",
     "FrictionCone",
     "JointAcceleration",
+    "JointLimit",
+    "JointSpeedLimit",
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
@@ -60,7 +62,10 @@ _COSTS = (
     "PoseTarget",
     "Posture",
     "Slip",
+    "SlipPower",
+    "SwingClearance",
     "TorqueLimit",
+    "Upright",
 )
 _HOME.update(dict.fromkeys(_COSTS, "octo.costs"))
 _MODULES = {
@@ -95,6 +100,8 @@ if TYPE_CHECKING:
     from octo.costs import ForceRate as ForceRate
     from octo.costs import FrictionCone as FrictionCone
     from octo.costs import JointAcceleration as JointAcceleration
+    from octo.costs import JointLimit as JointLimit
+    from octo.costs import JointSpeedLimit as JointSpeedLimit
     from octo.costs import JointVelocity as JointVelocity
     from octo.costs import LoadSharing as LoadSharing
     from octo.costs import NeighbourCost as NeighbourCost
@@ -103,7 +110,10 @@ if TYPE_CHECKING:
     from octo.costs import PoseTarget as PoseTarget
     from octo.costs import Posture as Posture
     from octo.costs import Slip as Slip
+    from octo.costs import SlipPower as SlipPower
+    from octo.costs import SwingClearance as SwingClearance
     from octo.costs import TorqueLimit as TorqueLimit
+    from octo.costs import Upright as Upright
     from octo.dynamics import laws as laws
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate

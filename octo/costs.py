@@ -1,4 +1,4 @@
-"""Every term of E by one import path, and the lists of terms that go together: paper, robot, locomotion."""
+"""Every term of E by one import path, and the lists of terms that go together: natural, paper, robot, locomotion."""
 
 from octo.problem.contact_costs import (
     Clearance,
@@ -8,6 +8,8 @@ from octo.problem.contact_costs import (
     FrictionCone,
     LoadSharing,
     Slip,
+    SlipPower,
+    SwingClearance,
 )
 from octo.problem.costs import (
     BaseAngularVelocity,
@@ -19,6 +21,8 @@ from octo.problem.costs import (
     CustomCost,
     Effort,
     JointAcceleration,
+    JointLimit,
+    JointSpeedLimit,
     JointVelocity,
     NeighbourCost,
     PointPosition,
@@ -26,8 +30,9 @@ from octo.problem.costs import (
     PoseTarget,
     Posture,
     TorqueLimit,
+    Upright,
 )
-from octo.problem.presets import locomotion, paper, robot
+from octo.problem.presets import locomotion, natural, paper, robot
 
 __all__ = [
     "BaseAngularVelocity",
@@ -44,6 +49,8 @@ __all__ = [
     "ForceRate",
     "FrictionCone",
     "JointAcceleration",
+    "JointLimit",
+    "JointSpeedLimit",
     "JointVelocity",
     "LoadSharing",
     "NeighbourCost",
@@ -52,8 +59,12 @@ __all__ = [
     "PoseTarget",
     "Posture",
     "Slip",
+    "SlipPower",
+    "SwingClearance",
     "TorqueLimit",
+    "Upright",
     "locomotion",
+    "natural",
     "paper",
     "robot",
 ]

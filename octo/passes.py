@@ -14,12 +14,14 @@ from octo.checks import whole
 from octo.dynamics.laws import Smooth, Viscous
 from octo.errors import ProblemError
 from octo.problem.basis import Hermite
+from octo.problem.contact_costs import SlipPower
 from octo.problem.problem import Array, Problem
 from octo.solver.solution import Solution
 
-DEPTHS = (0.020, 0.010, 0.005, 0.0025)  # m; each further pass halves the last
+DEPTHS = (0.08, 0.04, 0.02, 0.009)  # ℓ; each further pass halves the last
 RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays
-ONSETS = (0.010, 0.010, 0.005, 0.002)  # m, smoothing of the contact's onset; the last one stays
+PRICED = 10.0  # s/m, where a term prices slip: a ratio that grows would tie the price to the friction cone
+ONSETS = (0.04, 0.04, 0.02, 0.008)  # ℓ, smoothing of the contact's onset; the last one stays
 
 
 @dataclass(frozen=True)
@@ -66,9 +68,15 @@ def ratios(problem: Problem) -> tuple[float | None, ...]:
     """w_par/w_perp of each pass: growing by default, the caller's where the law says one, None without viscous friction."""
     law = problem.law
     if not isinstance(law, Smooth):
-        return RATIOS
+        priced = any(isinstance(term, SlipPower) for term in problem.costs)
+        return (PRICED,) * len(RATIOS) if priced else RATIOS
     friction = law.friction
     return (friction.w_par / law.w_perp if isinstance(friction, Viscous) else None,) * len(RATIOS)
+
+
+def same_friction(one: Problem, other: Problem) -> bool:
+    """Whether the passes of one problem, the depth of its feet too, may be those of another."""
+    return growable(one) == growable(other) and ratios(one) == ratios(other)
 
 
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
@@ -89,8 +97,8 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
         return [None]
     last = len(DEPTHS) - 1
     wanted = (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)) if count is None else int(count)
-    ratio, place = ratios(problem), [min(k, last) for k in range(wanted)]
-    return [Pass(DEPTHS[at] / 2.0 ** (k - at), ratio[at], ONSETS[at]) for k, at in enumerate(place)]
+    ratio, place, length = ratios(problem), [min(k, last) for k in range(wanted)], problem.length
+    return [Pass(length * DEPTHS[at] / 2.0 ** (k - at), ratio[at], length * ONSETS[at]) for k, at in enumerate(place)]
 
 
 def moved(nodes: Array, before: Problem, problem: Problem) -> Array:

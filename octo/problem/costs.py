@@ -121,6 +121,21 @@ class BaseOrientation(Cost):
 
 
 @dataclass(frozen=True, eq=False)
+class Upright(Cost):
+    """Tilt of a body against ``up`` (3,), the world's up in its own axes, by default what it is at the start; whatever the yaw."""
+
+    up: Any = None
+    body: str | None = None
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        up = setting.up(self.body) if self.up is None else np.asarray(self.up, dtype=float)
+        return {"up": up}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.pose(self.body)[0][2, :].T - p["up"]
+
+
+@dataclass(frozen=True, eq=False)
 class BaseHeight(Cost):
     """Height (m, world z) of a body's origin against ``height``, by default where it starts."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,7 +12,16 @@ from octo.dynamics.balance import GRAVITY
 from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
-from octo.problem.contact_costs import Clearance, FootLift, ForceRate, FrictionCone, LoadSharing, Slip
+from octo.problem.contact_costs import (
+    Clearance,
+    FootLift,
+    ForceRate,
+    FrictionCone,
+    LoadSharing,
+    Slip,
+    SlipPower,
+    SwingClearance,
+)
 from octo.problem.costs import (
     BaseAngularVelocity,
     BaseHeight,
@@ -21,10 +30,13 @@ from octo.problem.costs import (
     Cost,
     Effort,
     JointAcceleration,
+    JointLimit,
+    JointSpeedLimit,
     JointVelocity,
     PointPosition,
     Posture,
     TorqueLimit,
+    Upright,
 )
 
 if TYPE_CHECKING:
@@ -34,11 +46,53 @@ if TYPE_CHECKING:
 TRACKING = 1.5  # of the squared error of the velocity, in parts of the velocity wanted
 SLOW = 0.03  # of g·ℓ, squared speed below which it is counted in these parts instead
 BEGIN = 0.5  # s
+FASTEST = 12.0  # rad/s, of joints whose file says no limit
 
 
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
     """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
     return [CenterOfMassVelocity(velocity=tuple(velocity)), Effort()]
+
+
+def natural(
+    speed: float | Sequence[float] | None = None,
+    yaw_rate: float | None = None,
+    *,
+    length: float = 0.3,
+    feet: tuple[str, ...] | Literal["feet"] = "feet",
+) -> list[Cost]:
+    """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
+
+    Effort, jerky joints, a tilted trunk, one foot that carries all, a loaded foot that slides, a fast foot that is low,
+    force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on which robots
+    is in docs/notes/cycles.md.
+
+    Parameters
+    ----------
+    speed: m/s along x, or a velocity (3,), wanted of the centre of mass; None where a cycle or fixed ends say how far.
+    yaw_rate: rad/s, wanted of the base; None where nothing is asked.
+    length: m, ℓ, height of the base over the feet (``Problem.length``).
+    feet: names of the contacts that are feet; by default those that touch the ground at the start.
+    """
+    fast = GRAVITY * length  # m²/s²
+    terms: list[Cost] = [
+        Effort(weight=0.02),
+        JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
+        Upright(weight=0.5),
+        LoadSharing(weight=0.3, contacts=feet),
+        SlipPower(weight=50.0 / fast, contacts=feet),
+        SwingClearance(weight=1.0 / fast, height=0.1 * length, contacts=feet),
+        ForceRate(weight=0.02, contacts=feet),
+        TorqueLimit(weight=5.0, margin=0.9),
+        JointSpeedLimit(weight=1.0, margin=0.9, otherwise=FASTEST),
+        JointLimit(weight=20.0),
+    ]
+    if speed is not None:
+        velocity = np.array([speed, 0.0, 0.0]) if np.isscalar(speed) else np.asarray(speed, dtype=float)
+        terms.insert(0, CenterOfMassVelocity(velocity=tuple(velocity)))
+    if yaw_rate is not None:
+        terms.insert(0, BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0)))
+    return terms
 
 
 def robot(

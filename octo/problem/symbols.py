@@ -13,6 +13,7 @@ from octo.dynamics import symbolic
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
+from octo.model.kinematics import body_poses
 from octo.model.terrain import Plane, Terrain
 
 Array = NDArray[np.float64]
@@ -45,6 +46,11 @@ class Setting:
         x = ca.SX.sym("x", self.nx)
         rotation, position = symbolic.body_poses(robot, x)[_body(robot, body)]
         return np.asarray(ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)).ravel()
+
+    def up(self, body: str | None) -> Array:
+        """(3,) the world's up at the start in the axes of a body."""
+        robot = self._robot("the tilt of a body")
+        return np.asarray(body_poses(robot, self.x0)[0][_body(robot, body)][2])
 
     def _robot(self, what: str) -> Character:
         if self.character is None:
