@@ -37,7 +37,8 @@ def view(
 
     Parameters
     ----------
-    solution: one, or several that are shown side by side in one scene (a plan and a plant's motion).
+    solution: one, or several that are shown side by side in one scene (a plan and what a plant
+        made of it).
     path: the file, written beside and then renamed.
     follow: the camera travels with the (first) character; a mouse still turns it.
     forces: draw the contact forces as arrows; the weight is as long as 0.8 of the character.

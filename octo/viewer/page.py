@@ -87,6 +87,7 @@ def wrap(
     }
     data["numbers"] = numbers.text()
     solutions = [actor.solution for actor in actors]
+    script = "".join(_text(name) for name in ("scene.js", "charts.js", "page.js"))
     body = "".join(
         (
             _head(
@@ -94,7 +95,7 @@ def wrap(
             ),
             _panel(float(times[-1]), len(times) - 1),
             f'<script type="application/json" id="octo-data">{_json(data)}</script>',
-            f"<script>{_text('page.js')}</script>",
+            f'<script>"use strict";(() => {{{script}}})();</script>',
         )
     )
     title = html.escape(", ".join(dict.fromkeys(s.name for s in solutions)))
@@ -185,7 +186,8 @@ def _head(
         entries.append(f'<li><i class="arrow" style="{style}"></i>{meaning}</li>')
     paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
     return (
-        f'<header class="octo-head"><div><h1>{html.escape(names)}: {html.escape(words)}</h1>{paragraphs}</div>'
+        f'<header class="octo-head"><div><h1>{html.escape(names)}: {html.escape(words)}</h1>'
+        f"{paragraphs}</div>"
         f'<ul class="octo-legend" aria-label="legend">{"".join(entries)}</ul></header>'
     )
 
@@ -217,8 +219,8 @@ def _panel(end: float, frames: int) -> str:
         f'<span data-octo="frame">0</span> of {frames}</span></div>'
         '<div data-octo="speeds"></div>'
         '<div class="octo-hint">space: play · ← →: one frame · drag in the chart: seek</div></div>'
-        '<svg class="octo-chart" role="slider" tabindex="0" aria-label="time" aria-valuemin="0" '
-        f'aria-valuemax="{end:.3f}" aria-valuenow="0"></svg>'
+        '<svg class="octo-chart" data-octo="chart" role="slider" tabindex="0" aria-label="time" '
+        f'aria-valuemin="0" aria-valuemax="{end:.3f}" aria-valuenow="0"></svg>'
         '<div class="octo-tabs" data-octo="tabs" hidden></div>'
         '<div class="octo-joints" data-octo="joints"></div></section>'
         '<p class="octo-notice" data-octo="notice" role="alert"></p>'

@@ -29,7 +29,7 @@ SAME_HEADING = 1e-3  # rad
 
 
 def frame_times(solutions: Sequence[Solution]) -> Array:
-    """(frames,) s, nodes of the first solution about RATE times a second; the last is the end of the longest motion."""
+    """(frames,) s, nodes of the first solution, about RATE in a second, and the end of the longest."""
     end = max(s.steps * s.dt for s in solutions)
     frame = solutions[0].dt * max(1, round(1.0 / (RATE * solutions[0].dt)))
     return np.append(np.arange(0.0, end - 1e-3 * frame, frame), end)
@@ -89,7 +89,7 @@ class Actor:
 class Nodes:
     """Names of the nodes of one character in the scene.
 
-    ``bodies`` and ``feet`` map an index of the character to a name; ``arrows`` is None without forces.
+    ``bodies`` and ``feet`` map an index of the character to a name; ``arrows``: None without them.
     """
 
     bodies: dict[int, str] = field(default_factory=dict)
@@ -99,7 +99,7 @@ class Nodes:
 
 @dataclass(frozen=True)
 class Ground:
-    """A node that is not moved by the motion; ``plane``: it looks the same wherever one stands on it."""
+    """A node that the motion does not move; a ``plane`` looks the same from everywhere on it."""
 
     name: str
     position: Array  # (3,) m
@@ -133,7 +133,7 @@ class Cycle:
         return np.asarray((points - self.way) @ _about_z(self.yaw))
 
     def on(self, grounds: Sequence[Ground]) -> Cycle | None:
-        """The lap, without what it rises on a level ground; None on a ground that is not the same a lap later."""
+        """None on a ground that a lap changes; on a level one without what the lap rises."""
         if not all(ground.plane and (ground.level or self.yaw == 0.0) for ground in grounds):
             return None
         level = all(ground.level for ground in grounds)
@@ -145,7 +145,7 @@ def build(
 ) -> tuple[list[Nodes], list[Ground], float]:
     """Fill the scene of a viser server; the names of its nodes and its scale (m)."""
     scale = max(size(actor.character) for actor in actors)
-    _set_stage(server, actors, scale)
+    _set_stage(server, actors)
     server.scene.add_frame("/world", show_axes=False)
     grounds: list[Ground] = []
     for k, actor in enumerate(actors):
@@ -167,8 +167,20 @@ def color_of(k: int) -> Color:
     return COLORS[k % len(COLORS)]
 
 
-def _set_stage(server: Any, actors: Sequence[Actor], scale: float) -> None:
+def _extent(actor: Actor) -> float:
+    """m, the largest of the bodies at the first frame: without contacts more than ``size``."""
+    poses, origins = body_poses(actor.character, actor.solution.x[1:2])
+    points = [
+        surface.vertices @ poses[0, b].T + origins[0, b]
+        for b, surface in enumerate(surfaces(actor.character))
+        if surface is not None
+    ]
+    return float(np.ptp(np.concatenate(points), axis=0).max()) if points else 0.0
+
+
+def _set_stage(server: Any, actors: Sequence[Actor]) -> None:
     """The camera; light stays as viser has it."""
+    scale = max(max(size(actor.character), _extent(actor)) for actor in actors)
     firsts = [actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors]
     middle = np.mean(firsts, axis=0)
     wide = scale + 0.4 * float(np.ptp([actor.offset[1] for actor in actors]))
@@ -184,7 +196,7 @@ def camera_path(
 ) -> Array:
     """(frames, 3) m, horizontal way of the camera.
 
-    It stays where it is for a character that hardly travels, unless that is a cycle, which would jump back.
+    It stays where it is for a character that hardly travels, unless a cycle would jump back.
     """
     way = (actor.com - actor.offset) * (1.0, 1.0, 0.0)
     travels = cycle is not None or float(np.ptp(way, axis=0).max()) >= scale
@@ -231,7 +243,7 @@ def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: b
 
 
 def arrows_of(actor: Actor) -> Array:
-    """(frames, c, 2, 3) m, start and end of each arrow; one that carries nothing is out of sight."""
+    """(frames, c, 2, 3) m, start and end of each arrow; without a force it is out of sight."""
     weight = actor.solution.weight
     length = ARROW * size(actor.character) / weight if weight > 0.0 else 0.0  # m/N
     arrows = np.stack([actor.point, actor.point + length * actor.force], axis=2)
