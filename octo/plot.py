@@ -95,7 +95,7 @@ def _headline(solution: Solution) -> str:
 def _position(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
     _lines(axes, solution.times, values, names)
-    axes.set(title="centre of mass (m)" if solution.character is not None else "coordinates", xlabel="time (s)")
+    axes.set(title="centre of mass (m)" if solution.character is not None else "coordinates (rad, m)", xlabel="time (s)")
 
 
 def _velocity(solution: Solution, axes: Axes) -> None:
@@ -107,7 +107,7 @@ def _velocity(solution: Solution, axes: Axes) -> None:
         rate = np.diff(values, axis=0) / solution.dt
         times = solution.times[1:]
     _lines(axes, times, rate[:, : len(names)], names)
-    axes.set(title="its velocity (m/s)" if solution.character is not None else "their rates", xlabel="time (s)")
+    axes.set(title="its velocity (m/s)" if solution.character is not None else "their rates (rad/s, m/s)", xlabel="time (s)")
 
 
 def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
@@ -187,12 +187,12 @@ def _chosen_rows(values: Array, names: tuple[str, ...], used: NDArray[np.bool_])
 
 def _energy(solution: Solution, axes: Axes) -> None:
     _convergence(solution, axes, "energy", COLORS[0])
-    axes.set_title("E")
+    axes.set_title("E (objective)")
 
 
 def _violation(solution: Solution, axes: Axes) -> None:
     _convergence(solution, axes, "violation", COLORS[1])
-    axes.set_title("‖C‖∞ (N)")
+    axes.set_title("‖C‖∞ (N), largest violation of a constraint")
 
 
 def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:

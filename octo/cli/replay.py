@@ -64,6 +64,6 @@ def write(folder: OutputFolder, done: Replay) -> None:
 
     writers: dict[str, Writer] = {
         "report.json": lambda path: write_json(path, done.report()),
-        "motion.html": lambda path: view([done.plan, done.motion], path),
+        "motion.html": lambda path: view([done.plan, done.motion], path, labels=("plan", "plant")),
     }
     say_left_out(folder.write(writers))

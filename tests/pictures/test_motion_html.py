@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import motions
@@ -13,38 +16,66 @@ from chromium import Page, executable, offline_page
 from matplotlib.image import imread
 
 from octo.model.gallery import CHARACTERS
-from octo.viewer import HOLD, view
+from octo.solver.solution import Solution
+from octo.viewer import view
 
-SLIDER = "document.querySelector('.mantine-Slider-root')"
 STEPS, DT = 120, 0.025
-SECONDS = STEPS * DT + HOLD
+pytestmark = pytest.mark.skipif(executable() is None, reason="no chromium or google-chrome is installed")
+
+
+@contextmanager
+def opened(solution: Solution, folder: Path, **options: bool) -> Iterator[Page]:
+    """The page of ``solution``, once its scene is there."""
+    file, program = folder / "motion.html", executable()
+    view(solution, file, **options)
+    assert program is not None
+    with offline_page(program, folder / "profile") as page:
+        page.call("Page.navigate", url=f"{file.as_uri()}?fixedDpr=1")
+        page.wait_for("window.octoPlayer !== undefined && octoPlayer.ready")
+        yield page
+        assert page.errors == []
+        assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
 def shown(page: Page) -> float:
-    """s, what the time line says."""
-    return float(page.evaluate("document.querySelector('input').value"))
+    """s, what the page says."""
+    return float(page.evaluate("document.querySelector('[data-octo=time]').textContent"))
 
 
-def at(page: Page, share: float) -> np.ndarray:
-    """The drawing, with the time line set to ``share`` of its length."""
-    left, top, width, height = page.evaluate(
-        f"(() => {{ const r = {SLIDER}.getBoundingClientRect(); return [r.left, r.top, r.width, r.height] }})()"
+def cursor(page: Page) -> float:
+    """s, where the cursor stands between the two ends of the time line."""
+    left, width, x = page.evaluate(
+        "['.track', '.track', '.cursor'].map((name, k) => "
+        "Number(document.querySelector(`.octo-chart ${name}`).getAttribute(['x', 'width', 'x1'][k])))"
     )
-    end = time.monotonic() + 90.0
-    while time.monotonic() < end:  # while the page still starts, a click may be lost or the time run on after it
-        page.click(left + share * width, top + 0.5 * height)
-        image = settled(page, int(top))
-        if abs(shown(page) - share * SECONDS) < 0.1:
-            return image
-    raise AssertionError(f"the time line shows {shown(page)} s, not {share * SECONDS:.1f}")
+    return float((x - left) / width * page.evaluate("octoPlayer.end"))
 
 
-def settled(page: Page, bottom: int) -> np.ndarray:
-    """The drawing above the time line once it stands still, without viser's notice that there is no graphics card."""
-    page.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())")
+def press(page: Page, key: str) -> None:
+    text = {"text": key} if len(key) == 1 else {}
+    page.call("Input.dispatchKeyEvent", type="keyDown", key=key, **text)
+    page.call("Input.dispatchKeyEvent", type="keyUp", key=key)
+
+
+def click(page: Page, selector: str, share: float = 0.5) -> None:
+    """In the middle of an element's height, at ``share`` of its width."""
+    x, y = page.evaluate(
+        f"(() => {{ const box = document.querySelector('{selector}').getBoundingClientRect();"
+        f"return [box.left + {share} * box.width, box.top + 0.5 * box.height] }})()"
+    )
+    page.click(x, y)
+
+
+def picture(page: Page) -> np.ndarray:
+    """The scene once it stands still, without viser's notice that there is no graphics card."""
+    page.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())")
+    top, bottom = page.evaluate(
+        "(() => { const box = document.querySelector('#root').getBoundingClientRect();"
+        "return [box.top, box.bottom].map(Math.round) })()"
+    )
     last = np.zeros(0)
     for _ in range(40):
-        image = np.asarray(imread(io.BytesIO(page.picture())))[: bottom - 10]
+        image = np.asarray(imread(io.BytesIO(page.picture())))[top:bottom]
         if image.shape == last.shape and np.array_equal(image, last):
             break
         last = image
@@ -57,20 +88,58 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.mean(np.abs(one - other).max(axis=-1) > 0.1))
 
 
-@pytest.mark.skipif(executable() is None, reason="no chromium or google-chrome is installed")
 def test_it_plays_offline_without_errors(tmp_path: Path) -> None:
-    file = tmp_path / "motion.html"
-    view(motions.wandering(CHARACTERS["mammal"](), STEPS, DT), file)
-    program = executable()
-    assert program is not None
-    with offline_page(program, tmp_path / "profile") as page:
-        page.call("Page.navigate", url=f"{file.as_uri()}?fixedDpr=1")
-        page.wait_for(f"{SLIDER} !== null && document.querySelector('canvas') !== null")
-        at(page, 0.3)
-        early, late, again = at(page, 0.1), at(page, 0.6), at(page, 0.1)
+    with opened(motions.wandering(CHARACTERS["mammal"](), STEPS, DT), tmp_path) as page:
+        page.wait_for("octoPlayer.time > 0.2")  # it plays from the start
+        pictures = []
+        for share in (0.1, 0.6, 0.1):
+            click(page, ".octo-chart .track", share)
+            assert shown(page) == pytest.approx(share * STEPS * DT, abs=0.02)
+            assert cursor(page) == pytest.approx(shown(page), abs=0.002)
+            pictures.append(picture(page))
+        early, late, again = pictures
         assert early.std() > 0.02, "nothing is drawn"
         assert changed(early, late) > 0.01, "two moments look the same"
         assert changed(early, again) < 0.02 * changed(early, late), "one moment does not look the same twice"
-        assert page.errors == []
-        outside = [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))]
-        assert outside == []
+        assert len(page.evaluate("[...document.querySelectorAll('path.curve')].map(c => c.dataset.joint)")) == 12
+        feet = page.evaluate("[...document.querySelectorAll('rect.loaded')].map(bar => bar.dataset.foot)")
+        assert set(feet) >= {"front_left", "front_right", "hind_left", "hind_right"}
+
+
+def test_frames_and_speeds(tmp_path: Path) -> None:
+    with opened(motions.wandering(CHARACTERS["mammal"](), STEPS, DT), tmp_path) as page:
+        press(page, "Home")
+        for key, frame in ((".", 1), ("ArrowRight", 2), (",", 1), ("ArrowLeft", 0), ("End", STEPS), ("Home", 0), (".", 1)):
+            press(page, key)
+            assert shown(page) == pytest.approx(frame * DT, abs=1e-3), key
+            assert cursor(page) == pytest.approx(frame * DT, abs=1e-3), key
+        click(page, "[data-octo=buttons] button:last-child")
+        assert shown(page) == pytest.approx(2 * DT) and page.evaluate("octoPlayer.playing") is False
+        click(page, "[data-speed=\"0.05\"]")
+        assert page.evaluate("document.querySelector('[data-speed=\"0.05\"]').getAttribute('aria-pressed')") == "true"
+        began = time.monotonic()
+        press(page, " ")
+        time.sleep(1.0)
+        press(page, " ")
+        later = shown(page)
+        assert 0.0 < later - 2 * DT <= 0.05 * (time.monotonic() - began) + 1e-3
+        time.sleep(0.3)
+        assert shown(page) == later  # it stands
+        speeds = page.evaluate("[...document.querySelectorAll('[data-speed]')].map(b => Number(b.dataset.speed))")
+        assert speeds == [0.05, 0.1, 0.25, 0.5, 1, 2]
+
+
+def test_a_cycle_goes_on_without_a_seam(tmp_path: Path) -> None:
+    steps = 60
+    walk = motions.wandering(CHARACTERS["mammal"](), steps, dt=2.0 * np.pi / 4.0 / steps)
+    still = dataclasses.replace(walk, contact_force=np.zeros_like(walk.contact_force))  # only poses are periodic
+    with opened(still, tmp_path, loop=True) as page:
+        page.wait_for("octoPlayer.lap >= 1")
+        lap = page.evaluate("octoPlayer.seek(octoPlayer.end); octoPlayer.lap")
+        before = picture(page)
+        page.evaluate("octoPlayer.play(true)")
+        page.wait_for(f"octoPlayer.lap === {lap + 1}")
+        page.evaluate("octoPlayer.seek(0)")
+        after = picture(page)
+        page.evaluate("octoPlayer.seek(0.5 * octoPlayer.end)")
+        assert changed(before, after) < 0.02 * changed(before, picture(page))

@@ -1,0 +1,116 @@
+"""A moving picture: one HTML file with a time line that any browser plays, also offline."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import socket
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from octo.errors import MissingExtraError, OutputError, ShapeError
+from octo.model.figure import size
+from octo.solver.solution import Solution
+from octo.viewer.page import wrap
+from octo.viewer.scene import Actor, Cycle, build, camera_path, frame_times
+
+
+def view(
+    solution: Solution | Sequence[Solution],
+    path: str | os.PathLike[str],
+    *,
+    follow: bool = True,
+    forces: bool = True,
+    apart: float | None = None,
+    labels: Sequence[str] | None = None,
+    loop: bool | None = None,
+) -> None:
+    """Write the motion as one self-contained HTML page (about 1 MB) that plays without a network.
+
+    Under the scene are the loaded feet and the joint torques over time; the page steps single
+    frames and plays at 0.05 to 2 times real time.
+
+    Parameters
+    ----------
+    solution: one, or several that are shown side by side in one scene (a plan and what a plant
+        made of it).
+    path: the file, written beside and then renamed.
+    follow: the camera travels with the (first) character; a mouse still turns it.
+    forces: draw the contact forces as arrows; the weight is as long as 0.8 of the character.
+    apart: m, between neighbours of several; by default 1.5 times the larger one. 0 shows them in
+        the same place.
+    labels: one for each solution; by default the names of the robots.
+    loop: play without a pause at the end, each lap from where the last one ended; by default for a
+        cycle (``solution.cycle``).
+
+    Raises
+    ------
+    MissingExtraError: viser, or what it needs, is not installed. ModelError: user-written dynamics
+    have no bodies. ShapeError: no solution, or not a label for each. OutputError: the file cannot
+    be written.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise MissingExtraError("a moving picture", "view") from None
+    solutions = [solution] if isinstance(solution, Solution) else list(solution)
+    if not solutions:
+        raise ShapeError("solution", (0,), "one Solution or more")
+    names = _labels(solutions) if labels is None else list(labels)
+    if len(names) != len(solutions):
+        raise ShapeError("labels", (len(names),), f"one for each solution: ({len(solutions)},)")
+    if loop is None:
+        loop = getattr(solutions[0], "cycle", None) is not None
+    times = frame_times(solutions)
+    if apart is None:
+        sizes = [size(s.character) for s in solutions if s.character is not None]
+        apart = 1.5 * max(sizes, default=0.0)
+    actors = [Actor.of(s, times, np.array([0.0, -k * apart, 0.0])) for k, s in enumerate(solutions)]
+    with _server(viser) as server:
+        nodes, grounds, scale = build(server, actors, forces)
+        scene = str(server.get_scene_serializer().as_html())
+    cycle = Cycle.of(actors[0]) if loop else None
+    shift = camera_path(actors[0], times, follow, scale, cycle)
+    lap = cycle.on(grounds) if cycle is not None and follow else None
+    text = wrap(scene, actors, nodes, grounds, names, times, shift, loop, lap)
+    _write(Path(path), text)
+
+
+def _labels(solutions: Sequence[Solution]) -> list[str]:
+    """The names of the robots, numbered where one occurs twice."""
+    count = Counter(s.name for s in solutions)
+    return [s.name if count[s.name] == 1 else f"{s.name} {k + 1}" for k, s in enumerate(solutions)]
+
+
+@contextlib.contextmanager
+def _server(viser: Any) -> Iterator[Any]:
+    """A viser server on a free local port: it is what collects a scene; nobody connects to it."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with contextlib.redirect_stdout(io.StringIO()):
+        try:
+            server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        except ImportError as error:  # viser imports some of what it needs only now
+            raise MissingExtraError(f"a moving picture ({error})", "view") from error
+    try:
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _write(target: Path, text: str) -> None:
+    scratch = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, target)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink()
+        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,106 @@
+// What viser's scene shows.
+//
+// viser's own player counts in wall time, has no speed below 0.5 and no frames, and replays the
+// whole recording for a step backwards. So the recording is the still scene alone, which hides that
+// player, and each pose is sent from here as the message a viser server would send, through the
+// queue that viser opens to its own browser tests (window.__viserMutable, in viser 1.1.0 and later).
+
+// Frame before t, and the share of the way to the next one.
+function frameAt(times, t) {
+  let low = 0;
+  let high = times.length - 1;
+  if (high === 0) return [0, 0];
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= t + 1e-7) low = middle;
+    else high = middle;
+  }
+  return [low, Math.min(Math.max((t - times[low]) / (times[high] - times[low]), 0), 1)];
+}
+
+const aboutZ = (angle, [x, y, z]) => {
+  const c = Math.cos(angle);
+  const s = Math.sin(angle);
+  return [c * x - s * y, s * x + c * y, z];
+};
+
+const quaternionAboutZ = (angle, [w, x, y, z]) => {
+  const c = Math.cos(angle / 2);
+  const s = Math.sin(angle / 2);
+  return [c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w];
+};
+
+// Between two vectors; between two quaternions the shorter way.
+function mixed(a, b, share) {
+  const turn = a.length === 4;
+  const sign = turn && a.reduce((sum, value, k) => sum + value * b[k], 0) < 0 ? -1 : 1;
+  const sum = Array.from(a, (value, k) => (1 - share) * value + sign * share * b[k]);
+  const norm = turn ? Math.hypot(...sum) : 1;
+  return sum.map((value) => value / norm);
+}
+
+// A function (t, lap) that shows that moment; null while viser has not built its nodes yet.
+function makeStage(data, array) {
+  const viser = window.__viserMutable;
+  if (!viser?.messageQueue || !viser.nodeRefFromName) return null;
+  const times = array(data.times);
+  const shift = array(data.shift);
+  const characters = data.characters.map((c) => ({
+    ...c,
+    rotation: array(c.rotation),
+    origin: array(c.origin),
+    force: array(c.force),
+    carries: array(c.carries),
+  }));
+  const nodes = characters.flatMap((c) => [...c.bodies, ...c.feet, c.arrows]).filter(Boolean);
+  if (!nodes.every((name) => viser.nodeRefFromName[name])) return null;
+
+  const move = (name, position) => ({ type: "SetPositionMessage", name, position, owner: "" });
+  const turn = (name, wxyz) => ({ type: "SetOrientationMessage", name, wxyz, owner: "" });
+  const update = (name, updates) => ({ type: "SceneNodeUpdateMessage", name, updates, owner: "" });
+  const sent = new Map(); // for what changes seldom
+  const changed = (key, value) => sent.get(key) !== value && Boolean(sent.set(key, value));
+
+  // A lap begins where the last one ended: the ground goes back, the world turns with the walker.
+  function lapMessages(lap) {
+    const { yaw, way } = data.cycle;
+    let back = [0, 0, 0];
+    for (let k = 0; k < lap; k++) back = aboutZ(-yaw, back.map((value, j) => value - way[j]));
+    const ground = data.grounds.flatMap(({ name, position, wxyz }) => [
+      move(name, aboutZ(-lap * yaw, position).map((value, j) => value + back[j])),
+      turn(name, quaternionAboutZ(-lap * yaw, wxyz)),
+    ]);
+    return [turn("/world", quaternionAboutZ(lap * yaw, [1, 0, 0, 0])), ...ground];
+  }
+
+  return (t, lap) => {
+    const [frame, share] = frameAt(times, t);
+    const next = Math.min(frame + 1, times.length - 1);
+    const step = share > 1e-4 ? next : frame; // forces belong to the step that ends at a frame
+    const row = (values, size, width, k) => {
+      const at = (f) => values.subarray((f * width + k) * size, (f * width + k + 1) * size);
+      return mixed(at(frame), at(next), share);
+    };
+    const angle = data.cycle ? lap * data.cycle.yaw : 0;
+    const messages = [move("/world", aboutZ(angle, row(shift, 3, 1, 0)).map((value) => -value))];
+    if (data.cycle && changed("lap", lap)) messages.push(...lapMessages(lap));
+    for (const c of characters) {
+      c.bodies.forEach((name, b) => {
+        messages.push(turn(name, row(c.rotation, 4, c.bodies.length, b)));
+        messages.push(move(name, row(c.origin, 3, c.bodies.length, b)));
+      });
+      c.feet.forEach((name, k) => {
+        const loaded = c.carries[step * c.feet.length + k] > 0.5;
+        const color = loaded ? data.loadedFoot : data.foot;
+        if (changed(name, loaded)) messages.push(update(name, { color }));
+      });
+      const width = c.force.length / times.length;
+      if (c.arrows && changed(c.arrows, step)) {
+        const points = c.force.slice(step * width, (step + 1) * width);
+        messages.push(update(c.arrows, { points }));
+      }
+    }
+    viser.messageQueue.push(...messages);
+    viser.requestRender?.(); // 1.1.0 draws all the time and has no such function
+  };
+}

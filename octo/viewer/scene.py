@@ -1,0 +1,328 @@
+"""The still scene of a moving picture, and where its nodes are at every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from octo.errors import ModelError
+from octo.model.character import Character
+from octo.model.figure import ball, size, surfaces
+from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.quaternions import quaternions
+from octo.solver.solution import Solution
+
+Array = NDArray[np.float64]
+Color = tuple[int, int, int]
+RATE = 30.0  # frames a second, about: a frame is a whole number of steps of the first solution
+CALM = 0.4  # s, over which the motion of the camera is smoothed
+COLORS: tuple[Color, ...] = ((66, 120, 178), (208, 112, 60), (96, 152, 92), (140, 106, 170))
+FOOT, LOADED_FOOT, FORCE = (92, 97, 104), (245, 140, 40), (225, 70, 50)
+AWAY = -1e3  # m, height at which an arrow without a force is out of sight
+ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
+SAME_HEADING = 1e-3  # rad
+
+
+def frame_times(solutions: Sequence[Solution]) -> Array:
+    """(frames,) s, nodes of the first solution, about RATE in a second, and the end of the longest."""
+    end = max(s.steps * s.dt for s in solutions)
+    frame = solutions[0].dt * max(1, round(1.0 / (RATE * solutions[0].dt)))
+    return np.append(np.arange(0.0, end - 1e-3 * frame, frame), end)
+
+
+@dataclass(frozen=True)
+class Actor:
+    """One character with its motion at the frames of the picture.
+
+    Attributes
+    ----------
+    rotation (frames, bodies, 4): quaternions, real part first; origin (frames, bodies, 3) m.
+    com: (frames, 3) m. force, point: (frames, c, 3) N and m. loaded: (frames, c).
+    """
+
+    solution: Solution
+    character: Character
+    offset: Array  # (3,) m, where it stands beside the others
+    rotation: Array
+    origin: Array
+    com: Array
+    force: Array
+    point: Array
+    loaded: NDArray[np.bool_]
+
+    @staticmethod
+    def of(solution: Solution, times: Array, offset: Array) -> Actor:
+        character = solution.character
+        if character is None:
+            raise ModelError(
+                "view needs a character: a motion of user-written dynamics has no bodies"
+            )
+        x = _between(solution.x[1:], times / solution.dt)
+        turn, origin = body_poses(character, x)
+        turns = [quaternions(turn[:, b]) for b in range(len(character.bodies))]
+        # The forces of a step belong to the node that ends it.
+        step = np.ceil(times / solution.dt - 1e-4).astype(int) - 1
+        step = np.clip(step, 0, max(solution.steps - 1, 0))
+        fields = (solution.contact_force, solution.contact_point, solution.loaded)
+        force, point, loaded = (values[step] for values in fields)
+        com = center_of_mass(character, x) + offset
+        rotation = np.stack(turns, axis=1)
+        return Actor(
+            solution,
+            character,
+            offset,
+            rotation,
+            origin + offset,
+            com,
+            force,
+            point + offset,
+            loaded,
+        )
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Names of the nodes of one character in the scene.
+
+    ``bodies`` and ``feet`` map an index of the character to a name; ``arrows``: None without them.
+    """
+
+    bodies: dict[int, str] = field(default_factory=dict)
+    feet: dict[int, str] = field(default_factory=dict)
+    arrows: str | None = None
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A node that the motion does not move; a ``plane`` looks the same from everywhere on it."""
+
+    name: str
+    position: Array  # (3,) m
+    wxyz: Array  # (4,)
+    plane: bool
+    level: bool
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What a lap of a cycle adds: the point p goes to Rz(yaw) p + way."""
+
+    yaw: float  # rad
+    way: Array  # (3,) m
+
+    @staticmethod
+    def of(actor: Actor) -> Cycle:
+        """From the first to the last state of a motion; nothing for a fixed base."""
+        if actor.character.base == "fixed":
+            return Cycle(0.0, np.zeros(3))
+        yaw = actor.solution.yaw
+        turn = float(yaw[-1] - yaw[0])
+        lap = Cycle(turn if abs(turn) > SAME_HEADING else 0.0, np.zeros(3))
+        return Cycle(lap.yaw, actor.com[-1] - lap.after(actor.com[0]))
+
+    def after(self, points: Array) -> Array:
+        """Points (..., 3) m, one lap later."""
+        return np.asarray(points @ _about_z(self.yaw).T + self.way)
+
+    def before(self, points: Array) -> Array:
+        return np.asarray((points - self.way) @ _about_z(self.yaw))
+
+    def on(self, grounds: Sequence[Ground]) -> Cycle | None:
+        """None on a ground that a lap changes; on a level one without what the lap rises."""
+        if not all(ground.plane and (ground.level or self.yaw == 0.0) for ground in grounds):
+            return None
+        level = all(ground.level for ground in grounds)
+        return Cycle(self.yaw, self.way * (1.0, 1.0, 0.0) if level else self.way)
+
+
+def build(
+    server: Any, actors: Sequence[Actor], forces: bool
+) -> tuple[list[Nodes], list[Ground], float]:
+    """Fill the scene of a viser server; the names of its nodes and its scale (m)."""
+    scale = max(size(actor.character) for actor in actors)
+    _set_stage(server, actors)
+    server.scene.add_frame("/world", show_axes=False)
+    grounds: list[Ground] = []
+    for k, actor in enumerate(actors):
+        level = not actor.solution.ground or float(np.ptp(actor.solution.ground["z"])) < 1e-6
+        # One level ground is enough for all.
+        if actor.solution.ground and (k == 0 or (actor.offset.any() and not level)):
+            grounds.append(_add_ground(server, f"/world/ground_{k}", actor, scale))
+    nodes = [
+        _add_character(
+            server, f"/world/{k}_{_plain(actor.solution.name)}", actor, color_of(k), forces
+        )
+        for k, actor in enumerate(actors)
+    ]
+    return nodes, grounds, scale
+
+
+def color_of(k: int) -> Color:
+    """Of the k-th character."""
+    return COLORS[k % len(COLORS)]
+
+
+def _extent(actor: Actor) -> float:
+    """m, the largest of the bodies at the first frame: without contacts more than ``size``."""
+    poses, origins = body_poses(actor.character, actor.solution.x[1:2])
+    points = [
+        surface.vertices @ poses[0, b].T + origins[0, b]
+        for b, surface in enumerate(surfaces(actor.character))
+        if surface is not None
+    ]
+    return float(np.ptp(np.concatenate(points), axis=0).max()) if points else 0.0
+
+
+def _set_stage(server: Any, actors: Sequence[Actor]) -> None:
+    """The camera; light stays as viser has it."""
+    scale = max(max(size(actor.character), _extent(actor)) for actor in actors)
+    firsts = [actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors]
+    middle = np.mean(firsts, axis=0)
+    wide = scale + 0.4 * float(np.ptp([actor.offset[1] for actor in actors]))
+    camera = server.initial_camera
+    camera.fov = 0.6
+    camera.look_at = tuple(middle - (0.0, 0.0, 0.12 * scale))
+    camera.position = tuple(middle + wide * np.array([1.1, -2.5, 0.95]))
+    server.scene.set_up_direction("+z")
+
+
+def camera_path(
+    actor: Actor, times: Array, follow: bool, scale: float, cycle: Cycle | None
+) -> Array:
+    """(frames, 3) m, horizontal way of the camera.
+
+    It stays where it is for a character that hardly travels, unless a cycle would jump back.
+    """
+    way = (actor.com - actor.offset) * (1.0, 1.0, 0.0)
+    travels = cycle is not None or float(np.ptp(way, axis=0).max()) >= scale
+    if not follow or not travels or len(way) < 3:
+        return np.repeat(way[:1], len(way), axis=0)
+    count, offset = len(way), actor.offset * (1.0, 1.0, 0.0)
+    if cycle is not None:  # smoothed together with the laps before and after it
+        level = Cycle(cycle.yaw, cycle.way * (1.0, 1.0, 0.0))
+        laps = [level.before(way[:-1] + offset), way + offset, level.after(way[1:] + offset)]
+        way = np.concatenate(laps) - offset
+    straight = np.linspace(way[0], way[-1], len(way))
+    frames = CALM / float(times[1] - times[0])
+    swing = gaussian_filter1d(way - straight, frames, axis=0, mode="nearest")
+    start = 0 if cycle is None else count - 1
+    return np.asarray((straight + swing)[start : start + count])
+
+
+def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: bool) -> Nodes:
+    nodes = Nodes()
+    scene, character, scale = server.scene, actor.character, size(actor.character)
+    for b, (body, surface) in enumerate(zip(character.bodies, surfaces(character), strict=True)):
+        if surface is not None:
+            nodes.bodies[b] = f"{name}/{b}_{_plain(body.name)}"
+            scene.add_mesh_simple(nodes.bodies[b], surface.vertices, surface.faces, color=color)
+    ever = np.asarray(actor.solution.loaded.any(axis=0))
+    for c, k in enumerate(character.terrain_contacts):
+        contact = character.contacts[k]
+        if ever[c] and contact.body in nodes.bodies:
+            surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
+            nodes.feet[c] = f"{nodes.bodies[contact.body]}/{_plain(contact.name)}"
+            scene.add_mesh_simple(nodes.feet[c], surface.vertices, surface.faces, color=FOOT)
+    if not forces or not ever.any():
+        return nodes
+    radius = 0.01 * scale
+    scene.add_arrows(
+        f"{name}/forces",
+        arrows_of(actor)[0],
+        FORCE,
+        shaft_radius=radius,
+        head_radius=2.5 * radius,
+        head_length=5 * radius,
+    )
+    return Nodes(nodes.bodies, nodes.feet, f"{name}/forces")
+
+
+def arrows_of(actor: Actor) -> Array:
+    """(frames, c, 2, 3) m, start and end of each arrow; without a force it is out of sight."""
+    weight = actor.solution.weight
+    length = ARROW * size(actor.character) / weight if weight > 0.0 else 0.0  # m/N
+    arrows = np.stack([actor.point, actor.point + length * actor.force], axis=2)
+    arrows[~actor.loaded] = [(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)]
+    return np.asarray(arrows)
+
+
+def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
+    """An endless grid for a plane, a mesh with lines for anything else."""
+    x, y, z = (actor.solution.ground[axis] for axis in "xyz")
+    edges = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0)
+    cell = min(edges, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
+    slope = [
+        float(np.mean(np.diff(z, axis=0))) / (x[1] - x[0]),
+        float(np.mean(np.diff(z, axis=1))) / (y[1] - y[0]),
+    ]
+    plane = z[0, 0] + slope[0] * (x[:, None] - x[0]) + slope[1] * (y - y[0])
+    if np.abs(z - plane).max() < 1e-6:
+        height = z[0, 0] - slope[0] * x[0] - slope[1] * y[0]
+        wxyz = _turn_to(np.array([-slope[0], -slope[1], 1.0]))
+        position = actor.offset + (0.0, 0.0, height)
+        server.scene.add_grid(
+            name,
+            infinite_grid=True,
+            cell_size=cell,
+            section_size=5 * cell,
+            cell_color=(205, 208, 212),
+            section_color=(160, 166, 174),
+            plane_color=(238, 240, 243),
+            plane_opacity=1.0,
+            shadow_opacity=0.35,
+            fade_distance=24.0 * scale,
+            fade_strength=1.6,
+            wxyz=wxyz,
+            position=position,
+        )
+        return Ground(name, position, wxyz, plane=True, level=bool(np.abs(slope).max() < 1e-6))
+    corners = np.stack([*np.broadcast_arrays(x[:, None], y), z], axis=-1)
+    index = np.arange(z.size).reshape(z.shape)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    triangles = [np.stack(corner, axis=-1).reshape(-1, 3) for corner in ((a, b, c), (a, c, d))]
+    points = corners.reshape(-1, 3) + actor.offset
+    server.scene.add_mesh_simple(
+        name,
+        points,
+        np.concatenate(triangles),
+        color=(226, 229, 233),
+        side="double",
+        cast_shadow=False,
+    )
+    along = np.stack([corners[:-1], corners[1:]], axis=2).reshape(-1, 2, 3)
+    across = np.stack([corners[:, :-1], corners[:, 1:]], axis=2).reshape(-1, 2, 3)
+    raised = np.concatenate([along, across]) + actor.offset + (0.0, 0.0, 2e-3 * scale)
+    server.scene.add_line_segments(
+        f"{name}_lines", raised, colors=(190, 194, 200), thickness=1.0, thickness_units="screen"
+    )
+    return Ground(name, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), plane=False, level=False)
+
+
+def _about_z(angle: float) -> Array:
+    """(3, 3) rotation."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _turn_to(normal: Array) -> Array:
+    """Quaternion that turns the z axis to ``normal`` (3,) about a horizontal axis."""
+    n = normal / np.linalg.norm(normal)
+    turn = np.array([1.0 + n[2], -n[1], n[0], 0.0])
+    return np.asarray(turn / np.linalg.norm(turn))
+
+
+def _between(values: Array, place: Array) -> Array:
+    """Rows of ``values`` at the fractional indices ``place``, linearly; the last one afterwards."""
+    index = np.clip(place.astype(int), 0, len(values) - 2)
+    share = np.clip(place - index, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray((1.0 - share) * values[index] + share * values[index + 1])
+
+
+def _plain(name: str) -> str:
+    """The name without the slash that would begin a new level of the scene."""
+    return name.replace("/", "_")
