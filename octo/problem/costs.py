@@ -122,7 +122,7 @@ class BaseOrientation(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Upright(Cost):
-    """Tilt of a body against ``up`` (3,), the world's up in its own axes, by default what it is at the start; whatever the yaw."""
+    """Tilt of a body, whatever its yaw: the world's up in the body's axes against ``up`` (3,), by default that at the start."""
 
     up: Any = None
     body: str | None = None
@@ -289,7 +289,10 @@ class JointLimit(Cost):
             raise ProblemError(f"{self.label} is asked of user-written dynamics, which have no joint limits")
         lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
         inside = np.minimum(self.margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
-        return {"lower": np.where(np.isfinite(lower), lower + inside, -FREE), "upper": np.where(np.isfinite(upper), upper - inside, FREE)}
+        return {
+            "lower": np.where(np.isfinite(lower), lower + inside, -FREE),
+            "upper": np.where(np.isfinite(upper), upper - inside, FREE),
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         q = step.joints(step.x_next)

@@ -1,4 +1,4 @@
-"""Cycles (§8.6's loops, and a stride): the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift, v_N = G v_0.
+"""Cycles: the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift and v_N = G v_0.
 
 x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half a stride, left and
 right exchanged); x_s is the pose that the problem starts its search from, where the mirror's plane and the middle of the
@@ -69,13 +69,15 @@ class Cycle:
         else:
             positive("cycle.period", self.period, "s")
         if self.shift is not None and self.speed is not None:
-            raise ProblemError(f"cycle has speed {self.speed:g} m/s and shift {self.shift:g} m: one follows from the other, give one")
+            both = f"speed {self.speed:g} m/s and shift {self.shift:g} m"
+            raise ProblemError(f"cycle has {both}: one follows from the other, give one")
         if not isinstance(self.mirror, (bool, Mirror, Mapping)):
             raise ProblemError(f"cycle.mirror is {self.mirror!r}, must be True, False, a mapping of names or an octo.Mirror")
         if self.mirrored and self.turn != 0.0:
             raise ProblemError(f"cycle.turn is {self.turn:g} rad: a turning stride cannot be mirrored, give mirror=False")
         if self.mirrored and self.sideways != 0.0:
-            raise ProblemError(f"cycle.sideways is {self.sideways:g} m/s: a stride sideways cannot be mirrored, give mirror=False")
+            sideways = f"cycle.sideways is {self.sideways:g} m/s"
+            raise ProblemError(f"{sideways}: a stride sideways cannot be mirrored, give mirror=False")
 
     @property
     def mirrored(self) -> bool:
@@ -131,7 +133,7 @@ class Closure:
 
     @classmethod
     def of(cls, forward: Array, forward_constant: Array, held: Array, mirror: Mirror | None) -> Closure:
-        matrix = np.linalg.inv(forward)
+        matrix: Array = np.linalg.inv(forward).astype(float)
         return cls(forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror)
 
 
@@ -159,7 +161,8 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     if cycle.mirrored:
         if across:
             raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
-        mirror = cycle.mirror if isinstance(cycle.mirror, Mirror) else mirror_of(robot, cycle.mirror if isinstance(cycle.mirror, Mapping) else None)
+        pairs = cycle.mirror if isinstance(cycle.mirror, Mapping) else None
+        mirror = cycle.mirror if isinstance(cycle.mirror, Mirror) else mirror_of(robot, pairs)
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
         place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s

@@ -102,7 +102,7 @@ class Interpreted:
         out[3][:] = owner.reduce(at.fd)
 
     def _carry_back(self, carry: Array, hess: Array, gradient: Array, jac: Array) -> None:
-        """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what these are made of."""
+        """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what they are made of."""
         n = self.problem.n
         for i in (0, 1):
             for node in range(1 + i, 3):

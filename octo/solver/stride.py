@@ -108,7 +108,7 @@ def tiled(solution: Solution, strides: int) -> Solution:
         made["contact_point"].append(last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift)
         for name in vectors:
             made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
-    joined = {name: np.concatenate(blocks) for name, blocks in made.items()}
+    joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
     joined["x"] = np.concatenate([solution.x[:2], joined["x"]])
     return replace(
         solution, **joined, ground=_plane_around(solution.ground, joined["contact_point"]), cycle=stride.times(pieces),
