@@ -41,6 +41,7 @@ _COSTS = (
     "BaseAngularVelocity",
     "BaseHeight",
     "BaseOrientation",
+    "BodyLoad",
     "CenterOfMassPosition",
     "CenterOfMassVelocity",
     "Clearance",
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
     from octo.costs import BaseOrientation as BaseOrientation
+    from octo.costs import BodyLoad as BodyLoad
     from octo.costs import CenterOfMassPosition as CenterOfMassPosition
     from octo.costs import CenterOfMassVelocity as CenterOfMassVelocity
     from octo.costs import Clearance as Clearance
