@@ -152,10 +152,10 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     first = int(robot.first_joint[robot.base_body])
     start = problem.start
-    normal = _normal(problem, values)
+    normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    step = _displacement(cycle)
+    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration)
     constant = np.zeros(robot.nx)
     forward, mirror = np.eye(robot.nx), None
     if cycle.mirrored:
@@ -186,21 +186,26 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     return Closure.of(forward, constant, held, mirror)
 
 
-def _displacement(cycle: Cycle) -> Array:
-    """(2,) m, of what is solved for: along an arc whose tangent is the heading, which begins along x."""
-    duration, turn = cycle.duration, cycle.turn
-    along = np.array([cycle.velocity, cycle.sideways]) * duration
+def along_arc(velocity: Array, turn: float, duration: float) -> Array:
+    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads from a heading along x that changes by ``turn`` rad."""
+    along = np.asarray(velocity, dtype=float) * duration
     if abs(turn) < 1e-9:
         return along
     a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
     return np.array([[a, -b], [b, a]]) @ along
 
 
-def _normal(problem: Problem, values: Mapping[str, float]) -> Array:
-    """(3,) of the plane that the cycle walks on."""
+def plane_normal(problem: Problem) -> Array:
+    """(3,) of the plane that a cycle walks on.
+
+    Raises
+    ------
+    ProblemError: the ground is no plane.
+    """
     from octo.model.terrain import Plane
 
     if not isinstance(problem.terrain or Plane(), Plane):
         raise ProblemError("a cycle needs ground that is the same everywhere: terrain must be an octo.Plane")
+    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     found = np.array([values.get(f"terrain.normal_{axis}", 0.0) for axis in "xyz"])
     return found if found.any() else np.array([0.0, 0.0, 1.0])
