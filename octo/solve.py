@@ -278,8 +278,7 @@ def _first_cycle(problem: Problem, closure: Closure, seed: int, start: Solution 
     """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first harmonic."""
     if start is None:
         part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
-        end = closure.forward @ problem.start + closure.forward_constant
-        nodes = problem.start + part * (end - problem.start)
+        nodes = closure.along(problem.start, problem.steps)
         mirrored = closure.mirror is not None
         angle = 2.0 * np.pi * part / (2.0 if mirrored else 1.0)
         a, b = CYCLE_NOISE * np.random.default_rng(seed).standard_normal((2, problem.dynamics.nx))

@@ -136,6 +136,11 @@ class Closure:
         matrix: Array = np.linalg.inv(forward).astype(float)
         return cls(forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror)
 
+    def along(self, start: Array, steps: int) -> Array:
+        """x_{-1} … x_N (N+2, n) on the straight way from ``start`` to where the cycle carries it."""
+        part = np.arange(-1, steps + 1)[:, None] / steps
+        return np.asarray(start + part * (self.forward @ start + self.forward_constant - start))
+
 
 def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     """The closure of a problem's cycle.
