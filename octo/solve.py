@@ -279,11 +279,10 @@ def _first_cycle(problem: Problem, closure: Closure, seed: int, start: Solution 
     if start is None:
         part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
         nodes = closure.along(problem.start, problem.steps)
-        mirrored = closure.mirror is not None
-        angle = 2.0 * np.pi * part / (2.0 if mirrored else 1.0)
+        angle = 2.0 * np.pi * part / (2.0 if closure.mirrored else 1.0)
         a, b = CYCLE_NOISE * np.random.default_rng(seed).standard_normal((2, problem.dynamics.nx))
-        if mirrored:  # what half a period later has changed sign must be what the mirror gives
-            a, b = (0.5 * (wave - closure.forward @ wave) for wave in (a, b))
+        if closure.mirror is not None:  # left and right do the same, half a period apart
+            a, b = (0.5 * (wave - closure.mirror.matrix @ wave) for wave in (a, b))
         joints = problem.dynamics.actuated
         nodes[:, joints] = problem.start[joints] + (np.cos(angle) * a + np.sin(angle) * b)[:, joints]
     else:
