@@ -1,8 +1,9 @@
 """Cycles: the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift and v_N = G v_0.
 
 x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half a stride, left and
-right exchanged); x_s is the pose that the problem starts its search from, where the mirror's plane and the middle of the
-turn are. Every residual FD_0 … FD_{N−1} is there once, and what follows from the last state is what followed from the first.
+right exchanged); x_s is the pose that the problem starts its search from: the mirror's plane goes through it, and the turn is
+about it, before the shift, which itself lies along the arc. Every residual FD_0 … FD_{N−1} is there once, and what follows
+from the last state is what followed from the first.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ class Cycle:
 
     Attributes
     ----------
-    speed: m/s, of the mean over a stride, along the heading; negative is backward.
+    speed: m/s over the ground plan, of the mean over a stride, along the heading at its beginning and, where it turns,
+        along the arc that the heading describes; negative is backward.
     period: s, of a whole stride; or (shortest, longest), of which the best is kept.
     mirror: half a stride is solved for, the other half is its mirror image. True finds the mirror
         (:func:`octo.mirror_of`), a mapping gives pairs of names by hand, a Mirror is taken as it is.
@@ -155,7 +157,7 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     normal = _normal(problem, values)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    step = _displacement(cycle)
+    step = _displacement(cycle, 0.0 if cycle.mirrored else float(start[first + 3]))
     constant = np.zeros(robot.nx)
     forward, mirror = np.eye(robot.nx), None
     if cycle.mirrored:
@@ -163,6 +165,8 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
             raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
         pairs = cycle.mirror if isinstance(cycle.mirror, Mapping) else None
         mirror = cycle.mirror if isinstance(cycle.mirror, Mirror) else mirror_of(robot, pairs)
+        if len(mirror.offset) != robot.nx:
+            raise ProblemError(f"cycle.mirror is of a robot with {len(mirror.offset)} coordinates, {robot.name!r} has {robot.nx}")
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
         place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s
@@ -180,20 +184,22 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     constant[first : first + 2] += step
     constant[first + 2] -= (normal[0] * step[0] + normal[1] * step[1]) / normal[2]
     held = np.zeros(robot.nx)
-    held[first] = 1.0
-    held[first + 1] = 0.0 if cycle.mirrored else 1.0  # on an arc x and y together say how far its middle is
-    held[first + 3] = 0.0 if cycle.mirrored or sloped or step.any() else 1.0
+    held[first] = 1.0  # on an arc x and y together say how far its middle is
+    if not cycle.mirrored:  # the mirror's plane holds y and yaw; without it a sideways walk would turn and walk forward
+        held[first + 1] = held[first + 3] = 1.0
     return Closure.of(forward, constant, held, mirror)
 
 
-def _displacement(cycle: Cycle) -> Array:
-    """(2,) m, of what is solved for: along an arc whose tangent is the heading, which begins along x."""
+def _displacement(cycle: Cycle, heading: float) -> Array:
+    """(2,) m, of what is solved for: along an arc whose tangent is the heading (rad), which is given where it begins."""
     duration, turn = cycle.duration, cycle.turn
     along = np.array([cycle.velocity, cycle.sideways]) * duration
     if abs(turn) < 1e-9:
-        return along
-    a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
-    return np.array([[a, -b], [b, a]]) @ along
+        a, b = 1.0, 0.0
+    else:
+        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
+    c, s = np.cos(heading), np.sin(heading)
+    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, -b], [b, a]]) @ along)
 
 
 def _normal(problem: Problem, values: Mapping[str, float]) -> Array:
