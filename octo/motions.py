@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
+from octo.dynamics.static_pose import balanced_pose
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.problem import presets
@@ -103,15 +104,21 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        common = {"terrain": self.terrain, "law": self.law, "pose": self.pose}
+        pose = balanced_pose(self.robot) if self.pose is None else self.pose
+        common = {"terrain": self.terrain, "law": self.law, "pose": pose}
         problem = Problem(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None
-        return problem.replace(costs=presets.natural(speed, rate, length=problem.length, feet=touching_names(problem)))
+        return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
 
     @cached_property
     def terms(self) -> list[Cost]:
         """Of problems whose ends say how far: natural terms alone."""
-        return presets.natural(length=self.whole.length, feet=touching_names(self.whole))
+        return presets.natural(**self._body(self.whole))
+
+    @staticmethod
+    def _body(problem: Problem) -> dict[str, Any]:
+        """What the natural terms ask of the body that stands at rest, for problems that begin elsewhere."""
+        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
 
     @property
     def mirrored(self) -> bool:

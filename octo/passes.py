@@ -18,7 +18,7 @@ from octo.problem.contact_costs import SlipPower
 from octo.problem.problem import Array, Problem
 from octo.solver.solution import Solution
 
-DEPTHS = (0.08, 0.04, 0.02, 0.009)  # ℓ; each further pass halves the last
+DEPTHS = (0.08, 0.04, 0.02, 0.008)  # ℓ; each further pass halves the last
 RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays
 PRICED = 10.0  # s/m, where a term prices slip: a ratio that grows would tie the price to the friction cone
 ONSETS = (0.04, 0.04, 0.02, 0.008)  # ℓ, smoothing of the contact's onset; the last one stays

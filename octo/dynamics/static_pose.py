@@ -60,6 +60,15 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     raise StaticPoseError(f"{robot.name}: {'; '.join(dict.fromkeys(reasons))}; give a pose that stands with --pose NAME|FILE")
 
 
+def balanced_pose(robot: Character) -> Array:
+    """(nx,) the default pose, or zero, with the joints moved a little so that the feet are below: all of them carry.
+
+    Many files' default pose stands with the centre of mass over two of four feet: a stride that begins there hops on two.
+    """
+    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    return over_the_feet(robot, inside_limits(robot, default))
+
+
 def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
     """The poses that are tried when none is given."""
     default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)

@@ -122,14 +122,13 @@ class BaseOrientation(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Upright(Cost):
-    """Tilt of a body, whatever its yaw: the world's up in the body's axes against ``up`` (3,), by default that at the start."""
+    """Tilt of a body, whatever its yaw: the world's up in the body's axes against that in ``pose`` (nx,), by default the start."""
 
-    up: Any = None
+    pose: Any = None
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        up = setting.up(self.body) if self.up is None else np.asarray(self.up, dtype=float)
-        return {"up": up}
+        return {"up": setting.up(self.body, setting.x0 if self.pose is None else numbers(f"{self.label}.pose", self.pose))}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.pose(self.body)[0][2, :].T - p["up"]

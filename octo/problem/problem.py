@@ -16,7 +16,7 @@ from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
-from octo.errors import ProblemError, UnknownNameError
+from octo.errors import ProblemError, StaticPoseError, UnknownNameError
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
@@ -219,9 +219,15 @@ class Problem:
             return self.x0
         if not isinstance(self.dynamics, RobotDynamics):
             raise ProblemError("x0 is missing: user-written dynamics have no static pose to start from")
-        from octo.dynamics.static_pose import static_pose
+        from octo.dynamics.static_pose import balanced_pose, static_pose
 
-        return static_pose(self.dynamics, p=self.p, pose=self.pose)
+        pose = self.pose
+        if self.cycle is not None and pose is None:
+            try:
+                return static_pose(self.dynamics, p=self.p, pose=balanced_pose(self.dynamics.character))
+            except StaticPoseError:
+                pose = None  # octo's own choices are more
+        return static_pose(self.dynamics, p=self.p, pose=pose)
 
     @cached_property
     def start_velocity(self) -> Array:

@@ -47,10 +47,10 @@ class Setting:
         rotation, position = symbolic.body_poses(robot, x)[_body(robot, body)]
         return np.asarray(ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)).ravel()
 
-    def up(self, body: str | None) -> Array:
-        """(3,) the world's up at the start in the axes of a body."""
+    def up(self, body: str | None, pose: Array) -> Array:
+        """(3,) the world's up in the axes of a body, in a pose (nx,)."""
         robot = self._robot("the tilt of a body")
-        return np.asarray(body_poses(robot, self.x0)[0][_body(robot, body)][2])
+        return np.asarray(body_poses(robot, pose)[0][_body(robot, body)][2])
 
     def _robot(self, what: str) -> Character:
         if self.character is None:
