@@ -21,6 +21,7 @@ octo_nodes(int count, int steps, int units, int slots, int parts, const int *slo
       if (slot_unit[s] < 0) continue;
       const double *part = unknowns + (((size_t)member * units + slot_unit[s]) * parts + slot_part[s]) * NX;
       if (carry && node < 2)
+#pragma unroll 4
         for (int k = 0; k < NX; ++k) sum += slot_value[s] * carry[((size_t)member * NX + c) * NX + k] * part[k];
       else sum += slot_value[s] * part[c];
     }
@@ -319,6 +320,7 @@ octo_carry_back(int steps, const double *carry, double *jac, double *hess, doubl
     EACH(e, height * NX) {
       int r = e / NX, c = e % NX;
       double sum = 0.0;
+#pragma unroll 8
       for (int k = 0; k < NX; ++k) sum += side ? carry[k * NX + r] * held[k * NX + c] : held[r * NX + k] * carry[k * NX + c];
       own[r * width + c] = sum;
     }
