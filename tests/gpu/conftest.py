@@ -84,9 +84,8 @@ def _cycle(kind: str) -> CompiledProblem:
     else:
         steps = {"even": 8, "odd": 9}[kind]
         cycles = [octo.Cycle(speed=speed, period=0.1 * steps, mirror=MIRROR) for speed in (0.4, -0.2)]
-    return CompiledProblem([
-        octo.Problem(walker(), steps=steps, costs=_costs(steps), cycle=cycle, parameters={"contact.onset": 0.004}) for cycle in cycles
-    ])  # fmt: skip
+    given = {"steps": steps, "costs": _costs(steps), "parameters": {"contact.onset": 0.004}}
+    return CompiledProblem([octo.Problem(walker(), cycle=cycle, **given) for cycle in cycles])
 
 
 @pytest.fixture

@@ -22,18 +22,17 @@ LIMIT = 3  # launches of one kernel that are kept: a solve repeats itself
 
 
 class Recorder:
-    """The recorder of an ``EmulatedDevice``: launches by text, the first ``limit`` of each kernel of a text with the same arrays
-    missing."""
+    """The recorder of an ``EmulatedDevice``: launches by text, the first ``limit`` of each kernel of a text."""
 
     def __init__(self, limit: int = LIMIT):
         self.limit = limit
         self.launches: dict[str, list[bytes]] = {}
         self.kernels: set[str] = set()
-        self._counts: dict[tuple[str, str, tuple[bool, ...]], int] = {}
+        self._counts: dict[tuple[str, str], int] = {}
 
     def __call__(self, kernel: Any, launch: Any, arguments: list[Any]) -> None:
         self.kernels.add(kernel.name)
-        key = kernel.text, kernel.name, tuple(argument is None for argument in arguments)
+        key = kernel.text, kernel.name
         self._counts[key] = self._counts.get(key, 0) + 1
         if self._counts[key] <= self.limit:
             self.launches.setdefault(kernel.text, []).append(_packed(kernel, launch, arguments))

@@ -11,7 +11,6 @@ from octo.gpu.linear import DeviceBlocks, Linear
 from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem
 from octo.solver.blocks import KKTBlocks
-from octo.solver.cyclic_reduction import CyclicReductionFactor
 from octo.solver.normal import NormalFactor
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
