@@ -59,13 +59,14 @@ extern "C" __global__ void octo_between_rows(int length, const double *controls,
 }
 
 /* H (units, 3, BC, BC) and b (units, BC) += rowsᵀ rows and rowsᵀ values, of unit z, which is c_{z+1}: the segments before and
- * after it, and between it and the unit before; grid (segments, 2 lags, batch). Pinned units (dummy) stay as they are. */
+ * after it, and between it and the unit before; grid (segments, 2 lags, batch). Pinned units stay as they are: dummy (units, 2), of both
+ * parts alike. */
 extern "C" __global__ void octo_between_add(const int *dummy, const double *rows, double *h, double *b) {
   int unit = blockIdx.x, lag = blockIdx.y, segments = gridDim.x, width = 2 * BC + 1;
   size_t member = blockIdx.z, own = member * (segments + 1) + unit;
   const double *before = rows + (member * segments + unit) * BR * width, *after = before + BR * width;
   int last = unit + 1 == segments;
-  if (dummy[unit] || (lag == 1 && (unit == 0 || dummy[unit - 1]))) return;
+  if (dummy[2 * unit] || (lag == 1 && (unit == 0 || dummy[2 * unit - 2]))) return;
   EACH(e, BC * BC) {
     int i = e / BC, j = e % BC;
     double sum = h[(own * 3 + lag) * BC * BC + e];

@@ -55,5 +55,5 @@ def bound(problem: CompiledProblem) -> Bound:
     operations = problem.batch * (N * (step + products) + gathered + reduction + solves)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # jac, curvature, hess of a step
     numbers = N * squares * n * n + K * 3 * nc * (nc + ma) + D * B * B * (2 + 2 + 3)
-    waits = 2 * levels + 1
-    return Bound(operations, 16.0 * problem.batch * numbers, (levels + 1) * B, KERNELS + 3 * levels + 1 + 2 * (waits + 3))
+    waits, kernels = 2 * levels + 1, KERNELS + (problem.carry is not None)
+    return Bound(operations, 16.0 * problem.batch * numbers, (levels + 1) * B, kernels + 3 * levels + 1 + 2 * (waits + 3))

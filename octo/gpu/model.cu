@@ -9,15 +9,22 @@
 #define AHEAD 8 /* reads of a sum that do not wait for each other */
 #define TOUCH (NFC * CR * 18)
 
-/* x_j = constant_j + sum over its slots (basis.py); over count = batch (steps + 2) NX numbers. */
+/* x_j = constant_j + sum over its slots (basis.py), of a cycle's first two nodes times carry (batch, NX, NX; 0: no cycle); over
+ * count = batch (steps + 2) NX numbers. */
 extern "C" __global__ void __launch_bounds__(FLAT, 4)
 octo_nodes(int count, int steps, int units, int slots, int parts, const int *slot_unit, const int *slot_part, const double *slot_value,
-           const double *constant, const double *unknowns, double *nodes) {
+           const double *constant, const double *carry, const double *unknowns, double *nodes) {
   for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) {
     int c = e % NX, node = e / NX % (steps + 2), member = e / NX / (steps + 2);
     double sum = constant[e];
-    for (int s = node * slots; s < (node + 1) * slots; ++s)
-      if (slot_unit[s] >= 0) sum += slot_value[s] * unknowns[(((size_t)member * units + slot_unit[s]) * parts + slot_part[s]) * NX + c];
+    for (int s = node * slots; s < (node + 1) * slots; ++s) {
+      if (slot_unit[s] < 0) continue;
+      const double *part = unknowns + (((size_t)member * units + slot_unit[s]) * parts + slot_part[s]) * NX;
+      if (carry && node < 2)
+#pragma unroll 4
+        for (int k = 0; k < NX; ++k) sum += slot_value[s] * carry[((size_t)member * NX + c) * NX + k] * part[k];
+      else sum += slot_value[s] * part[c];
+    }
     nodes[e] = sum;
   }
 }
@@ -293,6 +300,34 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
   } while (first < MROWS);
 }
 
+/* A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what these are made of
+ * (octo_carry_back of scatter.c). A block of threads for each block of a Hessian, for the columns of each older node in the
+ * Jacobian of FD, and for those in the gradient: grid (2 steps, 10, batch); shared: NX NX doubles. */
+extern "C" __global__ void __launch_bounds__(SMALL, 4)
+octo_carry_back(int steps, const double *carry, double *jac, double *hess, double *gradient) {
+  SHARED(held);
+  int step = blockIdx.x, kind = blockIdx.y, line = kind >= 6, node = 1 + kind % 2; /* kinds 6 to 9 are of node 1 and node 2 */
+  int newer = kind < 3 ? 0 : kind == 4 ? 2 : 1, older = line ? node : kind < 3 ? kind : kind == 3 ? 1 : 2;
+  if (older <= step) return;
+  size_t item = (size_t)blockIdx.z * steps + step;
+  int height = kind < 8 ? NX : 1, width = kind < 6 ? NX : W3;
+  double *own = kind < 6 ? hess + (item * 6 + kind) * NX * NX : (kind < 8 ? jac + item * NX * W3 : gradient + item * W3) + node * NX;
+  carry += (size_t)blockIdx.z * NX * NX;
+  for (int side = 0; side < 2; ++side) { /* own carry, and then carryᵀ own where its rows are of a carried node */
+    if (side == 1 && (line || newer <= step)) return;
+    EACH(e, height * NX) held[e] = own[e / NX * width + e % NX];
+    BARRIER;
+    EACH(e, height * NX) {
+      int r = e / NX, c = e % NX;
+      double sum = 0.0;
+#pragma unroll 8
+      for (int k = 0; k < NX; ++k) sum += side ? carry[k * NX + r] * held[k * NX + c] : held[r * NX + k] * carry[k * NX + c];
+      own[r * width + c] = sum;
+    }
+    BARRIER;
+  }
+}
+
 /* Sums of one place (tables.py) over the blocks of all steps: number ``of`` of a block, ``of_transposed`` of one whose place is
  * negative (~), times a coefficient for each part of a unit or each pair of parts. */
 template <int count>
@@ -307,14 +342,15 @@ static __device__ __forceinline__ void octo_gather(const int *first, const int *
   }
 }
 
-/* Number (r, c) of the blocks of each pair of parts, ``height`` rows each. */
+/* Number (r, c) of the blocks of each pair of parts, ``height`` rows each; dummy (parts), or none: 1 on the diagonal of those parts. */
 template <int parts>
 static __device__ __forceinline__ void octo_gather_pairs(const int *first, const int *source, const double *value, const double *blocks, int of,
-                                                         int of_transposed, double scale, double diagonal, int height, int r, int c, double *out) {
+                                                         int of_transposed, double scale, const int *dummy, int height, int r, int c, double *out) {
   double sum[parts * parts];
   octo_gather<parts * parts>(first, source, value, blocks, of, of_transposed, sum);
   for (int m = 0; m < parts * parts; ++m)
-    out[(m / parts * height + r) * parts * NX + m % parts * NX + c] = scale * sum[m] + (m / parts == m % parts ? diagonal : 0.0);
+    out[(m / parts * height + r) * parts * NX + m % parts * NX + c] =
+        scale * sum[m] + (dummy && m / parts == m % parts && dummy[m / parts] ? 1.0 : 0.0);
 }
 
 template <int parts>
@@ -326,7 +362,7 @@ static __device__ __forceinline__ void octo_gather_parts(const int *first, const
 }
 
 /* H (units, 3, NCV, NCV) = Sᵀ hess S and b (units, NCV) = Sᵀ gradient, NCV = parts NX; grid (units groups, 3 lags, batch).
- * Units that nothing moves (dummy) are the identity. */
+ * Parts of units that nothing moves (dummy) are the identity. */
 extern "C" __global__ void __launch_bounds__(SMALL, 8)
 octo_gather_hessian(int steps, int parts, int groups, const int *first, const int *source, const double *value, const int *b_first,
                     const int *b_source, const double *b_value, const int *dummy, const double *hess, const double *gradient, double *h,
@@ -338,7 +374,7 @@ octo_gather_hessian(int steps, int parts, int groups, const int *first, const in
   for (int e = blockIdx.x % groups * LANES + LANE; e < NX * NX + (lag == 0 ? NX : 0); e += groups * LANES) {
     int r = e / NX, c = e % NX;
     if (e < NX * NX) {
-      const double one = dummy[unit] && lag == 0 && r == c ? 1.0 : 0.0;
+      const int *one = lag == 0 && r == c ? dummy + unit * parts : 0;
       if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
       else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
     } else if (parts == 1) {
@@ -360,8 +396,8 @@ octo_gather_constraints(int steps, int parts, const int *first, const int *sourc
   EACH(e, MU * NX) {
     int r = e / NX, c = e % NX, of = octo_unactuated[r] * W3 + c;
     double scale = row_scale[member * MU + r];
-    if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0.0, MU, r, c, a);
-    else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0.0, MU, r, c, a);
+    if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0, MU, r, c, a);
+    else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0, MU, r, c, a);
   }
 #endif
 }

@@ -25,7 +25,7 @@ TILE, TOGETHER = 3, 2  # columns that a thread multiplies with as many; steps th
 DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT, "TILE": TILE, "TOGETHER": TOGETHER}  # for the kernels
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")  # of dynamics.cu
-BATCHED = ("p", "q", "row_scale", "constant", "anchor")
+BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
 
 
 class Program:
@@ -75,6 +75,7 @@ class DeviceProblem:
         self.p, self.q, self.row_scale, self.constant = (device.array(getattr(problem, name)) for name in BATCHED[:4])
         neighbours = problem.neighbours
         self.anchor = device.array(np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem))
+        self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = like._tables if like is not None and like._fits(problem) else self._upload()
         self._share()
 
@@ -92,8 +93,10 @@ class DeviceProblem:
         """The stencil and its gather tables on the device."""
         stencil, device = self.host.stencil, self.device
         tables = Tables.of(stencil, self.host.steps, self.host.n)
-        dummy = np.zeros(stencil.units, dtype=np.int32)
+        dummy = np.zeros((stencil.units, stencil.parts), dtype=np.int32)
         dummy[self.host.fixed] = 1
+        if self.host.idle is not None:
+            dummy[self.host.idle] = 1
         tests = np.where(stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1)
         whole = {"slot_unit": stencil.unit, "slot_part": stencil.part, "test_row": tests, "dummy": dummy}
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
@@ -112,7 +115,8 @@ class DeviceProblem:
         part.__dict__.update({k: v for k, v in self.__dict__.items() if k != "scratch"})
         chosen = self.xp.asarray(members)
         for name in BATCHED:
-            setattr(part, name, self.xp.ascontiguousarray(getattr(self, name)[chosen]))
+            whole = getattr(self, name)
+            setattr(part, name, None if whole is None else self.xp.ascontiguousarray(whole[chosen]))
         part.batch = len(part.p)
         return part
 
@@ -146,7 +150,7 @@ class DeviceProblem:
         device, program, tables = self.device, self.program, self._tables
         sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
-        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, self.constant, at.unknowns, at.nodes)
+        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, self.constant, self.carry, at.unknowns, at.nodes)
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
@@ -176,6 +180,9 @@ class DeviceProblem:
             "octo_step_model", TILED, program.room, program.held, *dynamics, self.q, scratch["r"], scratch["cost_jac"],
             scratch["touch"], scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
         )  # fmt: skip
+        if self.carry is not None:
+            own = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
+            program.kernel("octo_carry_back")((2, 10, self.batch), self.device.threads(SMALL), *own, shared=8 * self.n**2)
         return self._gather(at)
 
     def term_values(self, at: Evaluation) -> Array:

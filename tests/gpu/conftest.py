@@ -13,6 +13,7 @@ from walker import BASES, START, walker, wiggle_near_ground
 import octo
 from octo.gpu import emulator
 from octo.gpu.emulator import EmulatedDevice
+from octo.model.mirror import Mirror
 from octo.problem.compiled import CompiledProblem
 
 STEPS, DT = 12, 0.05
@@ -53,6 +54,7 @@ def _costs(steps: int) -> list[octo.costs.Cost]:
         c.FootLift(height=0.01, contacts=("foot", "front")),
         c.FrictionCone(mu=0.1, contacts=("foot",)),
         c.ForceRate(),
+        c.PoseTarget(target=START, coordinates=np.linspace(0.5, 1.5, 9), name="Anchor"),  # a cycle has one: texts are shared
     ]
 
 
@@ -69,6 +71,27 @@ def _compiled(basis: str, end: bool = False) -> CompiledProblem:
 def compiled() -> Callable[..., CompiledProblem]:
     """Two problems with terms of every kind."""
     return _compiled
+
+
+MIRROR = Mirror(np.diag([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0]), np.linspace(0.0, 0.02, 9), {}, np.arange(4))
+
+
+@lru_cache
+def _cycle(kind: str) -> CompiledProblem:
+    """Two half strides of 8 or 9 steps with a mirror that the robot does not have, or three strides that turn."""
+    if kind == "turning":
+        steps, cycles = 7, [octo.Cycle(speed=0.4, period=0.35, mirror=False, turn=turn) for turn in (0.4, -0.9, 0.0)]
+    else:
+        steps = {"even": 8, "odd": 9}[kind]
+        cycles = [octo.Cycle(speed=speed, period=0.1 * steps, mirror=MIRROR) for speed in (0.4, -0.2)]
+    given = {"steps": steps, "costs": _costs(steps), "parameters": {"contact.onset": 0.004}}
+    return CompiledProblem([octo.Problem(walker(), cycle=cycle, **given) for cycle in cycles])
+
+
+@pytest.fixture
+def cycle() -> Callable[..., CompiledProblem]:
+    """Two or three cycles, of the kinds "even", "odd" and "turning", with terms of every kind."""
+    return _cycle
 
 
 @lru_cache

@@ -9,6 +9,8 @@ from octo.errors import ShapeError
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import DeviceBlocks, Linear
 from octo.gpu.normal import DeviceNormal
+from octo.gpu.problem import DeviceProblem
+from octo.solver.blocks import KKTBlocks
 from octo.solver.normal import NormalFactor
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
@@ -77,6 +79,30 @@ def test_a_fixed_last_unit_and_dependent_rows(random_system, device):
     normal, other = DeviceNormal(Linear(device(1), 6, 4), system.A), NormalFactor(system.A)
     assert normal.dropped[0] == other.dropped[0] == 1
     np.testing.assert_allclose(normal.least_norm(consistent), other.least_norm(consistent), atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["even", "odd", "turning"])
+def test_the_matrix_of_a_cycle(cycle, wiggle, device, kind):
+    """The first rows are empty, and of an odd number of steps half of the last ones: eigenvalues that are 0 count as negative."""
+    problem, gpu = cycle(kind), device(5)
+    linear, other, unknowns = Linear(gpu, problem.nc, problem.ma), DeviceProblem(problem, gpu), wiggle(problem)
+    lam = 0.1 * np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
+    model = other.linearize(other.evaluate(gpu.array(unknowns)), lam)
+    system, empty = KKTBlocks(model.H, model.A, model.b, model.C), problem.ma + (0 if kind == "even" else problem.m)
+    for weight, right in ((1e3, True), (0.0, False)):
+        sigma = np.full((problem.batch, problem.K), weight)
+        factor = DeviceFactor(linear, system.H, system.A, sigma)
+        values = np.linalg.eigvalsh(system.dense(sigma))
+        assert ((np.abs(values) < 1e-7).sum(axis=1) == empty).all() and (factor.shifted == empty).all()
+        np.testing.assert_array_equal(factor.negative, (values < 1e-7).sum(axis=1) - problem.K * problem.ma)
+        assert (factor.inertia_ok == right).all()
+        dv, multipliers = factor.solve(-system.b, -system.C, tolerance=1e-12, check=True)
+        stationarity, feasibility = system.residual(dv, multipliers, sigma)
+        assert np.abs(stationarity).max() < 1e-10 * np.abs(system.b).max()
+        assert np.abs(feasibility).max() < 1e-10 * np.abs(system.C).max()
+    normal, expected = DeviceNormal(linear, system.A), NormalFactor(system.A)
+    assert (normal.dropped == empty).all() and (expected.dropped == empty).all()
+    np.testing.assert_allclose(normal.project(system.b), expected.project(system.b), atol=1e-10 * np.abs(system.b).max())
 
 
 def test_a_nan_member_leaves_the_others_bit_identical(random_system, device):

@@ -124,7 +124,41 @@ def test_neighbouring_hermite_controls(between_controls, wiggle, device, threads
     np.testing.assert_array_equal(single.energy, own.energy[1:])
 
 
-def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(compiled, wiggle, monkeypatch):
+@pytest.mark.parametrize("threads", THREADS)
+@pytest.mark.parametrize("kind", ["even", "odd", "turning"])
+def test_cycles(cycle, wiggle, device, kind, threads):
+    """The first two nodes are the last two carried back: so are the slopes of the first two steps."""
+    problem, gpu = cycle(kind), device(threads)
+    unknowns = wiggle(problem)
+    lam = np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
+    at, other = problem.evaluate(unknowns), DeviceProblem(problem, gpu)
+    own = other.evaluate(gpu.array(unknowns))
+    for name in ("nodes", "fd", "terms", "energy", "C"):
+        close(getattr(own, name), getattr(at, name))
+    for multipliers in (None, lam):
+        expected, found = problem.linearize(at, multipliers), other.linearize(own, multipliers)
+        for name in "HAbC":
+            close(getattr(found, name), getattr(expected, name))
+    members = np.arange(problem.batch)[::-1]
+    turned = other.take(members)
+    again = turned.evaluate(gpu.array(unknowns[members]))
+    np.testing.assert_array_equal(again.nodes, own.nodes[members])
+    np.testing.assert_array_equal(turned.linearize(again, lam[members]).H, found.H[members])
+
+
+def test_what_a_problem_shares_with_the_one_before_it_has_no_cycle_of_it(cycle, wiggle, device):
+    even, odd, gpu = cycle("even"), cycle("odd"), device(1)
+    before = DeviceProblem(odd, gpu)
+    for problem in (even, even.take(np.array([1, 0]))):
+        after, unknowns = DeviceProblem(problem, gpu, before), wiggle(problem)
+        found, expected = after.evaluate(gpu.array(unknowns)), problem.evaluate(unknowns)
+        close(found.nodes, expected.nodes)
+        for name in "HAb":
+            close(getattr(after.linearize(found, None), name), getattr(problem.linearize(expected, None), name))
+        before = after
+
+
+def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(compiled, cycle, wiggle, monkeypatch):
     """CUDA refuses such a launch; the CPU, whose blocks have another number of threads, would not notice."""
     most, run, seen = {**BOUNDS, "PARTS": PARTS}, EmulatedKernel.__call__, set()
 
@@ -138,8 +172,7 @@ def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(compiled, wi
     monkeypatch.setattr(EmulatedKernel, "__call__", launch)
     gpu = EmulatedDevice()
     gpu.threads = lambda wanted: wanted
-    for basis in ("nodes", "hermite"):
-        problem = compiled(basis)
+    for problem in (compiled("nodes"), compiled("hermite"), cycle("even")):
         other = DeviceProblem(problem, gpu)
         at = other.evaluate(gpu.array(wiggle(problem)))
         for multipliers in (None, gpu.array(np.zeros((2, problem.K, problem.ma)))):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_sequence import same_bits
-from test_solve import SETTINGS, batch_of, both, same_path
+from test_solve import CYCLES, SETTINGS, batch_of, both, cycles_of, same_path
 
 import octo
 from octo.arrays import host
@@ -99,6 +99,24 @@ def test_twenty_iterations_on_the_same_path(robot, basis, seeds, setting):
     options, tolerance = SETTINGS[setting]
     expected, found = both(*batch_of(robot, basis, seeds=seeds), replace(options, max_iterations=20), cuda.device())
     same_path(expected, found, tolerance)
+
+
+@pytest.mark.parametrize("kind", ["even", "odd", "turning"])
+def test_models_of_cycles(cycle, wiggle, kind):
+    problem, gpu = cycle(kind), cuda.device()
+    unknowns, other = wiggle(problem), DeviceProblem(problem, gpu)
+    lam = np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
+    at, own = problem.evaluate(unknowns), other.evaluate(gpu.array(unknowns))
+    found, expected = other.linearize(own, gpu.array(lam)), problem.linearize(at, lam)
+    for name in ("nodes", "fd", "terms", "C"):
+        close(getattr(own, name), getattr(at, name))
+    for name in "HAb":
+        close(getattr(found, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("kind", CYCLES)
+def test_a_cycle_on_the_same_path(kind):
+    same_path(*both(*cycles_of("mammal", *CYCLES[kind]), SqpOptions(max_iterations=10), cuda.device()), 1e-6)
 
 
 def test_to_convergence(swing_up_batch):

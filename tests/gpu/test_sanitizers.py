@@ -30,11 +30,11 @@ FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words,
 
 @lru_cache
 def recorded(threads: int) -> Recorder:
-    """What two iterations of each rule launch, in both bases, with terms between controls and with a number of coordinates that
-    tiles do not divide; with that many threads a block."""
+    """What two iterations of each rule launch, of a cycle and in both bases, with terms between controls and with a number of
+    coordinates that tiles do not divide; with that many threads a block. The cycle is first: all three share their texts."""
     recorder = Recorder()
     device = EmulatedDevice(threads, recorder=recorder)
-    walkers = conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()
+    walkers = conftest._cycle("odd"), conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()
     four = conftest._no_multiple_of_a_tile()
     starts = [*map(conftest.wiggle_near_ground, walkers), np.zeros((1, four.K, four.nc))]
     for problem, start in zip((*walkers, four), starts, strict=True):

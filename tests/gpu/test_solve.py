@@ -28,6 +28,11 @@ def batch_of(robot: str, basis: str, steps: int = 40, seeds: tuple[int, ...] = (
     return CompiledProblem([problem] * len(seeds)), np.stack([first_nodes(problem, seed, None) for seed in seeds])
 
 
+def cycles_of(robot: str, cycle: octo.Cycle, steps: int, seeds: tuple[int, ...] = (0, 1)):
+    problem = octo.Problem(octo.gallery.CHARACTERS[robot](), steps=steps, costs=octo.costs.natural(), cycle=cycle)
+    return CompiledProblem([problem] * len(seeds)), np.stack([first_nodes(problem, seed, None) for seed in seeds])
+
+
 def both(problem, nodes, options, device=None):
     """The CPU's result with cyclic reduction, and the device's."""
     device = device or EmulatedDevice(xp=strict)
@@ -50,6 +55,23 @@ def test_twenty_iterations_on_the_same_path(robot, basis, setting):
     options, tolerance = SETTINGS[setting]
     expected, found = both(*batch_of(robot, basis), replace(options, max_iterations=20))
     same_path(expected, found, tolerance)
+
+
+CYCLES = {
+    "mirrored": (octo.Cycle(speed=0.5, period=0.8), 15),
+    "turning": (octo.Cycle(speed=0.5, period=0.4, mirror=False, turn=0.5), 12),
+}
+
+
+@pytest.mark.parametrize("kind", CYCLES)
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_a_cycle_on_the_same_path(kind, setting):
+    """The paper's radius takes more iterations until a first step is accepted."""
+    iterations = {"paper": 24, "default": 10}[setting]
+    options = replace(SETTINGS[setting][0], max_iterations=iterations)
+    expected, found = both(*cycles_of("mammal", *CYCLES[kind]), options)
+    same_path(expected, found, 1e-6)
+    assert all((record["taken"] > 0.0).any() for record in found.history)
 
 
 def test_to_convergence(swing_up_batch):
