@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import NoneType
 from typing import Any
@@ -111,7 +111,7 @@ class Problem:
                 whole("steps", given)
             elif given != 0:
                 positive("dt", given, "s")
-        if isinstance(self.basis, Hermite) or self.basis == "hermite":
+        if isinstance(basis_named(self.basis), Hermite):
             raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
         for name in ("x0", "v0", "x_end", "v_end"):
             if getattr(self, name) is not None:
@@ -283,12 +283,27 @@ class Problem:
         )
 
     def replace(self, **changes: Any) -> Problem:
-        """A copy with other values. The compiled code is shared wherever the text did not change."""
+        """A copy with other values. The compiled code is shared wherever the text did not change.
+
+        Other steps or another cycle give a cycle a new dt, which follows from the period, unless one is among ``changes``.
+        """
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
             changes["parameters"] = {**self.parameters, **changes["parameters"]}
-        model = self.dynamics if keeps and isinstance(self.model, Dynamics) else changes.pop("model", self.model)
-        changed = replace(self, model=model, **changes)
-        if keeps:
+        if self.cycle is not None:
+            cycle = changes.get("cycle", self.cycle)
+            ranges = isinstance(cycle, Cycle) and isinstance(cycle.period, tuple)
+            if cycle is not None and (ranges or {"cycle", "steps"} & set(changes)):
+                changes.setdefault("dt", 0.0)
+            changes.setdefault("costs", [term for term in self.costs if term.label != ANCHOR])  # it is made anew
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in changes:
+            if name not in values:
+                raise UnknownNameError("field of a Problem", name, values)
+        changed: Problem = object.__new__(type(self))
+        for name, value in {**values, **changes}.items():
+            object.__setattr__(changed, name, value)
+        if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
+        changed.__post_init__()
         return changed
