@@ -6,7 +6,8 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
+from itertools import islice
 from typing import Any, overload
 
 import numpy as np
@@ -66,10 +67,11 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
         raise ValueRangeError("the list of problems is empty")
     periods = [_of_each_period(one) for one in problems]
     members, best = _solve([one for group in periods for one in group], **options)
-    chosen, ends = [], np.cumsum([len(group) for group in periods]).tolist()
-    for described, end, group in zip(problems, ends, periods, strict=True):
-        rivals = [members[k] for k in best[end - len(group) : end]]
-        chosen.append(min(rivals, key=lambda member, described=described: _rank_of_period(member, described)))  # type: ignore
+    left = iter(best)
+    chosen = []
+    for described, group in zip(problems, periods, strict=True):
+        rivals = [members[k] for k in islice(left, len(group))]
+        chosen.append(min(rivals, key=partial(_rank_of_period, described)))
     if not isinstance(problem, Problem):
         return chosen
     _say_kept(chosen[0])
@@ -153,7 +155,7 @@ def _rank(member: Solution) -> tuple[bool, int, bool, float]:
     return (not member.converged, -done, not feasible, member.energy if feasible else member.violation)
 
 
-def _rank_of_period(member: Solution, problem: Problem) -> tuple[bool, int, bool, float]:
+def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, float]:
     """As ``_rank``, with the work of the joints in place of E.
 
     The terms of E are means over time, but they do not mean the same for every period: feet that share the load stand
@@ -161,12 +163,12 @@ def _rank_of_period(member: Solution, problem: Problem) -> tuple[bool, int, bool
     0.8 s; biped .35, .16, .13 at 0.3, 0.8, 1.5 s). Work over weight and way has its least in between: .46, .37, .35, .50 at
     0.3, 0.5, 0.6, 0.8 s and 1.0, .71, .67, .79 at 0.3, 0.8, 1.0, 1.5 s, near the strides of animals of that size.
     """
-    *counted, last = _rank(member)
+    failed, passes, infeasible, last = _rank(member)
     cycle = problem.cycle
-    if cycle is None or member.cycle is None or counted[2]:
-        return _rank(member)
+    if cycle is None or member.cycle is None or infeasible:
+        return failed, passes, infeasible, last
     a_stride = cycle.shift is not None or (cycle.velocity == cycle.sideways == 0.0)  # the way of a stride is what is given
-    return (*counted, member.power * (member.cycle.period if a_stride else 1.0))
+    return failed, passes, infeasible, member.power * (member.cycle.period if a_stride else 1.0)
 
 
 def _for_pass(problem: Problem, stage: Pass | None) -> Problem:

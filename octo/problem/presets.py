@@ -63,9 +63,9 @@ def natural(
 ) -> list[Cost]:
     """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
 
-    Effort, jerky joints, a tilted trunk, one foot that carries all, a knee that carries anything, a loaded foot that slides,
-    a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on which robots
-    is in docs/notes/cycles.md.
+    Effort, jerky joints, a tilted trunk, one foot that carries all, a knee that carries anything, a loaded foot that
+    slides, a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which
+    weights were tried on which robots is in docs/notes/cycles.md.
 
     Parameters
     ----------
