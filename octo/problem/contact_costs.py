@@ -27,19 +27,17 @@ TINY_LOAD = 1e-6  # of the weight; rounds the root of a load off at zero
 class ContactCost(Cost):
     """A term of E summed over contacts.
 
-    ``contacts``: names, or "feet", those on the ground at the start, or "others", those that are not; by default all that
-    touch the terrain, or the feet where a term pulls on what is in the air.
+    ``contacts``: names, or "feet", those on the ground at the start; by default all that touch the terrain, or the feet
+    where a term pulls on what is in the air.
     """
 
-    contacts: tuple[str, ...] | Literal["feet", "others"] | None = None
+    contacts: tuple[str, ...] | Literal["feet"] | None = None
     of_feet: ClassVar[bool] = False  # by default only contacts that touch the ground at the start
 
     def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
         """Indices into the robot's contacts."""
         if self.contacts == "feet":
             return set(feet)
-        if self.contacts == "others":
-            return set(robot.terrain_contacts) - set(feet)
         if self.contacts is not None:
             return {robot.contact_index(name) for name in self.contacts}
         return set(feet if self.of_feet else robot.terrain_contacts)

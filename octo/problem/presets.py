@@ -63,9 +63,9 @@ def natural(
 ) -> list[Cost]:
     """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
 
-    Effort, jerky joints, a tilted trunk, one foot that carries all, a knee that carries anything, a loaded foot that
-    slides, a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which
-    weights were tried on which robots is in docs/notes/cycles.md.
+    Effort, jerky joints, a tilted trunk, one foot that carries all, a loaded foot that slides, a fast foot that is low,
+    force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on which robots
+    is in docs/notes/cycles.md.
 
     Parameters
     ----------
@@ -80,7 +80,6 @@ def natural(
         JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
         Upright(weight=0.5),
         LoadSharing(weight=0.3, contacts=feet),
-        LoadSharing(weight=5.0, contacts="others", name="OtherLoads"),  # with 1 some strides of 1.2 s go on knees
         SlipPower(weight=50.0 / fast, contacts=feet),
         SwingClearance(weight=1.0 / fast, height=0.1 * length, contacts=feet),
         ForceRate(weight=0.02, contacts=feet),

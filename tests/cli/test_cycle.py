@@ -60,7 +60,8 @@ def test_the_page_shows_whole_strides(stride: Path) -> None:
 
 def test_what_is_printed(stride: Path) -> None:
     solution = Solution.load(stride / "solution.npz")
-    assert str(solution).startswith("mammal, a cycle of 0.8 s at 0.5 m/s, half of it solved for and mirrored, 16 steps of 0.025 s")
+    said = "mammal, a cycle of 0.8 s at 0.5 m/s, half of it solved for and mirrored, 16 steps of 0.025 s"
+    assert str(solution).startswith(said)
     assert "in half a stride the centre of mass travels (0.20, " in str(solution)
     assert str(solution.tile(3)).startswith("mammal, 3 strides of 0.8 s at 0.5 m/s, 96 steps of 0.025 s")
 
