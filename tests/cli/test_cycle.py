@@ -47,7 +47,7 @@ def test_the_gait_is_that_of_whole_strides(stride: Path) -> None:
     report = json.loads((stride / "report.json").read_text())
     half, whole = measure_gait(solution), solution.gait
     assert half is not None and whole is not None
-    assert half.median_swing is None  # half a stride has no whole swing
+    assert half.rhythm < 0.9  # half a stride does not repeat itself: left and right change
     assert report["gait"] == pytest.approx(whole.report())
     assert report["gait"]["rhythm"] == pytest.approx(1.0) and report["gait"]["median_swing"] > 0.05
     assert solution.tile(6).gait.report() == pytest.approx(whole.report())
