@@ -168,9 +168,9 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     """As ``_rank``, with the work of the joints in place of E.
 
     The terms of E are means over time, but they do not mean the same for every period: feet that share the load stand
-    longer the longer the stride is, so that E of the natural terms only falls (mammal at 0.5 m/s: .23, .16, .14 at 0.3, 0.5,
-    0.8 s; biped .35, .16, .13 at 0.3, 0.8, 1.5 s). Work over weight and way has its least in between: .46, .37, .35, .50 at
-    0.3, 0.5, 0.6, 0.8 s and 1.0, .71, .67, .79 at 0.3, 0.8, 1.0, 1.5 s, near the strides of animals of that size.
+    longer the longer the stride is, so that E of the natural terms only falls (mammal at 0.5 m/s: .25, .17, .14 at 0.3, 0.5,
+    0.8 s; biped .24, .15, .13 at 0.5, 1.0, 1.5 s). Work over weight and way has its least in between (.54, .37, .53; 1.1,
+    .72, .81), near the strides of animals of that size (docs/cycles.md).
     """
     failed, passes, infeasible, last = _rank(member)
     cycle = problem.cycle

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--turn", type=number, default=0.0, help="rad a stride, to the left (default 0)")
     parser.add_argument("--sideways", type=number, default=0.0, help="m/s, to the left (default 0)")
-    parser.add_argument("--steps", type=whole(1), default=0, help="of what is solved for (default: steps of about 0.025 s)")
+    parser.add_argument("--steps", type=whole(1), default=0, help="of what is solved for (default: steps of 0.025 s or less)")
     add_solver_arguments(parser, seeds=5)
     parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-cycle)")
     parser.set_defaults(run=run)
@@ -116,7 +116,7 @@ def described(robot: Character, arguments: argparse.Namespace) -> Problem:
         low, high = usual_periods(problem.length, speed)
         print(f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to {high:.2g} s", file=sys.stderr)
         cycle = replace(cycle, period=(low, high))
-    return problem.replace(cycle=cycle, costs=natural(length=problem.length))
+    return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
 
 
 def _mirrored(robot: Character, arguments: argparse.Namespace) -> bool:
