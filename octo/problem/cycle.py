@@ -1,8 +1,9 @@
 """Cycles: the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift and v_N = G v_0.
 
 x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half a stride, left and
-right exchanged); x_s is the pose that the problem starts its search from, where the mirror's plane and the middle of the
-turn are. Every residual FD_0 … FD_{N−1} is there once, and what follows from the last state is what followed from the first.
+right exchanged); x_s is the pose that the problem starts its search from: the mirror's plane goes through it, and the turn is
+about it, before the shift, which itself lies along the arc. Every residual FD_0 … FD_{N−1} is there once, and what follows
+from the last state is what followed from the first.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.errors import MirrorError, ProblemError, ShapeError, ValueRangeError
+from octo.errors import MirrorError, ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.model.mirror import Mirror, mirror_of
 
@@ -39,7 +40,8 @@ class Cycle:
 
     Attributes
     ----------
-    speed: m/s, of the mean over a stride, along the heading; negative is backward.
+    speed: m/s over the ground plan, of the mean over a stride, along the heading at its beginning and, where it turns,
+        along the arc that the heading describes; negative is backward.
     period: s, of a whole stride; or (shortest, longest): :func:`octo.solve` solves a few periods between the two
         (``periods``) as one batch and keeps the one whose joints work least on the way.
     mirror: half a stride is solved for, the other half is its mirror image. True finds the mirror
@@ -194,14 +196,14 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration)
-    constant = np.zeros(robot.nx)
     if cycle.mirrored and across:
         raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
     if cycle.turn != 0.0 and sloped:
         raise ProblemError("a turning cycle needs level ground: on a slope the stride after it is another one")
     forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
-    start = problem.start
+    start, constant = problem.start, np.zeros(robot.nx)
+    heading = 0.0 if cycle.mirrored else float(start[first + 3])
+    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration, heading)
     if mirror is not None and cycle.mirrored:
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
@@ -218,9 +220,9 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     constant[first : first + 2] += step
     constant[first + 2] -= (normal[0] * step[0] + normal[1] * step[1]) / normal[2]
     held = np.zeros(robot.nx)
-    held[first] = 1.0
-    held[first + 1] = 0.0 if cycle.mirrored else 1.0  # on an arc x and y together say how far its middle is
-    held[first + 3] = 0.0 if cycle.mirrored or sloped or step.any() else 1.0
+    held[first] = 1.0  # on an arc x and y together say how far its middle is
+    if not cycle.mirrored:  # the mirror's plane holds y and yaw; without it a sideways walk would turn and walk forward
+        held[first + 1] = held[first + 3] = 1.0
     return Closure.of(forward, constant, held, mirror, cycle.mirrored)
 
 
@@ -229,11 +231,12 @@ def _mirror(robot: Character, cycle: Cycle) -> Mirror | None:
 
     Raises
     ------
-    MirrorError: a mirrored cycle of a robot that has no mirror. ShapeError: the mirror of another robot.
+    MirrorError: a mirrored cycle of a robot that has no mirror. ProblemError: the mirror of another robot.
     """
     if isinstance(cycle.mirror, Mirror):
         if cycle.mirror.matrix.shape != (robot.nx, robot.nx):
-            raise ShapeError("cycle.mirror.matrix", cycle.mirror.matrix.shape, f"({robot.nx}, {robot.nx}), of {robot.name!r}")
+            count = len(cycle.mirror.offset)
+            raise ProblemError(f"cycle.mirror is of a robot with {count} coordinates, {robot.name!r} has {robot.nx}")
         return cycle.mirror
     if isinstance(cycle.mirror, Mapping):
         return mirror_of(robot, cycle.mirror)
@@ -250,13 +253,18 @@ def _own_mirror(robot: Character) -> Mirror:
     return mirror_of(robot)
 
 
-def along_arc(velocity: Array, turn: float, duration: float) -> Array:
-    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads from a heading along x that changes by ``turn`` rad."""
+def along_arc(velocity: Array, turn: float, duration: float, heading: float = 0.0) -> Array:
+    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads while the heading changes by ``turn`` rad.
+
+    heading: rad, where it begins.
+    """
     along = np.asarray(velocity, dtype=float) * duration
     if abs(turn) < 1e-9:
-        return along
-    a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
-    return np.array([[a, -b], [b, a]]) @ along
+        a, b = 1.0, 0.0
+    else:
+        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
+    c, s = np.cos(heading), np.sin(heading)
+    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, -b], [b, a]]) @ along)
 
 
 def plane_normal(problem: Problem) -> Array:

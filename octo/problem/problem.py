@@ -27,7 +27,7 @@ from octo.problem.symbols import Setting
 
 Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
-HOLD = 1e3  # … with this weight: on an arc it says how far the middle is, to micrometres
+HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
@@ -48,7 +48,7 @@ class Problem:
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
     cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or none need be given, the
-        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs nothing.
+        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs (almost) nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
     Raises
@@ -97,10 +97,8 @@ class Problem:
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
-        if self.closure is not None and ANCHOR not in [term.label for term in self.costs]:
-            end = self.closure.forward @ self.start + self.closure.forward_constant
-            anchor = PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
-            object.__setattr__(self, "costs", (*self.costs, anchor))
+        if self.anchor is not None and ANCHOR not in [term.label for term in self.costs]:
+            object.__setattr__(self, "costs", (*self.costs, self.anchor))
 
     def _check_cycle(self, cycle: Cycle) -> None:
         """Refuse what no cycle has, and fill in steps and dt."""
@@ -172,6 +170,14 @@ class Problem:
     def closure(self) -> Closure | None:
         """How the cycle closes; None for a problem without one."""
         return None if self.cycle is None else closure_of(self, self.cycle)
+
+    @cached_property
+    def anchor(self) -> PoseTarget | None:
+        """What holds a cycle in place: its last state where the start is carried to; None for a problem without one."""
+        if self.closure is None:
+            return None
+        end = self.closure.forward @ self.start + self.closure.forward_constant
+        return PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
 
     @cached_property
     def p(self) -> Array:
@@ -285,17 +291,19 @@ class Problem:
     def replace(self, **changes: Any) -> Problem:
         """A copy with other values. The compiled code is shared wherever the text did not change.
 
-        Other steps or another cycle give a cycle a new dt, which follows from the period, unless one is among ``changes``.
+        Of a cycle, steps stay and dt follows from a new period or number of steps; steps follow from a new dt.
         """
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
             changes["parameters"] = {**self.parameters, **changes["parameters"]}
-        if self.cycle is not None:
-            cycle = changes.get("cycle", self.cycle)
-            ranges = isinstance(cycle, Cycle) and isinstance(cycle.period, tuple)
-            if cycle is not None and (ranges or {"cycle", "steps"} & set(changes)):
-                changes.setdefault("dt", 0.0)
-            changes.setdefault("costs", [term for term in self.costs if term.label != ANCHOR])  # it is made anew
+        cycle, costs = changes.get("cycle", self.cycle), changes.get("costs", self.costs)
+        ranges = isinstance(cycle, Cycle) and isinstance(cycle.period, tuple)
+        if cycle is not None and "dt" in changes:
+            changes.setdefault("steps", 0)
+        elif cycle is not None and (ranges or {"cycle", "steps"} & set(changes)):
+            changes["dt"] = 0.0
+        if cycle is None and self.anchor is not None and isinstance(costs, Sequence):
+            changes["costs"] = [term for term in costs if term is not self.anchor]
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in changes:
             if name not in values:
@@ -306,4 +314,7 @@ class Problem:
         if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
         changed.__post_init__()
+        if self.anchor is not None and changed.anchor is not None:  # the new start is carried elsewhere
+            anchored = tuple(changed.anchor if term is self.anchor else term for term in changed.costs)
+            object.__setattr__(changed, "costs", anchored)
         return changed

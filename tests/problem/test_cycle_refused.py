@@ -89,7 +89,8 @@ PROBLEMS: dict[str, tuple[Callable[[], Any], type[OctoError], tuple[str, ...]]] 
         lambda: problem(cycle=octo.Cycle(mirror={"hip": "hop"})), UnknownNameError, ("joint 'hip'",),
     ),
     "the mirror of another robot": (
-        lambda: problem(cycle=octo.Cycle(mirror=octo.mirror_of(octo.gallery.biped()))), ShapeError, ("(14, 14)", "(18, 18)"),
+        lambda: problem(cycle=octo.Cycle(mirror=octo.mirror_of(octo.gallery.biped()))), ProblemError,
+        ("cycle.mirror", "14 coordinates", "'mammal' has 18"),
     ),
     "uneven ground": (lambda: problem(terrain=WAVES), ProblemError, ("the same everywhere", "octo.Plane")),
     "uneven ground, whole stride": (lambda: problem(cycle=WHOLE, terrain=WAVES), ProblemError, ("the same everywhere",)),
@@ -155,5 +156,8 @@ def test_what_is_replaced_is_checked_and_derived_anew() -> None:
     assert faster.costs[-1].target[0] == pytest.approx(end[0] + 0.2)
     with pytest.raises(UnknownNameError, match="field of a Problem 'cycles' is not known; did you mean cycle"):
         walk.replace(cycles=CYCLE)
+    assert walk.replace(dt=0.05).steps == 8
     with pytest.raises(ProblemError, match="cycle.period is 0.8 s"):
         walk.replace(dt=0.03)
+    with pytest.raises(ProblemError, match="cycle.period a range"):
+        both.replace(dt=0.03)
