@@ -113,10 +113,11 @@ def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
 
 def record(number: int, member: Solution) -> dict[str, object]:
     """What reports keep of a pass."""
-    report = member.report()
     kept = (
-        "status", "converged", "iterations", "factorizations", "energy", "violation", "pointwise_residual", "penetration",
+        "converged", "iterations", "factorizations", "energy", "violation", "pointwise_residual", "penetration",
         "penetration_max", "slip", "friction_use", "friction_use_95", "torque_excess", "seconds",
     )  # fmt: skip
     weights = {name: member.parameters.get(name) for name in ("contact.w_perp", "contact.w_par", "contact.onset")}
-    return {"pass": number, **{name: report[name] for name in kept}, **{k: v for k, v in weights.items() if v is not None}}
+    figures = {name: getattr(member, name) for name in kept}
+    said = {name: value for name, value in weights.items() if value is not None}
+    return {"pass": number, "status": member.status.label, **figures, **said}

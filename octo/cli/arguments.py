@@ -79,11 +79,36 @@ def add_base_arguments(parser: argparse.ArgumentParser) -> None:
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """The same with the contact law and the step."""
     add_base_arguments(parser)
+    add_law_argument(parser)
+    parser.add_argument("--dt", type=positive, default=0.025, help="s, of one step (default 0.025)")
+
+
+def add_law_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--friction", default="viscous", metavar="MU|LAW",
         help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, w_par/w_perp in s/m",
     )  # fmt: skip
-    parser.add_argument("--dt", type=positive, default=0.025, help="s, of one step (default 0.025)")
+
+
+def add_solver_arguments(parser: argparse.ArgumentParser, device: str = "auto", seeds: int = 1) -> None:
+    """How a problem is solved."""
+    parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
+    parser.add_argument("--seeds", type=whole(1), default=seeds, help=f"starts, solved as one batch (default {seeds})")
+    parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
+    parser.add_argument("--start", metavar="SOLUTION.npz", help="a saved solution to start from")
+    parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
+    parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
+    parser.add_argument("--time-limit", type=positive, help="s, of all passes")
+    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
+    parser.add_argument("--device", default=device, help=f"auto, cpu or cuda (default {device})")
+
+
+SOLVER = ("passes", "seeds", "seed", "threads", "max_iterations", "time_limit", "tolerance", "device")
+
+
+def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What ``octo.solve`` is called with; a start is loaded by the caller."""
+    return {name: getattr(arguments, name) for name in SOLVER}
 
 
 def pose_of(robot: Character, word: str | None) -> Array | None:

@@ -13,7 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of, whole
+from octo.cli.arguments import (
+    add_robot_arguments,
+    add_solver_arguments,
+    law_of,
+    number,
+    pose_of,
+    positive,
+    solver_options,
+    steps_of,
+    terrain_of,
+)
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.goals import Goal
 from octo.model.character import Character
@@ -43,15 +53,7 @@ def add_goal_arguments(parser: argparse.ArgumentParser, device: str = "auto") ->
     parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
     parser.add_argument("--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)")
     parser.add_argument("--costs", default="paper", help="paper, or robot: a plan that a plant should follow (default paper)")
-    parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
-    parser.add_argument("--seeds", type=whole(1), default=1, help="starts, solved as one batch (default 1)")
-    parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
-    parser.add_argument("--start", metavar="SOLUTION.npz", help="a saved solution to start from")
-    parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
-    parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
-    parser.add_argument("--time-limit", type=positive, help="s, of all passes")
-    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
-    parser.add_argument("--device", default=device, help=f"auto, cpu or cuda (default {device})")
+    add_solver_arguments(parser, device)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -69,19 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     resolve_device(arguments.device)
     problem = described(robot, goal, steps, arguments)
     prepared = time.perf_counter() - began
-    solution = solve(
-        problem,
-        passes=arguments.passes,
-        seeds=arguments.seeds,
-        seed=arguments.seed,
-        start=start,
-        device=arguments.device,
-        threads=arguments.threads,
-        max_iterations=arguments.max_iterations,
-        time_limit=arguments.time_limit,
-        tolerance=arguments.tolerance,
-        progress=True,
-    )
+    solution = solve(problem, start=start, progress=True, **solver_options(arguments))
     solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
     write(folder, solution, report(solution, goal))
     print(solution)
@@ -119,7 +109,7 @@ def report(solution: Solution, goal: Goal) -> dict[str, Any]:
     }
 
 
-def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any]) -> None:
+def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any], plotted: Solution | None = None) -> None:
     """The four files; a picture that cannot be drawn, as without the extra 'view', is left out."""
     from octo.plot import plot
     from octo.viewer import view
@@ -127,7 +117,7 @@ def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any]) -
     writers: dict[str, Writer] = {
         "solution.npz": solution.save,
         "report.json": lambda path: write_json(path, values),
-        "plot.png": lambda path: plot(solution, path),
+        "plot.png": lambda path: plot(plotted or solution, path),
         "motion.html": lambda path: view(solution, path),
     }
     say_left_out(folder.write(writers))

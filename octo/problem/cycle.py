@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
+GRAVITY = 9.81  # m/s², only of scales
+SLOWEST = 5.0  # √(ℓ/g), of a stride that goes nowhere
+AROUND = 1.4  # strides of least work were within this factor of ``usual_period``: .5 and .58 s, .6 and .57, 1.0 and 1.2
+PERIODS = 5  # that a range is tried at, in equal ratios
 WHOLE = 1e-6  # of a step: how far a period may be from a whole number of them
 LEVEL = 1e-9  # of the normal's length: what counts as a plane without slope
 
@@ -38,7 +42,8 @@ class Cycle:
     ----------
     speed: m/s over the ground plan, of the mean over a stride, along the heading at its beginning and, where it turns,
         along the arc that the heading describes; negative is backward.
-    period: s, of a whole stride; or (shortest, longest), of which the best is kept.
+    period: s, of a whole stride; or (shortest, longest): :func:`octo.solve` solves a few periods between the two
+        (``periods``) as one batch and keeps the one whose joints work least on the way.
     mirror: half a stride is solved for, the other half is its mirror image. True finds the mirror
         (:func:`octo.mirror_of`), a mapping gives pairs of names by hand, a Mirror is taken as it is.
     turn: rad, by which the heading changes in a stride, to the left where positive. A turning stride cannot be mirrored.
@@ -94,6 +99,13 @@ class Cycle:
         return float(period) / (2.0 if self.mirrored else 1.0)
 
     @property
+    def periods(self) -> tuple[float, ...]:
+        """s, that are solved for: the one given, or a few of a range, in equal ratios."""
+        if isinstance(self.period, tuple):
+            return tuple(float(period) for period in np.geomspace(*self.period, PERIODS))
+        return (float(self.period),)
+
+    @property
     def velocity(self) -> float:
         """m/s along the heading."""
         if self.shift is not None:
@@ -111,7 +123,8 @@ class Cycle:
         if isinstance(self.period, tuple) and dt > 0.0:
             raise ProblemError(f"dt is {dt:g} s and cycle.period a range: give steps alone, each period then has a dt of its own")
         if dt <= 0.0:
-            steps = steps or max(8, round(self.duration / TIME_STEP))
+            longest = max(self.periods) / (2.0 if self.mirrored else 1.0)
+            steps = steps or max(8, round(longest / TIME_STEP))
             return steps, self.duration / steps
         exact = self.duration / dt
         wanted = steps or max(1, round(exact))
@@ -122,6 +135,22 @@ class Cycle:
                 f"{'the ' + str(steps) if steps else 'a whole number of'} steps: for example a period of {near:.6g} s"
             )
         return wanted, dt
+
+
+def usual_period(length: float, speed: float) -> float:
+    """s, of the stride of an animal whose legs are ``length`` m at ``speed`` m/s.
+
+    Its stride is 2.3 ℓ (v²/gℓ)^0.3 long (Alexander, Nature 261, 1976), slow ones take no longer than 5 √(ℓ/g).
+    """
+    slowest = SLOWEST * float(np.sqrt(length / GRAVITY))
+    froude = speed**2 / (GRAVITY * length)
+    return min(slowest, 2.3 * length * froude**0.3 / abs(speed)) if froude > 1e-6 else slowest
+
+
+def usual_periods(length: float, speed: float) -> tuple[float, float]:
+    """s, shortest and longest to look for a stride in: see ``usual_period``."""
+    period = usual_period(length, speed)
+    return period / AROUND, period * AROUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,32 +177,34 @@ class Closure:
 
 
 def closure_of(problem: Problem, cycle: Cycle) -> Closure:
-    """The closure of a problem's cycle.
+    """The closure of a problem's cycle. What can be refused is refused before a start is looked for.
 
     Raises
     ------
-    ProblemError: no floating base, no mirror, a ground or a gravity that is not the same after the stride.
+    ProblemError: no floating base, no actuator, a ground or a gravity that is not the same after the stride.
+    MirrorError: no mirror.
     """
     robot = problem.character
     if robot is None:
         raise ProblemError("cycle needs a robot: user-written dynamics have no base that a stride could carry on")
     if robot.base != "floating":
         raise ProblemError(f"cycle needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
+    if robot.nu == 0:
+        raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     first = int(robot.first_joint[robot.base_body])
-    start = problem.start
     normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
+    if cycle.mirrored and across:
+        raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
+    if cycle.turn != 0.0 and sloped:
+        raise ProblemError("a turning cycle needs level ground: on a slope the stride after it is another one")
+    forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
+    start, constant = problem.start, np.zeros(robot.nx)
     heading = 0.0 if cycle.mirrored else float(start[first + 3])
     step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration, heading)
-    constant = np.zeros(robot.nx)
-    forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
     if mirror is not None and cycle.mirrored:
-        if across:
-            raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
-        if len(mirror.offset) != robot.nx:
-            raise ProblemError(f"cycle.mirror is of a robot with {len(mirror.offset)} coordinates, {robot.name!r} has {robot.nx}")
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
         place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s
@@ -181,8 +212,6 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
             raise ProblemError(f"the start has a heading of {place[first + 3]:g} rad: a mirrored cycle goes along x, must be 0")
         constant = constant + place - forward @ place
     elif cycle.turn != 0.0:
-        if sloped:
-            raise ProblemError("a turning cycle needs level ground: on a slope the stride after it is another one")
         c, s = np.cos(cycle.turn), np.sin(cycle.turn)
         forward[first : first + 2, first : first + 2] = [[c, -s], [s, c]]
         middle = start[first : first + 2]
@@ -202,9 +231,12 @@ def _mirror(robot: Character, cycle: Cycle) -> Mirror | None:
 
     Raises
     ------
-    MirrorError: a mirrored cycle of a robot that has no mirror.
+    MirrorError: a mirrored cycle of a robot that has no mirror. ProblemError: the mirror of another robot.
     """
     if isinstance(cycle.mirror, Mirror):
+        if cycle.mirror.matrix.shape != (robot.nx, robot.nx):
+            count = len(cycle.mirror.offset)
+            raise ProblemError(f"cycle.mirror is of a robot with {count} coordinates, {robot.name!r} has {robot.nx}")
         return cycle.mirror
     if isinstance(cycle.mirror, Mapping):
         return mirror_of(robot, cycle.mirror)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import NoneType
 from typing import Any
@@ -109,7 +109,7 @@ class Problem:
                 whole("steps", given)
             elif given != 0:
                 positive("dt", given, "s")
-        if isinstance(self.basis, Hermite) or self.basis == "hermite":
+        if isinstance(basis_named(self.basis), Hermite):
             raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
         for name in ("x0", "v0", "x_end", "v_end"):
             if getattr(self, name) is not None:
@@ -302,17 +302,24 @@ class Problem:
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
             changes["parameters"] = {**self.parameters, **changes["parameters"]}
-        cycle = changes.get("cycle", self.cycle)
+        cycle, costs = changes.get("cycle", self.cycle), changes.get("costs", self.costs)
+        ranges = isinstance(cycle, Cycle) and isinstance(cycle.period, tuple)
         if cycle is not None and "dt" in changes:
             changes.setdefault("steps", 0)
-        elif cycle is not None and {"cycle", "steps"} & set(changes):
+        elif cycle is not None and (ranges or {"cycle", "steps"} & set(changes)):
             changes["dt"] = 0.0
-        if cycle is None and self.anchor is not None:
-            changes["costs"] = [term for term in changes.get("costs", self.costs) if term is not self.anchor]
-        model = self.dynamics if keeps and isinstance(self.model, Dynamics) else changes.pop("model", self.model)
-        changed = replace(self, model=model, **changes)
-        if keeps:
+        if cycle is None and self.anchor is not None and isinstance(costs, Sequence):
+            changes["costs"] = [term for term in costs if term is not self.anchor]
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in changes:
+            if name not in values:
+                raise UnknownNameError("field of a Problem", name, values)
+        changed: Problem = object.__new__(type(self))
+        for name, value in {**values, **changes}.items():
+            object.__setattr__(changed, name, value)
+        if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
+        changed.__post_init__()
         if self.anchor is not None and changed.anchor is not None:  # the new start is carried elsewhere
             anchored = tuple(changed.anchor if term is self.anchor else term for term in changed.costs)
             object.__setattr__(changed, "costs", anchored)

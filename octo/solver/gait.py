@@ -29,6 +29,7 @@ HIGH = 5.0  # Hz: what a step needs of a torque is slower
 LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
+STRIDES = 4  # a foot has a whole stance and a whole swing in the two in the middle
 ROWS = (  # of a Solution, one a step
     "u",
     "contact_force",
@@ -143,6 +144,19 @@ def measure_gait(solution: Solution, first: float = 0.0, last: float | None = No
         friction_use=part.friction_use,
         torque_use=part.torque_excess,
     )
+
+
+def measure_cycle(solution: Solution) -> Gait | None:
+    """The figures of a cycle carried on: of the whole strides in the middle of STRIDES or more.
+
+    Raises
+    ------
+    ProblemError: the motion is no cycle.
+    """
+    period = solution.cycle.period if solution.cycle is not None else math.inf
+    strides = max(1, round(solution.steps * solution.dt / period))
+    several = solution if strides >= STRIDES else solution.tile(-(-STRIDES // strides))
+    return measure_gait(several, period, several.steps * several.dt - period)
 
 
 def stances(force: Array, weight: float) -> NDArray[np.bool_]:

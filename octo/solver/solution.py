@@ -21,7 +21,7 @@ from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.solver import export
-from octo.solver.gait import Gait, measure_gait
+from octo.solver.gait import Gait, measure_cycle, measure_gait
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
 
@@ -235,16 +235,28 @@ class Solution:
             return 0.0
         return float(np.max(np.abs(self.u[:, limited]) / self.torque_limit[limited]))
 
+    @property
+    def power(self) -> float:
+        """W, mean of Σ|u dq/dt| over the motion: work done by the joints and on them; 0 for user-written dynamics."""
+        if self.character is None:
+            return 0.0
+        turned = np.diff(self.x[1:], axis=0)[:, self.character.actuated]  # (N, nu) rad and m
+        return float(np.abs(self.u * turned).sum(axis=1).mean()) / self.dt
+
     @cached_property
     def gait(self) -> Gait | None:
-        """How good the motion is, in figures; None for user-written dynamics."""
-        return measure_gait(self)
+        """How good the motion is, in figures; of a cycle, carried on for some strides. None for user-written dynamics."""
+        return measure_gait(self) if self.cycle is None else measure_cycle(self)
 
     # -- words and numbers ----------------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """The numbers of report.json; every one is finite, or None in ``gait`` where there is nothing to measure."""
+        """The numbers of report.json; every one is finite, or None in ``gait`` where there is nothing to measure.
+
+        A cycle has more: period, speed, sideways, turn, mirrored, and power.
+        """
         travel = self.com[-1] - self.com[0]
+        carried_on = {} if self.cycle is None else {**self.cycle.plain(), "power": self.power}
         return {
             "status": self.status.label,
             "status_sentence": self.status.value,
@@ -276,11 +288,21 @@ class Solution:
             "dt": self.dt,
             "robot": self.name,
             "seed": self.seed,
+            **carried_on,
         }
+
+    @property
+    def _sampled(self) -> str:
+        carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
+        return f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
+
+    @property
+    def _piece(self) -> str:
+        return "in half a stride the " if self.cycle is not None and self.cycle.mirrored else ""
 
     def __str__(self) -> str:
         lines = [
-            f"{self.name}, {self.steps} steps of {self.dt:g} s ({self.basis}): {self.status.value}",
+            f"{self.name}, {self._sampled}: {self.status.value}",
             f"  {self.iterations} iterations in {self.seconds:.2f} s, E = {self.energy:.5g} "
             f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual {self.pointwise_residual:.1e} N",
@@ -288,7 +310,7 @@ class Solution:
         if self.character is not None:
             travel = self.com[-1] - self.com[0]
             lines.append(
-                f"  centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, {travel[2]:.2f}) m; feet sink "
+                f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, {travel[2]:.2f}) m; feet sink "
                 f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
         if self.gait is not None:

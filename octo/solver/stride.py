@@ -81,6 +81,16 @@ class Stride:
             )  # fmt: skip
         return replace(whole, mirrored=False, asymmetry=0.0)
 
+    def in_words(self, duration: float) -> str:
+        """What moves on so, of a motion of ``duration`` s."""
+        strides = round(duration / self.period)
+        words = [f"{strides} strides" if strides > 1 else "a cycle", f"of {self.period:.4g} s at {self.speed:g} m/s"]
+        if self.sideways != 0.0:
+            words.append(f"and {self.sideways:g} m/s sideways")
+        if self.turn != 0.0:
+            words.append(f"that turns by {self.turn:.3g} rad")
+        return " ".join(words) + (", half of it solved for and mirrored" if self.mirrored else "")
+
     def plain(self) -> dict[str, Any]:
         """The numbers that are not arrays, for files."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ARRAYS}

@@ -65,7 +65,9 @@ def view(
     if len(names) != len(solutions):
         raise ShapeError("labels", (len(names),), f"one for each solution: ({len(solutions)},)")
     if loop is None:
-        loop = getattr(solutions[0], "cycle", None) is not None
+        loop = solutions[0].cycle is not None
+    if loop:  # from half a stride on the other half is its mirror image
+        solutions = [s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions]
     times = frame_times(solutions)
     if apart is None:
         sizes = [size(s.character) for s in solutions if s.character is not None]

@@ -10,6 +10,7 @@ import re
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import motions
@@ -163,7 +164,7 @@ def test_what_loops(tmp_path: Path) -> None:
     straight = turning(1e-9)
     view(straight, file)
     assert page_data(file)["loop"] is False and page_data(file)["cycle"] is None
-    object.__setattr__(straight, "cycle", "half")  # whatever says that it is one
+    object.__setattr__(straight, "cycle", SimpleNamespace(mirrored=False))  # whatever says that it is one
     view(straight, file)
     assert page_data(file)["loop"] is True
     assert "one cycle of 1.5708 s, repeated" in file.read_text()

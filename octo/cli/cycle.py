@@ -1,0 +1,135 @@
+"""``octo cycle``: a robot and a speed in, a stride that repeats itself out."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from octo.cli.arguments import (
+    add_base_arguments,
+    add_law_argument,
+    add_solver_arguments,
+    law_of,
+    number,
+    pose_of,
+    solver_options,
+    terrain_of,
+    whole,
+)
+from octo.cli.output import OutputFolder
+from octo.cli.solve import FILES, write
+from octo.errors import MirrorError
+from octo.model.character import Character
+from octo.model.load import load
+from octo.model.mirror import mirror_of
+from octo.problem.costs import Effort
+from octo.problem.cycle import Cycle, usual_periods
+from octo.problem.presets import natural
+from octo.problem.problem import Problem
+from octo.solver.solution import Solution, Status
+
+PLOTTED = 3  # strides
+Period = float | tuple[float, float] | None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_base_arguments(parser)
+    add_law_argument(parser)
+    parser.add_argument("--speed", type=number, default=0.5, help="m/s along the heading (default 0.5)")
+    parser.add_argument(
+        "--period", type=period, default=0.8, metavar="T|LOW,HIGH|auto",
+        help="s, of a whole stride; of a range, and of the robot's usual strides, the one of least work (default 0.8)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--mirror", action=argparse.BooleanOptionalAction,
+        help="solve for half a stride, the other half is its mirror image (default: where the robot and the motion have one)",
+    )  # fmt: skip
+    parser.add_argument("--turn", type=number, default=0.0, help="rad a stride, to the left (default 0)")
+    parser.add_argument("--sideways", type=number, default=0.0, help="m/s, to the left (default 0)")
+    parser.add_argument("--steps", type=whole(1), default=0, help="of what is solved for (default: steps of 0.025 s or less)")
+    add_solver_arguments(parser, seeds=5)
+    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-cycle)")
+    parser.set_defaults(run=run)
+
+
+def period(word: str) -> Period:
+    """A number of seconds, two of them, or None for "auto"; which numbers are allowed says ``octo.Cycle``."""
+    if word == "auto":
+        return None
+    try:
+        numbers = [float(part) for part in word.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"is {word!r}, must be a number of seconds, LOW,HIGH or auto")
+    return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Everything that can be refused is refused before anything is compiled."""
+    began = time.perf_counter()
+    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-cycle")
+    folder.check(FILES)
+    start = None if arguments.start is None else Solution.load(arguments.start)
+    robot = load(arguments.robot, arguments.base)
+    from octo.solve import resolve_device, solve  # after the checks: it takes longer to import than they take
+
+    resolve_device(arguments.device)
+    problem = described(robot, arguments)
+    prepared = time.perf_counter() - began
+    solution = solve(problem, start=start, progress=True, **solver_options(arguments))
+    solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
+    report = {**solution.report(), "starts": [dict(record) for record in solution.starts]}
+    write(folder, solution, report, solution.tile(PLOTTED))
+    print(solution)
+    print(f"written to {folder.path}")
+    if solution.status is Status.INTERRUPTED:
+        return 130
+    return 0 if solution.converged else 1
+
+
+def described(robot: Character, arguments: argparse.Namespace) -> Problem:
+    """The problem of a cycle, with the terms of :func:`octo.costs.natural`."""
+    given = arguments.period
+    cycle = Cycle(
+        speed=arguments.speed,
+        period=Cycle().period if given is None else given,
+        mirror=_mirrored(robot, arguments),
+        turn=arguments.turn,
+        sideways=arguments.sideways,
+    )
+    problem = Problem(
+        robot,
+        steps=arguments.steps,
+        costs=[Effort()],
+        terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction),
+        pose=pose_of(robot, arguments.pose),
+        cycle=cycle,
+    )
+    if given is None:
+        speed = math.hypot(arguments.speed, arguments.sideways)
+        low, high = usual_periods(problem.length, speed)
+        print(f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to {high:.2g} s", file=sys.stderr)
+        cycle = replace(cycle, period=(low, high))
+    return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
+
+
+def _mirrored(robot: Character, arguments: argparse.Namespace) -> bool:
+    """As asked for; else whether there is a mirror image, with a line where the robot has none."""
+    if arguments.mirror is not None:
+        return bool(arguments.mirror)
+    if arguments.turn != 0.0 or arguments.sideways != 0.0:
+        return False
+    if robot.base != "floating":
+        return True  # refused for that
+    try:
+        mirror_of(robot)
+    except MirrorError as error:
+        print(f"octo: {error}: a whole stride is solved for, as with --no-mirror", file=sys.stderr)
+        return False
+    return True
