@@ -45,7 +45,8 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     options (SqpOptions): how; ``max_iterations``, ``time_limit`` (s) and ``tolerance`` may also be given on their own.
     passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The best converged one is returned.
-    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise.
+    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise; for several
+        problems also nodes of each (problems, N+1, nx).
     device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU and a line on stderr that says why.
     threads: of the CPU's native code.
     progress: print a line now and then. callback: called with an :class:`~octo.solver.sqp.Iterate` after every
@@ -60,14 +61,19 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     OctoError: the problem, an option or the device is refused; nothing was computed.
     """
     if isinstance(problem, Problem):
-        members, best = _solve([problem], **options)
-        _say_kept(members[best[0]])
-        return replace(members[best[0]], starts=tuple({**m.report(), "seed": m.seed} for m in members))
+        return best_of(_solve([problem], **options)[0])
     problems = list(problem)
     if not problems:
         raise ValueRangeError("the list of problems is empty")
     members, best = _solve(problems, **options)
     return [members[k] for k in best]
+
+
+def best_of(members: Sequence[Solution]) -> Solution:
+    """The best of the starts of one problem, with a record of each."""
+    best = min(members, key=_rank)
+    _say_kept(best)
+    return replace(best, starts=tuple({**member.report(), "seed": member.seed} for member in members))
 
 
 @dataclass
@@ -111,13 +117,24 @@ def _solve(
     began = time.perf_counter()
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)
-    nodes = np.stack([first_nodes(problem, number, start) for problem, number in zip(current, numbers, strict=True)])
+    starts = _each_start(start, len(problems))
+    began_at = [first for first in starts for _ in range(seeds)]
+    nodes = np.stack([first_nodes(*given) for given in zip(current, numbers, began_at, strict=True)])
     _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress() if progress else None)
     members = _passes(run, compiled, nodes, plan, monitor, numbers, start)
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
+
+
+def _each_start(start: Solution | Array | None, count: int) -> Sequence[Solution | Array | None]:
+    """One start for each of ``count`` problems."""
+    if not isinstance(start, np.ndarray) or start.ndim != 3:
+        return [start] * count
+    if len(start) != count:
+        raise ShapeError("start", start.shape, f"({count}, N+1, nx)")
+    return list(start)
 
 
 def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:

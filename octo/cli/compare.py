@@ -9,9 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from octo.cli.arguments import steps_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import add_goal_arguments, described, finite, report
+from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
 from octo.errors import ProblemError, UnknownNameError
 from octo.goals import Goal
 from octo.model.load import load
@@ -39,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
-    steps = steps_of(arguments.seconds, arguments.dt)
+    steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis)
     path = None if arguments.json is None else Path(arguments.json)
     if path is not None:
@@ -57,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     contest = Contest(problem, others, options, arguments.passes or 1, arguments.threads, device, start)
     entries: list[Entry] = []
     interrupted = False
-    print(f"{robot.name}, {steps} steps of {arguments.dt:g} s, {problem.basis_object.name}, goal {goal.kind}\n{HEAD}", flush=True)
+    basis = problem.basis_object.name
+    print(f"{robot.name}, {problem.steps} steps of {arguments.dt:g} s, {basis}, goal {goal.kind}\n{HEAD}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
