@@ -31,6 +31,9 @@ _HOME = {
     "Goal": "octo.goals",
     "jump": "octo.jump",
     "solve": "octo.solve",
+    "walk": "octo.motions",
+    "stride": "octo.motions",
+    "turn": "octo.motions",
     "SqpOptions": "octo.solver.options",
     "Solution": "octo.solver.solution",
     "Status": "octo.solver.solution",
@@ -42,6 +45,7 @@ _COSTS = (
     "BaseAngularVelocity",
     "BaseHeight",
     "BaseOrientation",
+    "BodyLoad",
     "CenterOfMassDisplacement",
     "CenterOfMassPosition",
     "CenterOfMassVelocity",
@@ -91,6 +95,7 @@ if TYPE_CHECKING:
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
     from octo.costs import BaseOrientation as BaseOrientation
+    from octo.costs import BodyLoad as BodyLoad
     from octo.costs import CenterOfMassDisplacement as CenterOfMassDisplacement
     from octo.costs import CenterOfMassPosition as CenterOfMassPosition
     from octo.costs import CenterOfMassVelocity as CenterOfMassVelocity
@@ -130,6 +135,9 @@ if TYPE_CHECKING:
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
+    from octo.motions import stride as stride
+    from octo.motions import turn as turn
+    from octo.motions import walk as walk
     from octo.picture import filmstrip as filmstrip
     from octo.plot import plot as plot
     from octo.problem.basis import Hermite as Hermite

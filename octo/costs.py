@@ -1,6 +1,7 @@
 """Every term of E by one import path, and the lists of terms that go together: natural, paper, robot, locomotion."""
 
 from octo.problem.contact_costs import (
+    BodyLoad,
     Clearance,
     ContactCost,
     FootLift,
@@ -39,6 +40,7 @@ __all__ = [
     "BaseAngularVelocity",
     "BaseHeight",
     "BaseOrientation",
+    "BodyLoad",
     "CenterOfMassDisplacement",
     "CenterOfMassPosition",
     "CenterOfMassVelocity",

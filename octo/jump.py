@@ -34,7 +34,6 @@ FLOWN = 0.85  # … which is this part of the ballistic one: feet leave later an
 PLANTED = 30.0  # weight of (h/ℓ)² of feet on the ground, counted from a height of …
 LIFT = 0.03  # … ℓ: without it a robot that lands badly hops once more
 LANDED = 1.2  # of the ballistic flight: before and after it feet are on the ground
-OTHERS = 30.0  # weight of (f_n/mg)² of knees and trunk: without it robots push off on their knees
 FORCE_RATE = 0.5  # weights of a jump in place of a walk's: forces grow softly …
 LOAD_SHARING = 0.1  # … and may be large for a moment
 DEPTHS = (0.4, 0.3, 0.5)  # ℓ, of the crouch, one start after the other
@@ -125,7 +124,6 @@ def jump_problem(
     top = np.where(when < 0.5 * dt, TOP * steps, 0.0)
     air = np.where(when < FLOWN * rise, AIR, 0.0)
     planted = np.where(when > LANDED * rise, PLANTED / plain.length**2, 0.0)
-    others = tuple(robot.contacts[k].name for k in robot.terrain_contacts if k not in feet)
     above = (0.5 * distance, 0.0, height)
     costs: list[Cost] = [
         CenterOfMassDisplacement(displacement=above, weight=top, name="Top"),
@@ -133,8 +131,6 @@ def jump_problem(
         FootLift(weight=planted, height=LIFT * plain.length, name="Planted"),
         *presets.natural(length=plain.length),
     ]
-    if others:
-        costs.append(LoadSharing(weight=OTHERS, contacts=others, name="Others"))
     weights = {"ForceRate": FORCE_RATE, "LoadSharing": LOAD_SHARING}
     costs = [replace(term, weight=weights.get(term.label, term.weight)) for term in costs]
     return plain.replace(steps=steps, costs=costs, displacement=landed - plain.start)
@@ -150,7 +146,7 @@ def solve_jump(
 ) -> Solution:
     """Solve a :func:`jump_problem`: :func:`octo.solve` from first guesses that leave the ground."""
     whole("seeds", seeds)
-    guesses = first_guesses(problem, seeds, seed) if start is None else start
+    guesses = list(first_guesses(problem, seeds, seed)) if start is None else start
     members = solve([problem] * seeds, start=guesses, **options)
     return best_of([replace(member, seed=seed + k) for k, member in enumerate(members)])
 

@@ -45,8 +45,8 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     options (SqpOptions): how; ``max_iterations``, ``time_limit`` (s) and ``tolerance`` may also be given on their own.
     passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The best converged one is returned.
-    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise; for several
-        problems also nodes of each (problems, N+1, nx).
+    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise; of several
+        problems one for all, or a list of one for each.
     device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU and a line on stderr that says why.
     threads: of the CPU's native code.
     progress: print a line now and then. callback: called with an :class:`~octo.solver.sqp.Iterate` after every
@@ -76,6 +76,11 @@ def best_of(members: Sequence[Solution]) -> Solution:
     return replace(best, starts=tuple({**member.report(), "seed": member.seed} for member in members))
 
 
+def solve_all(problem: Problem | Sequence[Problem], **options: Any) -> list[Solution]:
+    """As :func:`solve`, but the solutions of all starts of all problems, not the best of each."""
+    return _solve([problem] if isinstance(problem, Problem) else list(problem), **options)[0]
+
+
 @dataclass
 class _Run:
     """What one call of solve carries from pass to pass."""
@@ -94,7 +99,7 @@ def _solve(
     passes: int | None = None,
     seeds: int = 1,
     seed: int = 0,
-    start: Solution | Array | None = None,
+    start: Solution | Array | Sequence[Solution | Array] | None = None,
     device: str = "auto",
     threads: int = 1,
     max_iterations: int | None = None,
@@ -117,24 +122,14 @@ def _solve(
     began = time.perf_counter()
     current = [_for_pass(problem, plan[0]) for problem in batch]
     compiled = CompiledProblem(current, run.threads)
-    starts = _each_start(start, len(problems))
-    began_at = [first for first in starts for _ in range(seeds)]
-    nodes = np.stack([first_nodes(*given) for given in zip(current, numbers, began_at, strict=True)])
+    starts = _each(start, problems, seeds)
+    nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress() if progress else None)
-    members = _passes(run, compiled, nodes, plan, monitor, numbers, start)
+    members = _passes(run, compiled, nodes, plan, monitor, numbers, starts)
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
-
-
-def _each_start(start: Solution | Array | None, count: int) -> Sequence[Solution | Array | None]:
-    """One start for each of ``count`` problems."""
-    if not isinstance(start, np.ndarray) or start.ndim != 3:
-        return [start] * count
-    if len(start) != count:
-        raise ShapeError("start", start.shape, f"({count}, N+1, nx)")
-    return list(start)
 
 
 def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:
@@ -162,12 +157,12 @@ def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
 
 def _passes(
     run: _Run, compiled: CompiledProblem, nodes: Array, plan: list[Pass | None], monitor: Monitor, numbers: list[int],
-    start: Solution | Array | None,
+    starts: Sequence[Solution | Array | None],
 ) -> list[Solution]:  # fmt: skip
     """Pass after pass; a member goes on from a converged pass only, and keeps the last one it was in."""
     done: dict[int, Solution] = {}
     alive = list(range(compiled.batch))
-    lam = _first_multipliers(start, compiled)
+    lam = _first_multipliers(starts, compiled)
     number = 0
     try:
         for number in range(1, len(plan) + 1):
@@ -288,13 +283,11 @@ def _first_cycle(problem: Problem, closure: Closure, seed: int, start: Solution 
     """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first harmonic."""
     if start is None:
         part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
-        end = closure.forward @ problem.start + closure.forward_constant
-        nodes = problem.start + part * (end - problem.start)
-        mirrored = closure.mirror is not None
-        angle = 2.0 * np.pi * part / (2.0 if mirrored else 1.0)
+        nodes = closure.along(problem.start, problem.steps)
+        angle = 2.0 * np.pi * part / (2.0 if closure.mirrored else 1.0)
         a, b = CYCLE_NOISE * np.random.default_rng(seed).standard_normal((2, problem.dynamics.nx))
-        if mirrored:  # what half a period later has changed sign must be what the mirror gives
-            a, b = (0.5 * (wave - closure.forward @ wave) for wave in (a, b))
+        if closure.mirror is not None:  # left and right do the same, half a period apart
+            a, b = (0.5 * (wave - closure.mirror.matrix @ wave) for wave in (a, b))
         joints = problem.dynamics.actuated
         nodes[:, joints] = problem.start[joints] + (np.cos(angle) * a + np.sin(angle) * b)[:, joints]
     else:
@@ -323,11 +316,20 @@ def smooth_noise(problem: Problem, seed: int) -> Array:
     return np.asarray(CubicSpline(np.linspace(0.0, duration, knots), values, axis=0)(times))
 
 
-def _first_multipliers(start: Solution | Array | None, compiled: CompiledProblem) -> Array | None:
-    """Those of a warm start of the same shape."""
-    if not isinstance(start, Solution) or start.multipliers.shape != (compiled.K, compiled.ma):
-        return None
-    return np.repeat(start.multipliers[None], compiled.batch, axis=0)
+def _first_multipliers(starts: Sequence[Solution | Array | None], compiled: CompiledProblem) -> Array | None:
+    """Those of warm starts of the same shape, zero for other members."""
+    shape = (compiled.K, compiled.ma)
+    found = [start.multipliers if isinstance(start, Solution) and start.multipliers.shape == shape else None for start in starts]
+    return None if all(lam is None for lam in found) else np.stack([np.zeros(shape) if lam is None else lam for lam in found])
+
+
+def _each(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:
+    """The start of each member: a list has one for each problem."""
+    if not isinstance(start, (list, tuple)):
+        return [start] * (len(problems) * seeds)
+    if len(start) != len(problems):
+        raise ShapeError("start", (len(start),), f"({len(problems)},): one for each problem")
+    return [one for one in start for _ in range(seeds)]
 
 
 def _say_kept(solution: Solution) -> None:

@@ -13,7 +13,7 @@ import pytest
 import octo
 from octo.cli.main import main, parse
 from octo.cli.solve import described
-from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
+from octo.errors import OctoError, ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.jump import first_guesses, jump_problem, slide, solve_jump
 from octo.model.character import Body, Character, Joint
@@ -94,12 +94,6 @@ def test_on_a_slope_it_lands_higher() -> None:
     problem = jump_problem(MAMMAL, HEIGHT, DISTANCE, dt=DT, terrain=terrain)
     assert problem.displacement is not None
     assert problem.displacement[slide(MAMMAL, 2)] == pytest.approx(DISTANCE * np.tan(0.1), abs=1e-3)
-
-
-def test_starts_of_several_problems() -> None:
-    problem = jump_problem(MAMMAL, HEIGHT, DISTANCE, dt=DT)
-    with pytest.raises(ShapeError, match=r"start has shape .*, expected \(2, N\+1, nx\)"):
-        octo.solve([problem] * 2, start=first_guesses(problem, 3), device="cpu")
 
 
 REFUSED: dict[str, tuple[Callable[[], object], type[OctoError], str]] = {

@@ -13,7 +13,7 @@ from octo.errors import ShapeError
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, schedule
 from octo.problem.problem import Array, Problem
 from octo.reference.run import one_core
-from octo.solve import smooth_noise, solve
+from octo.solve import first_nodes, solve
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution
 
@@ -37,7 +37,7 @@ class Entry:
 class Contest:
     """Every solver on every seed and pass, one core each.
 
-    The first pass starts from the static pose with the seed's noise, or from ``start``; each later pass, for all
+    The first pass starts where octo's own does with the seed's noise, or from ``start``; each later pass, for all
     solvers, from the same converged solution of the pass before: octo's, or where octo did not converge another one's.
     """
 
@@ -79,13 +79,7 @@ class Contest:
         """Nodes x_{-1} … x_N (N+2, nx)."""
         if before is not None:
             return moved(before.x, self.problems[number - 2], problem)
-        nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
-        if self.start is None:
-            nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
-        else:
-            nodes[2:] = self.start.x[2:]
-        nodes[0] -= problem.dt * problem.start_velocity
-        return nodes
+        return first_nodes(problem, seed, self.start)
 
     def _entry(self, solver: str, number: int, seed: int, start: Array, before: Solution | None) -> Entry:
         if solver == "octo":

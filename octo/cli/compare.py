@@ -9,11 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from octo.cli.arguments import law_of, number, pose_of, positive, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
-from octo.errors import ProblemError, UnknownNameError
+from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
+from octo.model.character import Character
 from octo.model.load import load
+from octo.problem import presets
+from octo.problem.costs import Effort
+from octo.problem.cycle import TIME_STEP, Cycle
+from octo.problem.problem import Problem
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
 
@@ -27,37 +33,46 @@ SOLVERS = ("ipopt", "fatrop")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_goal_arguments(parser, device="cpu")  # one core each
     parser.add_argument(
-        "--with", dest="others", metavar="SOLVERS", help="ipopt, fatrop or both with a comma (default: all that the basis allows)"
-    )
+        "--with", dest="others", metavar="SOLVERS",
+        help="ipopt, fatrop or both with a comma (default: all that can solve the problem)",
+    )  # fmt: skip
+    parser.add_argument("--cycle", action="store_true", help="a stride that repeats, at --speed, in place of a goal")
+    parser.add_argument("--period", type=positive, help="s, of a cycle's stride (default 0.8)")
+    parser.add_argument("--no-mirror", action="store_true", help="solve for a whole stride of a cycle, not for half of it")
+    parser.add_argument("--turn", type=number, help="rad, change of heading in a cycle's stride (default 0)")
     parser.add_argument(
         "--json", metavar="FILE", help="a list with one record per solver, seed and pass; a plot is written beside it"
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, dt=None)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
-    goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
-    steps = asked_steps(goal, arguments)
-    others = solvers_of(arguments.others, arguments.basis)
+    cycle, goal, steps = cycle_of(arguments), None, None
+    if cycle is None:
+        arguments.dt = arguments.dt or TIME_STEP
+        goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+        steps = asked_steps(goal, arguments)
+    others = solvers_of(arguments.others, arguments.basis, cycle is not None)
     path = None if arguments.json is None else Path(arguments.json)
     if path is not None:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = load(arguments.robot, arguments.base)
-    goal.check(robot)
+    if goal is not None:
+        goal.check(robot)
     from octo.bench.contest import Contest, Entry  # after the checks: it takes longer to import than they take
     from octo.reference.run import OPTIONS
     from octo.solve import resolve_device
 
     device = resolve_device(arguments.device)
-    problem = described(robot, goal, steps, arguments)
+    problem = repeated(robot, cycle, arguments) if goal is None else described(robot, goal, steps, arguments)
     options = options_of(arguments, OPTIONS)
     contest = Contest(problem, others, options, arguments.passes or 1, arguments.threads, device, start)
     entries: list[Entry] = []
     interrupted = False
-    basis = problem.basis_object.name
-    print(f"{robot.name}, {problem.steps} steps of {arguments.dt:g} s, {basis}, goal {goal.kind}\n{HEAD}", flush=True)
+    kind = "cycle" if goal is None else f"goal {goal.kind}"
+    print(f"{robot.name}, {problem.steps} steps of {problem.dt:g} s, {problem.basis_object.name}, {kind}\n{HEAD}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -73,19 +88,46 @@ def run(arguments: argparse.Namespace) -> int:
     return 130 if interrupted else 0
 
 
-def solvers_of(words: str | None, basis: str) -> tuple[str, ...]:
+def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
+    """The cycle that was asked for; None where a goal was.
+
+    Raises
+    ------
+    UsageError: what only a cycle has was given without it.
+    """
+    if arguments.cycle:
+        period = 0.8 if arguments.period is None else arguments.period
+        return Cycle(speed=arguments.speed, period=period, mirror=not arguments.no_mirror, turn=arguments.turn or 0.0)
+    given = {"--period": arguments.period is not None, "--no-mirror": arguments.no_mirror, "--turn": arguments.turn is not None}
+    for name in (name for name, there in given.items() if there):
+        raise UsageError(f"{name} is given without --cycle: only a cycle has it")
+    return None
+
+
+def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespace) -> Problem:
+    """The problem of a cycle, of natural terms."""
+    problem = Problem(
+        robot, dt=arguments.dt or 0.0, costs=[Effort()], basis=arguments.basis, terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction), pose=pose_of(robot, arguments.pose), cycle=cycle,
+    )  # fmt: skip
+    return problem.replace(costs=presets.natural(length=problem.length))
+
+
+def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
     """The solvers beside octo.
 
     Raises
     ------
-    UnknownNameError: no such solver. ProblemError: fatrop was asked for in another basis than nodes.
+    UnknownNameError: no such solver. ProblemError: fatrop was asked for a cycle or in another basis than nodes.
     """
     if words is None:
-        return SOLVERS if basis == "nodes" else ("ipopt",)
+        return SOLVERS if basis == "nodes" and not cycle else ("ipopt",)
     names = tuple(dict.fromkeys(word.strip() for word in words.split(",") if word.strip()))
     for name in names:
         if name not in SOLVERS:
             raise UnknownNameError("solver", name, SOLVERS)
+    if "fatrop" in names and cycle:
+        raise ProblemError("fatrop cannot solve a cycle: a stage may see its own state and control only; leave it out of --with")
     if "fatrop" in names and basis != "nodes":
         raise ProblemError(
             f"fatrop cannot solve in the {basis} basis: a stage may see its own state and control only, and a row of C sums "
@@ -113,14 +155,14 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
     from octo.bench.contest import ratios
 
     lines = []
-    for number in range(1, passes + 1):
-        found = {(e.solver, e.seed): e.solution for e in entries if e.number == number}
+    for stage in range(1, passes + 1):
+        found = {(e.solver, e.seed): e.solution for e in entries if e.number == stage}
         seeds = sorted({seed for _, seed in found})
         if not seeds:
             continue
         count = {name: sum(found[name, k].converged for k in seeds if (name, k) in found) for name in ("octo", *others)}
         told = ", ".join(f"{name} {done}" for name, done in count.items())
-        lines.append(f"pass {number}: converged of {len(seeds)} starts: {told}")
+        lines.append(f"pass {stage}: converged of {len(seeds)} starts: {told}")
         for name in others:
             both = [k for k in seeds if (name, k) in found and found[name, k].converged and found["octo", k].converged]
             if both:
@@ -130,10 +172,10 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
     return lines
 
 
-def record(entry: Any, goal: Goal, options: SqpOptions) -> dict[str, Any]:
-    """The fields of report.json, who made it, and to which tolerances."""
+def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
+    """The fields of report.json, those of a goal where there is one, who made it, and to which tolerances."""
     return {
-        **report(entry.solution, goal),
+        **(entry.solution.report() if goal is None else report(entry.solution, goal)),
         "solver": entry.solver,
         "pass": entry.number,
         "said": entry.said,

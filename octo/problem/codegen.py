@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -30,6 +30,9 @@ from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
+
+if TYPE_CHECKING:
+    from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
 TOUCHING = 0.01  # m above the ground up to which a contact is a foot at the start
@@ -163,6 +166,14 @@ def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:
     centers = sphere_centers(robot, setting.x0)[possible]
     gap = signed_distance(dynamics.terrain, centers, dynamics.terrain.parameters) - radius
     return [k for k, distance in zip(possible, gap, strict=True) if distance < TOUCHING]
+
+
+def touching_names(problem: Problem) -> tuple[str, ...]:
+    """Names of the contacts that touch the ground at the start: what ``contacts="feet"`` means."""
+    dynamics = problem.dynamics
+    if not isinstance(dynamics, RobotDynamics):
+        raise ProblemError("user-written dynamics have no contacts")
+    return tuple(dynamics.character.contacts[k].name for k in touching(dynamics, problem.setting))
 
 
 def _contact_functions(dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX) -> Any:

@@ -111,6 +111,18 @@ class LoadSharing(ContactCost):
 
 
 @dataclass(frozen=True, eq=False)
+class BodyLoad(ContactCost):
+    """f_n/mg of what is no foot: knees and bellies stay off the ground. ``contacts`` are the feet, which this leaves out."""
+
+    def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
+        feet = feet if self.contacts is None else super().chosen(robot, feet)
+        return set(robot.terrain_contacts).difference(feet)
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return contact.normal_force
+
+
+@dataclass(frozen=True, eq=False)
 class ForceRate(ContactCost):
     """(f_next − f)/mg between neighbouring steps."""
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.errors import ProblemError, ValueRangeError
+from octo.errors import MirrorError, ProblemError, ValueRangeError
+from octo.model.character import Character
 from octo.model.mirror import Mirror, mirror_of
 
 if TYPE_CHECKING:
@@ -129,12 +131,18 @@ class Closure:
     matrix: Array
     constant: Array
     held: Array  # (n,) 1 for the coordinates of x_N that say where the motion takes place
-    mirror: Mirror | None
+    mirror: Mirror | None  # of the robot, where it has one
+    mirrored: bool
 
     @classmethod
-    def of(cls, forward: Array, forward_constant: Array, held: Array, mirror: Mirror | None) -> Closure:
+    def of(cls, forward: Array, forward_constant: Array, held: Array, mirror: Mirror | None, mirrored: bool) -> Closure:
         matrix: Array = np.linalg.inv(forward).astype(float)
-        return cls(forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror)
+        return cls(forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror, mirrored)
+
+    def along(self, start: Array, steps: int) -> Array:
+        """x_{-1} … x_N (N+2, n) on the straight way from ``start`` to where the cycle carries it."""
+        part = np.arange(-1, steps + 1)[:, None] / steps
+        return np.asarray(start + part * (self.forward @ start + self.forward_constant - start))
 
 
 def closure_of(problem: Problem, cycle: Cycle) -> Closure:
@@ -152,17 +160,15 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     first = int(robot.first_joint[robot.base_body])
     start = problem.start
-    normal = _normal(problem, values)
+    normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    step = _displacement(cycle)
+    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration)
     constant = np.zeros(robot.nx)
-    forward, mirror = np.eye(robot.nx), None
-    if cycle.mirrored:
+    forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
+    if mirror is not None and cycle.mirrored:
         if across:
             raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
-        pairs = cycle.mirror if isinstance(cycle.mirror, Mapping) else None
-        mirror = cycle.mirror if isinstance(cycle.mirror, Mirror) else mirror_of(robot, pairs)
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
         place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s
@@ -183,24 +189,53 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     held[first] = 1.0
     held[first + 1] = 0.0 if cycle.mirrored else 1.0  # on an arc x and y together say how far its middle is
     held[first + 3] = 0.0 if cycle.mirrored or sloped or step.any() else 1.0
-    return Closure.of(forward, constant, held, mirror)
+    return Closure.of(forward, constant, held, mirror, cycle.mirrored)
 
 
-def _displacement(cycle: Cycle) -> Array:
-    """(2,) m, of what is solved for: along an arc whose tangent is the heading, which begins along x."""
-    duration, turn = cycle.duration, cycle.turn
-    along = np.array([cycle.velocity, cycle.sideways]) * duration
+def _mirror(robot: Character, cycle: Cycle) -> Mirror | None:
+    """The mirror of a robot; one that has none may do without where the cycle is not mirrored.
+
+    Raises
+    ------
+    MirrorError: a mirrored cycle of a robot that has no mirror.
+    """
+    if isinstance(cycle.mirror, Mirror):
+        return cycle.mirror
+    if isinstance(cycle.mirror, Mapping):
+        return mirror_of(robot, cycle.mirror)
+    try:
+        return _own_mirror(robot)
+    except MirrorError:
+        if cycle.mirrored:
+            raise
+        return None
+
+
+@lru_cache(maxsize=64)
+def _own_mirror(robot: Character) -> Mirror:
+    return mirror_of(robot)
+
+
+def along_arc(velocity: Array, turn: float, duration: float) -> Array:
+    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads from a heading along x that changes by ``turn`` rad."""
+    along = np.asarray(velocity, dtype=float) * duration
     if abs(turn) < 1e-9:
         return along
     a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
     return np.array([[a, -b], [b, a]]) @ along
 
 
-def _normal(problem: Problem, values: Mapping[str, float]) -> Array:
-    """(3,) of the plane that the cycle walks on."""
+def plane_normal(problem: Problem) -> Array:
+    """(3,) of the plane that a cycle walks on.
+
+    Raises
+    ------
+    ProblemError: the ground is no plane.
+    """
     from octo.model.terrain import Plane
 
     if not isinstance(problem.terrain or Plane(), Plane):
         raise ProblemError("a cycle needs ground that is the same everywhere: terrain must be an octo.Plane")
+    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     found = np.array([values.get(f"terrain.normal_{axis}", 0.0) for axis in "xyz"])
     return found if found.any() else np.array([0.0, 0.0, 1.0])

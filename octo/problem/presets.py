@@ -13,6 +13,7 @@ from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
 from octo.problem.contact_costs import (
+    BodyLoad,
     Clearance,
     FootLift,
     ForceRate,
@@ -63,9 +64,9 @@ def natural(
 ) -> list[Cost]:
     """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
 
-    Effort, jerky joints, a tilted trunk, one foot that carries all, a loaded foot that slides, a fast foot that is low,
-    force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on which robots
-    is in docs/notes/cycles.md.
+    Effort, jerky joints, a tilted trunk, one foot that carries all, a knee on the ground, a loaded foot that slides or pulls
+    sideways, a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which
+    weights were tried on which robots is in docs/notes/cycles.md.
 
     Parameters
     ----------
@@ -80,9 +81,11 @@ def natural(
         JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
         Upright(weight=0.5),
         LoadSharing(weight=0.3, contacts=feet),
+        BodyLoad(weight=100.0, contacts=feet),
         SlipPower(weight=50.0 / fast, contacts=feet),
-        SwingClearance(weight=1.0 / fast, height=0.1 * length, contacts=feet),
+        SwingClearance(weight=5.0 / fast, height=0.1 * length, contacts=feet),
         ForceRate(weight=0.02, contacts=feet),
+        FrictionCone(weight=3.0, mu=0.6, contacts=feet),
         TorqueLimit(weight=5.0, margin=0.9),
         JointSpeedLimit(weight=1.0, margin=0.9, otherwise=FASTEST),
         JointLimit(weight=20.0),

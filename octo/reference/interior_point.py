@@ -14,7 +14,7 @@ from octo import native
 from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
-from octo.reference.program import has_neighbours, nlp, point_of, start_nodes, unknowns_of
+from octo.reference.program import has_neighbours, multipliers_of, nlp, point_of, rows_of, start_nodes, unknowns_of
 from octo.reference.run import OPTIONS, Run, history, one_core, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
@@ -66,12 +66,12 @@ class Ipopt:
         return ca.nlpsol("reference", "ipopt", self.library.path, options)
 
     def solve(self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0) -> Run:
-        """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still, and multipliers (K, ma)."""
+        """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
         compiled, o = self.nlp.compiled, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
         arguments: dict[str, Any] = {**self.nlp.arguments, "x0": first}
         if multipliers is not None:
-            arguments["lam_g0"] = multipliers.ravel()
+            arguments["lam_g0"] = rows_of(compiled, multipliers)
         solver = self.solvers[multipliers is not None]
         with one_core():
             began, began_processor = time.perf_counter(), time.process_time()
@@ -88,7 +88,7 @@ class Ipopt:
         columns = self._history(stats, seconds)
         if not status.converged and settled(columns["energy"], columns["violation"] / compiled.weight, o):
             status = Status.ACCEPTABLE
-        multipliers = np.asarray(found["lam_g"]).reshape(compiled.K, compiled.ma)
+        multipliers = multipliers_of(compiled, found["lam_g"])
         solution = solution_of(
             compiled, unknowns_of(compiled, found["x"]), multipliers, status, iterations=int(stats["iter_count"]),
             history=columns, seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem
-from octo.reference.program import free_units
+from octo.reference.program import free_blocks, live_rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -29,6 +29,7 @@ class Layout:
     local (N, L): the blocks that a step reads, -1 where fewer. weight (N, 3, L): what each adds to the three nodes.
     test_row (N, T): first of the m rows that FD's unactuated rows are summed into, -1 where none. test_value (N, T).
     linear: rows, columns, values of the constant part of g's Jacobian.
+    carry (n, n): of a cycle, what the blocks in x_{-1} and x_0 are multiplied with.
     stagewise: for fatrop: no constants in the nodes, the whole symmetric Hessian.
     """
 
@@ -42,19 +43,21 @@ class Layout:
     linear: tuple[Integers, Integers, Array] = field(
         default_factory=lambda: (np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0))
     )
+    carry: Array | None = None
 
 
 def octo_layout(compiled: CompiledProblem) -> Layout:
-    """x is octo's unknowns without the dummies, g is C."""
+    """x is octo's unknowns without the dummies, g is C without the rows that are 0 = 0."""
     s, parts, steps = compiled.stencil, compiled.stencil.parts, compiled.steps
-    place = np.full(compiled.K, -1)
-    place[free_units(compiled)] = np.arange(len(free_units(compiled)))
+    blocks, live = free_blocks(compiled), live_rows(compiled)
+    place, row_place = (np.full(compiled.K * parts, -1) for _ in range(2))
+    place[blocks], row_place[live] = np.arange(len(blocks)), np.arange(len(live))
     rows: list[dict[int, Array]] = []
     for i in range(steps):
         table: dict[int, Array] = {}
         for node in range(NODES):
             for slot in np.flatnonzero(s.unit[i + 2 - node] >= 0):
-                block = int(place[s.unit[i + 2 - node, slot]]) * parts + int(s.part[i + 2 - node, slot])
+                block = int(place[s.unit[i + 2 - node, slot] * parts + s.part[i + 2 - node, slot]])
                 table.setdefault(block, np.zeros(NODES))[node] += s.coefficient[i + 2 - node, slot]
         rows.append(dict(sorted(table.items())))
     width = max(1, *(len(table) for table in rows))
@@ -62,10 +65,10 @@ def octo_layout(compiled: CompiledProblem) -> Layout:
     for i, table in enumerate(rows):
         for k, (block, value) in enumerate(table.items()):
             local[i, k], weight[i, :, k] = block, value
-    test_row = np.where(s.test_row >= 0, compiled.m * (s.test_row * parts + s.test_part), -1)
+    test_row = np.where(s.test_row >= 0, compiled.m * row_place[s.test_row * parts + s.test_part], -1)
     return Layout(
-        len(free_units(compiled)) * parts, compiled.K * compiled.ma, local, weight,
-        test_row.astype(np.int32), np.ascontiguousarray(s.test_coefficient),
+        len(blocks), compiled.m * len(live), local, weight, test_row.astype(np.int32),
+        np.ascontiguousarray(s.test_coefficient), carry=None if compiled.carry is None else compiled.carry[0],
     )  # fmt: skip
 
 
@@ -138,18 +141,28 @@ def places(layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray
     )  # fmt: skip
 
 
+def _carried(layout: Layout, n: int, i: int) -> NDArray[np.bool_]:
+    """(3n, 3n) pattern of what step ``i``'s nodes have of the blocks that they are made of."""
+    chain = np.eye(NODES * n, dtype=bool)
+    if layout.carry is not None:
+        for node in range(i + 1, NODES):
+            own = slice(node * n, (node + 1) * n)
+            chain[own, own] = layout.carry != 0.0
+    return chain
+
+
 def _pairs(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
     """Number of the block of each pair of local blocks; rows and columns of the blocks (count, 2); their patterns."""
-    four = pattern.reshape(NODES, n, NODES, n).transpose(0, 2, 1, 3)
     steps, width = layout.local.shape
     place = np.full((steps, width, width), -1, dtype=np.int32)
     numbers: dict[tuple[int, int], int] = {}
     masks: list[NDArray[np.bool_]] = []
     seen: dict[bytes, NDArray[np.bool_]] = {}
     for i in range(steps):
-        live = layout.weight[i] != 0.0
-        key = live.tobytes()
+        live, chain = layout.weight[i] != 0.0, _carried(layout, n, i)
+        key = live.tobytes() + chain.tobytes()
         if key not in seen:
+            four = (chain.T @ pattern @ chain).reshape(NODES, n, NODES, n).transpose(0, 2, 1, 3)
             seen[key] = np.einsum("sa,tb,stij->abij", live, live, four, dtype=bool)
         for a, b in np.ndindex(width, width):
             first, second = int(layout.local[i, a]), int(layout.local[i, b])
@@ -167,13 +180,13 @@ def _pairs(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers
 def _tests(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
     """The same for rows: first row and column block of each block of the Jacobian."""
     m = len(pattern)
-    three = pattern.reshape(m, NODES, n).transpose(1, 0, 2)
     (steps, width), tests = layout.local.shape, layout.test_row.shape[1]
     place = np.full((steps, tests, width), -1, dtype=np.int32)
     numbers: dict[tuple[int, int], int] = {}
     masks: list[NDArray[np.bool_]] = []
     for i in range(steps if m else 0):
         live = layout.weight[i] != 0.0
+        three = (pattern @ _carried(layout, n, i)).reshape(m, NODES, n).transpose(1, 0, 2)
         mask = np.einsum("ta,tij->aij", live, three, dtype=bool)
         for k, a in np.ndindex(tests, width):
             row, block = int(layout.test_row[i, k]), int(layout.local[i, a])

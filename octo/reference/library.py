@@ -85,7 +85,7 @@ class _Tables(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 "local_block", "pair", "test_row", "couple", "linear_row", "linear_column", "jacobian_index", "hessian_index",
-                "weight", "test_value", "linear_value", "jacobian_constant",
+                "weight", "test_value", "linear_value", "jacobian_constant", "carry",
             )
         ),
         ("sparsity", ctypes.c_void_p * len(SHAPES)),
@@ -101,13 +101,14 @@ def _tables(compiled: CompiledProblem, layout: Layout, at: Places, size: int, nu
     shapes = [_dense(size), _dense(numbers), _dense(1), _dense(layout.rows), at.jacobian, at.hessian, _dense(numbers, full=False)]
     kept = [np.ascontiguousarray(a) for a in (*arrays, *shapes)]
     pointers = [a.ctypes.data for a in kept]
+    carry = None if layout.carry is None else np.ascontiguousarray(layout.carry)
     steps, local = layout.local.shape
     sparsity = (ctypes.c_void_p * len(SHAPES))(*pointers[len(arrays) :])
     table = _Tables(
         steps, local, layout.test_row.shape[1], size, layout.rows, at.pairs, at.tests, len(layout.linear[2]),
-        int(layout.stagewise), *pointers[: len(arrays)], sparsity,
+        int(layout.stagewise), *pointers[: len(arrays)], None if carry is None else carry.ctypes.data, sparsity,
     )  # fmt: skip
-    return table, kept
+    return table, [*kept, carry]
 
 
 def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:

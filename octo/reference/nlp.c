@@ -18,6 +18,7 @@ typedef struct {
   int steps, local, tests, variables, rows, pairs, couples, linear, stagewise;
   const int *local_block, *pair, *test_row, *couple, *linear_row, *linear_column, *jacobian_index, *hessian_index;
   const double *weight, *test_value, *linear_value, *jacobian_constant;
+  const double *carry; /* (NX, NX) of cycles: what the blocks in x_{-1} and x_0 are multiplied with; else NULL */
   const octo_int *sparsity[KINDS];
 } octo_nlp_tables;
 
@@ -77,18 +78,39 @@ int octo_nlp_set(const octo_nlp_tables *tables) {
   return 0;
 }
 
+/* A cycle's node of step i, without its constant, from what it is made of; nodes after x_0 are not carried. */
+static void octo_carry(int i, int t, double *node) {
+  double made[NX] = {0};
+  if (!T.carry || i + 1 > t) return;
+  for (int j = 0; j < NX; ++j)
+    for (int k = 0; k < NX; ++k) made[j] += T.carry[j * NX + k] * node[k];
+  memcpy(node, made, sizeof made);
+}
+
+/* Slopes (3 NX, a stride apart) with respect to the nodes of step i become those with respect to what these are made of. */
+static void octo_carry_back(int i, double *slope, int stride) {
+  for (int t = i + 1; T.carry && t < 3; ++t) {
+    double turned[NX] = {0}, *own = slope + (size_t)t * NX * stride;
+    for (int j = 0; j < NX; ++j)
+      for (int k = 0; k < NX; ++k) turned[k] += own[j * stride] * T.carry[j * NX + k];
+    for (int k = 0; k < NX; ++k) own[k * stride] = turned[k];
+  }
+}
+
 /* The step's three nodes and their kinematics; a node that the step before had is not computed again. */
 static void octo_nlp_nodes(octo_nlp_scratch *s, const double *x, const double *constant, int i) {
   double z[3][NX];
   for (int t = 0; t < 3; ++t) {
     const double *fixed = constant + (i + 2 - t) * NX;
-    for (int j = 0; j < NX; ++j) z[t][j] = T.stagewise ? 0.0 : fixed[j];
+    for (int j = 0; j < NX; ++j) z[t][j] = 0.0;
     for (int a = 0; a < T.local; ++a) {
       double weight = T.weight[(i * 3 + t) * T.local + a];
       if (weight == 0.0) continue;
       const double *block = x + (size_t)T.local_block[i * T.local + a] * NX;
       for (int j = 0; j < NX; ++j) z[t][j] += weight * block[j];
     }
+    octo_carry(i, t, z[t]);
+    for (int j = 0; j < NX && !T.stagewise; ++j) z[t][j] += fixed[j];
   }
   for (int t = 2; t >= 0; --t) { /* the older first: x of now is x_next of before */
     if (t > 0 && s->known[t - 1] && !memcmp(z[t], s->z[t - 1], sizeof(z[t]))) {
@@ -345,6 +367,8 @@ static void octo_derive_step(int i, int order, octo_nlp_scratch *s, const double
   if (order == 1) {
     octo_step(s->z[0], s->z[1], s->z[2], s->kin[0], s->kin[1], s->kin[2], dynamics, 0, 1, fd, s->jac, 0, s->work);
     octo_nlp_chain(s, dynamics, 1);
+    octo_carry_back(i, s->gradient, 1);
+    for (int r = 0; r < MU; ++r) octo_carry_back(i, s->jac + octo_ref_unactuated[r] * W3, 1);
     octo_add_vector(i, s->gradient, at.gradient);
     octo_add_jacobian(i, s->jac, scale);
     return;
@@ -357,6 +381,9 @@ static void octo_derive_step(int i, int order, octo_nlp_scratch *s, const double
     double value = s->lam[octo_ref_unactuated[r]];
     for (int j = 0; j < W3; ++j) s->gradient[j] += value * s->jac[octo_ref_unactuated[r] * W3 + j];
   }
+  octo_carry_back(i, s->gradient, 1);
+  for (int r = 0; r < W3; ++r) octo_carry_back(i, s->hess + r * W3, 1);
+  for (int c = 0; c < W3; ++c) octo_carry_back(i, s->hess + c, W3);
   octo_add_vector(i, s->gradient, at.lagrangian);
   octo_add_hessian(i, s);
 }

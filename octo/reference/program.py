@@ -34,7 +34,7 @@ class Nlp:
     compiled: octo's own form of the problem, a batch of one.
     x, p, f, g: CasADi expressions; p are the run-time numbers (start, parameters, weights and references, row scales).
     parameters: values of p. start: of x, rad and m (tangents times τ in the Hermite basis).
-    x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7, in mg and mg·ℓ.
+    x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7 without rows that no step adds to, in mg and mg·ℓ.
     """
 
     compiled: CompiledProblem
@@ -109,12 +109,12 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
 
     Parameters
     ----------
-    start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still.
+    start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still, of a cycle carried along.
     """
     compiled = CompiledProblem([problem])
-    size, n = (len(free_units(compiled)) * compiled.nc, compiled.n)
+    n, blocks = compiled.n, free_blocks(compiled)
     numbers = parameter_vector(compiled)
-    x, p = ca.MX.sym("x", size), ca.MX.sym("p", len(numbers))
+    x, p = ca.MX.sym("x", n * len(blocks)), ca.MX.sym("p", len(numbers))
     constant, rest = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2), p[n * (compiled.steps + 2) :]
     nodes = ca.reshape(ca.mtimes(node_matrix(compiled), x), n, compiled.steps + 2) + constant
     step, (NP, NQ) = _step(compiled), (compiled.p.shape[1], compiled.q.shape[2])
@@ -123,15 +123,18 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
     energy, rows = step.map(compiled.steps)(nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1])
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
-    g = ca.vec(ca.mtimes(rows, ca.sparsify(ca.DM(compiled._test_matrix)).T)) if compiled.m else ca.MX(0, 1)
+    tests = ca.sparsify(ca.DM(compiled._test_matrix[live_rows(compiled)]))
+    g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
     at = compiled.unknowns(start_nodes(problem, start)[None])
     return Nlp(compiled, x, p, f, g, numbers, point_of(compiled, at))
 
 
 def start_nodes(problem: Problem, start: Array | None) -> Array:
-    """(N+2, nx): what was given, or x_0 held still."""
+    """(N+2, nx): what was given, or x_0 held still, of a cycle carried along."""
     shape = (problem.steps + 2, problem.dynamics.nx)
-    if start is None:
+    if start is None and problem.closure is not None:
+        start = problem.closure.along(problem.start, problem.steps)
+    elif start is None:
         start = np.repeat(problem.start[None], shape[0], axis=0)
         start[0] -= problem.dt * problem.start_velocity
     if start.shape != shape:
@@ -144,16 +147,41 @@ def free_units(compiled: CompiledProblem) -> NDArray[np.intp]:
     return np.setdiff1d(np.arange(compiled.K), compiled.fixed)
 
 
+def free_blocks(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """Parts of units, unit·parts + part, that are blocks of n numbers of x: those of the free units that a node is made of."""
+    parts = compiled.stencil.parts
+    blocks = (free_units(compiled)[:, None] * parts + np.arange(parts)).ravel()
+    return blocks if compiled.idle is None else np.setdiff1d(blocks, compiled.idle[0] * parts + compiled.idle[1])
+
+
+def live_rows(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """Row blocks, unit·parts + part, that are blocks of m rows of g: 0 = 0 is left out, IPOPT counts it as an equation."""
+    return np.flatnonzero(compiled._test_matrix.any(axis=1))
+
+
 def point_of(compiled: CompiledProblem, unknowns: Array) -> Array:
     """x of octo's unknowns (1, K, nc)."""
-    return unknowns[0, free_units(compiled)].ravel()
+    return unknowns[0].reshape(-1, compiled.n)[free_blocks(compiled)].ravel()
 
 
 def unknowns_of(compiled: CompiledProblem, x: Any) -> Array:
     """(1, K, nc) of x."""
-    unknowns = np.zeros((1, compiled.K, compiled.nc))
-    unknowns[0, free_units(compiled)] = np.asarray(x, dtype=float).reshape(-1, compiled.nc)
-    return unknowns
+    unknowns = np.zeros((compiled.K * compiled.stencil.parts, compiled.n))
+    unknowns[free_blocks(compiled)] = np.asarray(x, dtype=float).reshape(-1, compiled.n)
+    return unknowns.reshape(1, compiled.K, compiled.nc)
+
+
+def rows_of(compiled: CompiledProblem, multipliers: Array) -> Array:
+    """Those of g of octo's multipliers (K, ma)."""
+    split = multipliers.reshape(compiled.K * compiled.stencil.parts, compiled.m)
+    return split[live_rows(compiled)].ravel()
+
+
+def multipliers_of(compiled: CompiledProblem, rows: Any) -> Array:
+    """(K, ma) of those of g."""
+    live, multipliers = live_rows(compiled), np.zeros((compiled.K * compiled.stencil.parts, compiled.m))
+    multipliers[live] = np.asarray(rows, dtype=float).reshape(len(live), compiled.m)
+    return multipliers.reshape(compiled.K, compiled.ma)
 
 
 def parameter_vector(compiled: CompiledProblem) -> Array:
@@ -163,16 +191,17 @@ def parameter_vector(compiled: CompiledProblem) -> Array:
 
 def node_matrix(compiled: CompiledProblem) -> ca.DM:
     """((N+2)·nx, size of x) sparse: what x adds to x_{-1} … x_N."""
-    s, n = compiled.stencil, compiled.n
-    place = np.full(compiled.K, -1)
-    place[free_units(compiled)] = np.arange(len(free_units(compiled))) * compiled.nc
+    s, n, blocks = compiled.stencil, compiled.n, free_blocks(compiled)
+    place = np.full(compiled.K * s.parts, -1)
+    place[blocks] = np.arange(len(blocks)) * n
     rows, columns, values = [], [], []
     for node, slot in zip(*np.nonzero(s.unit >= 0), strict=True):
-        first = place[s.unit[node, slot]] + n * s.part[node, slot]
-        rows.append(node * n + np.arange(n))
-        columns.append(first + np.arange(n))
-        values.append(np.full(n, s.coefficient[node, slot]))
-    shape = (n * (compiled.steps + 2), len(free_units(compiled)) * compiled.nc)
+        own = np.eye(n) if compiled.carry is None or node > 1 else compiled.carry[0]
+        i, j = np.nonzero(own)
+        rows.append(node * n + i)
+        columns.append(place[s.unit[node, slot] * s.parts + s.part[node, slot]] + j)
+        values.append(s.coefficient[node, slot] * own[i, j])
+    shape = (n * (compiled.steps + 2), n * len(blocks))
     flat = [np.concatenate(a).tolist() for a in (rows, columns, values)]
     return ca.DM.triplet(flat[0], flat[1], ca.DM(flat[2]), *shape)
 

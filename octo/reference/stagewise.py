@@ -31,10 +31,15 @@ class Fatrop:
 
     Raises
     ------
-    ProblemError: the basis is not "nodes". DeviceError: there is no C compiler.
+    ProblemError: the basis is not "nodes", or the problem is a cycle. DeviceError: there is no C compiler.
     """
 
     def __init__(self, problem: Problem, options: SqpOptions = OPTIONS, settings: Mapping[str, Any] | None = None):
+        if problem.cycle is not None:
+            raise ProblemError(
+                "fatrop cannot solve a cycle: a stage may see its own state and control only, and the first stage of a cycle "
+                "sees the last one"
+            )
         if not isinstance(problem.basis_object, Nodes):
             raise ProblemError(
                 f"fatrop cannot solve in the {problem.basis_object.name} basis: a stage may see its own state and control only, "

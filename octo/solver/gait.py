@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 FOOT = 0.02  # of mg: a contact that carries more in the mean is a foot
 TOUCHDOWN = 0.05  # of mg: a stance begins
+SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 LIFT_OFF = 0.01  # of mg: it ends; lower than TOUCHDOWN, so that a load that wavers is one stance
 HIGH = 5.0  # Hz: what a step needs of a torque is slower
 LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer

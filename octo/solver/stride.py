@@ -50,11 +50,11 @@ class Stride:
         if cycle is None or closure is None or robot is None:
             return None
         first = int(robot.first_joint[robot.base_body])
-        mirrored = closure.mirror is not None
+        mirrored = closure.mirrored
         rotation = np.diag([1.0, -1.0, 1.0]) if mirrored else closure.forward[first : first + 3, first : first + 3]
         touching = list(robot.terrain_contacts)
         images = np.arange(len(touching))
-        if closure.mirror is not None:
+        if closure.mirror is not None and mirrored:
             images = np.array([touching.index(int(closure.mirror.contacts[k])) for k in touching])
         return cls(
             period=problem.steps * problem.dt * (2.0 if mirrored else 1.0), speed=cycle.velocity, sideways=cycle.sideways,

@@ -56,9 +56,22 @@ def test_hermite_and_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     assert "octo 0, ipopt 0" in capsys.readouterr().out
 
 
+@needs_compiler
+def test_cycle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "list.json"
+    words = ["compare", "biped", "--cycle", "--period", "0.5", "--speed", "0.4", "--no-mirror", "--turn", "0.3", "--dt", "0.05"]
+    assert main([*words, "--max-iterations", "3", "--json", str(file)]) == 0
+    records = json.loads(file.read_text())
+    assert [(r["solver"], r["status"]) for r in records] == [(name, "iteration_limit") for name in ("octo", "ipopt")]
+    assert "biped, 10 steps of 0.05 s, nodes, cycle" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["--cycle", "--with", "fatrop"], "fatrop cannot solve a cycle"),
+        (["--cycle", "--turn", "0.3"], "a turning stride cannot be mirrored"),
+        (["--turn", "0.3"], "--turn is given without --cycle"),
         (["--with", "ipopt,fatrop", "--basis", "hermite"], "fatrop cannot solve in the hermite basis"),
         (["--with", "snopt"], "solver 'snopt' is not known"),
         (["--out", "there"], "option '--out' is not known"),

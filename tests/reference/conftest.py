@@ -37,6 +37,17 @@ def _robot(name: str, steps: int, terms: list[costs.Cost], basis: str | Hermite 
     return Problem(octo.gallery.CHARACTERS[name](), steps=steps, dt=0.05, costs=terms, basis=basis)
 
 
+def _cycle(name: str, steps: int, cycle: octo.Cycle, terms: list[costs.Cost] | None = None) -> Problem:
+    """With the natural terms, or others."""
+    problem = Problem(octo.gallery.CHARACTERS[name](), steps=steps, costs=[costs.Effort()], cycle=cycle)
+    return problem.replace(costs=costs.natural(length=problem.length) if terms is None else terms)
+
+
+@pytest.fixture
+def cycle() -> Callable[..., Problem]:
+    return _cycle
+
+
 @pytest.fixture
 def cart_pole() -> Callable[..., Problem]:
     return _cart_pole

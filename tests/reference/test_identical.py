@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import octo
 from octo import costs, native
 from octo.errors import ShapeError
 from octo.problem.basis import Hermite
@@ -15,7 +16,7 @@ from octo.problem.problem import Problem
 from octo.reference import Nlp, nlp
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
-from octo.reference.program import free_units
+from octo.reference.program import free_blocks, live_rows, multipliers_of, point_of, rows_of
 
 TOLERANCE = 1e-10
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
@@ -29,7 +30,9 @@ def _between(control, following, p):
     return p["gain"] * (following - control) + 0.3 * following[2] * control[:1]
 
 
-def _cases(cart_pole: Callable[..., Problem], robot: Callable[..., Problem]) -> dict[str, Problem]:
+def _cases(
+    cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
+) -> dict[str, Problem]:
     end = {"x_end": np.array([0.1, 0.2]), "v_end": np.array([0.3, 0.0])}
     custom = costs.CustomCost(_turned, {"gain": 0.7})
     return {
@@ -39,10 +42,13 @@ def _cases(cart_pole: Callable[..., Problem], robot: Callable[..., Problem]) -> 
         "cart-pole": cart_pole(),
         "end": cart_pole(**end),
         "end, hermite": cart_pole(basis="hermite", **end),
+        "cycle": cycle("mammal", 6, octo.Cycle(speed=0.5, period=0.6)),
+        "cycle, odd": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7)),
+        "cycle, turning": cycle("mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)),
     }
 
 
-CASES = ("mammal", "chain", "biped", "cart-pole", "end", "end, hermite")
+CASES = ("mammal", "chain", "biped", "cart-pole", "end", "end, hermite", "cycle", "cycle, odd", "cycle, turning")
 
 
 def _point(made: Nlp) -> np.ndarray:
@@ -61,27 +67,42 @@ def _dense(made: Nlp, A: np.ndarray) -> np.ndarray:
     for k in range(c.K):
         for lag in range(min(k, 2) + 1):
             whole[k, :, k - lag] = A[0, k, lag]
-    return whole[:, :, free_units(c)].reshape(c.K * c.ma, -1)
+    split = whole.reshape(c.K * c.stencil.parts, c.m, -1, c.n)
+    return split[live_rows(c)][:, :, free_blocks(c)].reshape(c.m * len(live_rows(c)), -1)
+
+
+def _symmetric(made: Nlp, H: np.ndarray) -> np.ndarray:
+    """∂²/∂x² of octo's blocks H (1, K, 3, nc, nc)."""
+    c = made.compiled
+    whole = np.zeros((c.K, c.nc, c.K, c.nc))
+    for k in range(c.K):
+        for lag in range(min(k, 2) + 1):
+            whole[k, :, k - lag], whole[k - lag, :, k] = H[0, k, lag], H[0, k, lag].T
+    parts = c.K * c.stencil.parts
+    split = whole.reshape(parts, c.n, parts, c.n)[free_blocks(c)][:, :, free_blocks(c)]
+    return split.reshape(c.n * len(free_blocks(c)), -1)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_expressions_equal_the_compiled_problem(
-    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem]
+    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
 ) -> None:
-    made = nlp(_cases(cart_pole, robot)[name])
+    made = nlp(_cases(cart_pole, robot, cycle)[name])
     c, x, p = made.compiled, _point(made), made.parameters
     at = c.evaluate(made.unknowns(x))
     model = c.linearize(at, None)
     _close(made.objective(x, p), at.energy)
-    _close(made.constraints(x, p), at.C.ravel())
-    _close(made.gradient(x, p), model.b[0, free_units(c)].ravel())
+    _close(made.constraints(x, p), rows_of(c, at.C[0]))
+    _close(made.gradient(x, p), point_of(c, model.b))
     _close(ca.densify(made.jacobian(x, p)), _dense(made, model.A))
 
 
 @needs_compiler
 @pytest.mark.parametrize("name", CASES)
-def test_library_equals_the_expressions(name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem]) -> None:
-    made = nlp(_cases(cart_pole, robot)[name])
+def test_library_equals_the_expressions(
+    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
+) -> None:
+    made = nlp(_cases(cart_pole, robot, cycle)[name])
     library = Library(made.compiled, octo_layout(made.compiled))
     x, p = _point(made), made.parameters
     lam = np.random.default_rng(2).standard_normal(made.g.numel())
@@ -100,7 +121,29 @@ def test_terms_between_hermite_controls(cart_pole: Callable[..., Problem]) -> No
     x = _point(made)
     at = made.compiled.evaluate(made.unknowns(x))
     _close(made.objective(x, made.parameters), at.energy)
-    _close(made.gradient(x, made.parameters), made.compiled.linearize(at, None).b[0, free_units(made.compiled)].ravel())
+    _close(made.gradient(x, made.parameters), point_of(made.compiled, made.compiled.linearize(at, None).b))
+
+
+CYCLES = {
+    "mirrored": ("biped", 6, octo.Cycle(speed=0.5, period=0.6)),
+    "mirrored, odd": ("mammal", 7, octo.Cycle(speed=0.5, period=0.7)),
+    "turning": ("biped", 6, octo.Cycle(speed=0.3, period=0.6, mirror=False, turn=0.4)),
+    "turning, odd": ("biped", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=-0.6)),
+}
+
+
+@pytest.mark.parametrize("name", CYCLES)
+def test_curvature_of_cycles(name: str, cycle: Callable[..., Problem]) -> None:
+    """octo's exact curvature is that of the Lagrangian where E has terms of torques and linear ones alone."""
+    made = nlp(cycle(*CYCLES[name], [costs.Effort()]))
+    c, x = made.compiled, _point(made)
+    rows = np.random.default_rng(2).standard_normal(made.g.numel())
+    lam = multipliers_of(c, rows)
+    assert made.g.numel() == c.steps * c.m and len(x) == c.steps * c.n
+    assert (rows_of(c, lam) == rows).all()
+    H = _symmetric(made, c.linearize(c.evaluate(made.unknowns(x)), lam[None]).H)
+    assert np.linalg.matrix_rank(_dense(made, c.linearize(c.evaluate(made.unknowns(x)), None).A)) == made.g.numel()
+    _close(ca.densify(made.hessian(x, made.parameters, 1.0, rows)), H)
 
 
 def test_start_and_bounds(cart_pole: Callable[..., Problem]) -> None:
@@ -110,3 +153,9 @@ def test_start_and_bounds(cart_pole: Callable[..., Problem]) -> None:
     assert not made.g_lower.any() and not made.g_upper.any() and np.isinf(made.x_lower).all()
     with pytest.raises(ShapeError, match="start"):
         nlp(problem, np.zeros((3, 2)))
+
+
+def test_a_cycle_starts_carried_along(cycle: Callable[..., Problem]) -> None:
+    made = nlp(cycle("biped", 6, octo.Cycle(speed=0.5, period=0.6)))
+    forward = made.compiled.evaluate(made.unknowns(made.start)).nodes[0, :, 0]
+    assert np.diff(forward) == pytest.approx(np.full(7, 0.5 * 0.05))

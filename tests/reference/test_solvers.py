@@ -13,10 +13,12 @@ import pytest
 import octo
 from octo import costs, native
 from octo.errors import ProblemError
+from octo.passes import schedule
 from octo.problem.basis import Hermite
 from octo.problem.problem import Problem
 from octo.reference import Fatrop, Ipopt, fatrop, ipopt
 from octo.reference.run import one_core
+from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Status
 
@@ -50,6 +52,29 @@ def test_settle(robot: Callable[..., Problem]) -> None:
 def test_a_fixed_end(cart_pole: Callable[..., Problem]) -> None:
     problem = cart_pole(x_end=np.array([0.2, 0.0]))
     _agree(problem, (ipopt, fatrop))
+
+
+def test_a_cycle(cycle: Callable[..., Problem]) -> None:
+    """From one start; and IPOPT from beside octo's solution, with the multipliers that belong to it."""
+    problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))
+    stage = schedule(problem, 1)[0]
+    assert stage is not None
+    problem = problem.replace(parameters=stage.parameters(problem.weight))
+    options = SqpOptions(dual_tolerance=1e-7, step_tolerance=1e-5, plateau_change=1e-13)
+    solver, start = Ipopt(problem, options), first_nodes(problem, 0, None)
+    own = octo.solve(problem, start=start[1:], options=options, device="cpu")
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(start.shape)
+    cold, near = solver.solve(start).solution, solver.solve(own.x + noise).solution
+    assert own.status is cold.status is near.status is Status.CONVERGED
+    assert [cold.energy, near.energy] == pytest.approx([own.energy] * 2, rel=SAME)
+    assert max(run.violation for run in (own, cold, near)) <= 1e-6 * own.weight
+    warm = solver.solve(own.x, own.multipliers).solution
+    assert warm.converged and warm.iterations < near.iterations
+
+
+def test_fatrop_refuses_cycles(cycle: Callable[..., Problem]) -> None:
+    with pytest.raises(ProblemError, match="cannot solve a cycle"):
+        fatrop(cycle("biped", 6, octo.Cycle(speed=0.5, period=0.6)))
 
 
 def test_fatrop_refuses_hermite(cart_pole: Callable[..., Problem]) -> None:

@@ -1,0 +1,278 @@
+"""Motions from rest to rest: walk, stride sideways, turn. A cycle is found first, then how to get into it and out of it.
+
+A walk of ten seconds is found in pieces, each of which is small: a stride that repeats (several starts and periods, the
+best kept), from rest into it and out of it to rest, with both ends fixed (several phases, the best kept), strides
+between. Joined they satisfy Newton's law; the whole is then polished as one problem, which begins and ends at rest.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import number, positive
+from octo.errors import MirrorError
+from octo.model.character import Character
+from octo.problem import presets
+from octo.problem.codegen import touching_names
+from octo.problem.costs import Cost
+from octo.problem.cycle import Cycle, along_arc, plane_normal
+from octo.problem.problem import Problem
+from octo.solve import solve, solve_all
+from octo.solver.gait import SHORT, runs, stances
+from octo.solver.solution import Solution, Status
+
+Array = NDArray[np.float64]
+NATURAL = 4.0  # √(ℓ/g): a stride's natural period …
+REACH = 1.6  # ℓ: … or the time in which the body goes so far, where that is shorter
+PERIODS = (0.85, 1.0, 1.2)  # of the natural period: what is tried
+STARTS = 3  # of the cycle, for each period
+PHASES = 6  # of the stride, at which it may be entered and left
+BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
+LAPS = 2  # of the stride before the phase at which it is entered: where it is blended from
+
+
+def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+    """Walk along x, from rest to rest.
+
+    Parameters
+    ----------
+    speed: m/s, of the whole motion: the strides in the middle are a little faster. Negative is backward.
+    seconds: s, of the whole motion.
+    options: as the fields of :class:`Journey`, and as :func:`octo.solve`'s device, threads, time_limit, progress.
+
+    Returns
+    -------
+    The motion, at rest in its first and last state; its ``starts`` has a record of each stride that was tried.
+
+    Raises
+    ------
+    OctoError: in one line that names the field; nothing was computed.
+    """
+    return _journey(robot, (number("speed", speed), 0.0), 0.0, seconds, options).solve()
+
+
+def stride(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as :func:`walk`."""
+    return _journey(robot, (0.0, number("speed", speed)), 0.0, seconds, options).solve()
+
+
+def turn(robot: Character, rate: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise as :func:`walk`."""
+    return _journey(robot, (0.0, 0.0), number("rate", rate), seconds, options).solve()
+
+
+def _journey(robot: Character, velocity: tuple[float, float], rate: float, seconds: float, options: dict[str, Any]) -> Journey:
+    own = {name: options.pop(name) for name in tuple(options) if name in Journey.__dataclass_fields__}
+    return Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **own, options=options)
+
+
+@dataclass(frozen=True, eq=False)
+class Journey:
+    """A steady motion of ``velocity`` (2,) m/s in the body's axes and ``rate`` rad/s, begun from rest and ended at rest.
+
+    dt: s. seed, starts: number of the first start of each period's cycle, and their count. period: s of a stride, or
+    several to try; by default those of the robot's own length. terrain, law, pose: as of a Problem. options: of
+    :func:`octo.solve`.
+    """
+
+    robot: Character
+    velocity: tuple[float, float]
+    rate: float
+    seconds: float
+    dt: float = 0.025
+    seed: int = 0
+    starts: int = STARTS
+    period: float | Sequence[float] | None = None
+    terrain: Any = None
+    law: Any = None
+    pose: Any = None
+    options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def steps(self) -> int:
+        return max(1, round(self.seconds / self.dt))
+
+    @cached_property
+    def whole(self) -> Problem:
+        """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
+        common = {"terrain": self.terrain, "law": self.law, "pose": self.pose}
+        problem = Problem(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
+        speed, rate = (*self.velocity, 0.0), self.rate or None
+        return problem.replace(costs=presets.natural(speed, rate, length=problem.length, feet=touching_names(problem)))
+
+    @cached_property
+    def terms(self) -> list[Cost]:
+        """Of problems whose ends say how far: natural terms alone."""
+        return presets.natural(length=self.whole.length, feet=touching_names(self.whole))
+
+    @property
+    def mirrored(self) -> bool:
+        return self.rate == 0.0 and self.velocity[1] == 0.0
+
+    def periods(self) -> list[int]:
+        """Steps of the strides that are tried."""
+        own = self.period
+        if own is None:
+            length, speed = self.whole.length, float(np.hypot(*self.velocity))
+            natural = NATURAL * np.sqrt(length / self.whole.gravity)
+            natural = min(natural, REACH * length / speed) if speed > 0.0 else natural
+            own = [natural * part for part in PERIODS]
+        wanted = [own] if isinstance(own, (int, float)) else list(own)
+        grain = 2 if self.mirrored else 1
+        return sorted({max(8, grain * round(positive("period", value, "s") / self.dt / grain)) for value in wanted})
+
+    def faster(self, count: int) -> float:
+        """Speed of a stride of ``count`` steps over that of the whole motion, in which it is entered and left."""
+        return self.steps / (self.steps - 2.0 * (1.0 - BEGUN) * count)
+
+    def cycle(self, count: int) -> Problem:
+        """A stride of ``count`` steps."""
+        factor, period = self.faster(count), count * self.dt
+        steady = Cycle(
+            speed=factor * self.velocity[0], sideways=factor * self.velocity[1], turn=factor * self.rate * period,
+            period=period, mirror=self.mirrored,
+        )  # fmt: skip
+        return self.whole.replace(steps=0, cycle=steady, costs=self.terms)
+
+    def solve(self) -> Solution:
+        """The motion."""
+        began = time.perf_counter()
+        counts = [count for count in self.periods() if 3 * count <= self.steps]
+        if not counts:
+            return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest")
+        found: list[Solution] = []
+        try:
+            for count in counts:
+                found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began))
+        except MirrorError as error:
+            return self._without(str(error))
+        records = tuple({**made.report(), "seed": made.seed} for made in found)
+        good = [made for made in found if made.converged and made.passes[-1]["converged"]]
+        stopped = [made for made in found if made.status is Status.INTERRUPTED]
+        if stopped:
+            return replace(stopped[0], starts=records)
+        if not good:
+            return self._without("no stride converged")
+        best = min(good, key=lambda made: made.energy)
+        return replace(_Pieces(self, best, began).joined(), starts=records)
+
+    def left(self, began: float) -> dict[str, Any]:
+        """The options of solve, with what is left of the time."""
+        if "time_limit" not in self.options:
+            return self.options
+        return {**self.options, "time_limit": max(self.options["time_limit"] - (time.perf_counter() - began), 1e-3)}
+
+    def _without(self, reason: str) -> Solution:
+        """One problem with the natural terms alone, and a line that says so."""
+        print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
+        return solve(self.whole, seed=self.seed, **self.options)
+
+
+class _Pieces:
+    """What a journey around one stride is joined of.
+
+    Place s of the path is where the steady motion is after s steps. The stride is entered at its node LAPS·count + phase,
+    which stands at place BEGUN·count, and left ``length`` steps before the end.
+    """
+
+    def __init__(self, journey: Journey, stride: Solution, began: float):
+        assert stride.cycle is not None
+        self.journey, self.stride, self.began = journey, stride, began
+        self.count = round(stride.cycle.period / journey.dt)
+        fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
+        self.rest = journey.whole.replace(costs=journey.terms, parameters=fixed)
+        self.normal = plane_normal(self.rest)
+        self.tiled = stride.tile(2 * LAPS + 1 + journey.steps // self.count)
+
+    def joined(self) -> Solution:
+        """The best pieces in a row, polished as one problem."""
+        journey, count = self.journey, self.count
+        half = count // 2 if journey.mirrored else count  # half a mirrored stride later it is entered as in a mirror
+        phases = sorted({k * half // PHASES for k in range(PHASES)})
+        problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
+        entered = solve_all(problems, start=starts, **self._left())
+        loads = self.tiled.normal_force
+        k = min(range(len(phases)), key=lambda k: _rank(entered[k], after=loads[self._entry(phases[k]) :][:count]))
+        phase, into = phases[k], entered[k]
+        left = []
+        for length in [count + 2 * (k - PHASES // 2) for k in range(PHASES)]:
+            problem, start = self._leave(phase, length)
+            out = solve(problem, start=start, **self._left())
+            node = self._entry(phase) + journey.steps - count - length
+            left.append((_rank(out, before=loads[node - count : node]), length, out))
+        _, length, out = min(left, key=lambda one: one[0])
+        first, between = self._entry(phase), journey.steps - count - length
+        middle = self._placed(self.tiled.x[first + 2 : first + 2 + between], phase)
+        nodes = np.concatenate([into.x[1:], middle, out.x[2:]])
+        motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
+        return solve(motion, start=nodes, **self._left())
+
+    def _left(self) -> dict[str, Any]:
+        return self.journey.left(self.began)
+
+    def _entry(self, phase: int) -> int:
+        """The node of the tiled stride at which it is entered."""
+        return LAPS * self.count + phase
+
+    def _placed(self, x: Array, phase: int) -> Array:
+        """Nodes (…, n) of the tiled stride where they stand on the path."""
+        return self._moved(x, BEGUN * self.count - self._entry(phase))
+
+    def _moved(self, x: Array, places: float) -> Array:
+        """Configurations (…, n) carried along the path by so many places."""
+        journey, x = self.journey, x.copy()
+        first = int(journey.robot.first_joint[journey.robot.base_body])
+        duration, factor = places * journey.dt, journey.faster(self.count)
+        angle = factor * journey.rate * duration
+        shift = along_arc(factor * np.array(journey.velocity), angle, duration)
+        c, s = np.cos(angle), np.sin(angle)
+        middle = self.rest.start[first : first + 2]
+        before = x[..., first : first + 2].copy()
+        x[..., first : first + 2] = middle + (before - middle) @ np.array([[c, s], [-s, c]]) + shift
+        x[..., first + 2] -= (x[..., first : first + 2] - before) @ self.normal[:2] / self.normal[2]
+        x[..., first + 3] += angle
+        return x
+
+    def _enter(self, phase: int) -> tuple[Problem, Array]:
+        """From rest into the stride, and a first guess: standing blended into the stride."""
+        node, count = self._entry(phase), self.count
+        stride = self._placed(self.tiled.x[node - count + 1 : node + 2], phase)
+        velocity = (stride[-1] - stride[-2]) / self.journey.dt
+        problem = self.rest.replace(steps=count, x_end=stride[-1], v_end=velocity)
+        return problem, _blend(np.broadcast_to(problem.start, stride.shape), stride)
+
+    def _leave(self, phase: int, length: int) -> tuple[Problem, Array]:
+        """From the stride to rest."""
+        node = self._entry(phase) + self.journey.steps - self.count - length
+        stride = self._placed(self.tiled.x[node : node + length + 2], phase)
+        velocity = (stride[1] - stride[0]) / self.journey.dt
+        end = self._moved(self.rest.start, self.journey.steps / self.journey.faster(self.count))
+        problem = self.rest.replace(steps=length, x0=stride[1], pose=None, v0=velocity, x_end=end, v_end=0.0 * end)
+        return problem, _blend(stride[1:], np.broadcast_to(end, stride[1:].shape))
+
+
+def _blend(one: Array, other: Array) -> Array:
+    """(N+1, n) from one motion into the other, with weights 3w² − 2w³ (docs/notes/cycles.md)."""
+    w = np.linspace(0.0, 1.0, len(one))[:, None]
+    part = 3.0 * w**2 - 2.0 * w**3
+    return (1.0 - part) * one + part * other
+
+
+def _rank(piece: Solution, before: Array | None = None, after: Array | None = None) -> tuple[bool, int, float]:
+    """The smaller, the better: converged, no stance or swing that is too short, then by E.
+
+    before, after: loads (k, c) N of the stride that the piece comes from or leads to.
+    """
+    loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
+    standing = stances(loads, piece.weight)
+    lengths = [b - a for foot in standing.T for state in (foot, ~foot) for a, b in runs(state, 0, len(loads))]
+    short = sum(length * piece.dt < SHORT - 1e-9 for length in lengths)
+    return (not piece.converged, short, piece.energy)
