@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from octo.errors import ProblemError
 
 Array = NDArray[np.float64]
-LEAST_CYCLE = 4  # steps: with fewer a residual would see a node twice
+LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +169,10 @@ class Folded:
 
     A chain that closes on itself couples its first units with its last ones. Folded in the middle, units k and N−1−k side
     by side, it is a chain again: each pair touches the two pairs before it and no others, so that every solver of open
-    chains, on every device, solves closed ones: SBT(4(2n−|u|)) of N/4 blocks. FD_i looks at three neighbours on one limb;
-    on the way back the last of them lies two pairs further on, where its row stands. A pair of rows remains at the fold:
-    the last unit is a dummy that carries it.
+    chains, on every device, solves closed ones: SBT(4(2n−|u|)) of N/4 blocks. FD_i stands in the rows of the last pair that
+    it looks at: on the way out that of x_{i+1}, on the way back that of x_{i−1}. At the fold FD_F, F = ⌈N/2⌉, and of an even
+    N FD_{F+1} stand in the rows of a dummy, the last unit. The rows of the first pair stay empty; of an odd N half of the
+    pair at the fold is no node, and half of the dummy's rows stay empty too.
     """
 
     name = "nodes"

@@ -248,7 +248,11 @@ class CompiledProblem:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
-        nodes = node_values(self.stencil, unknowns, self.constant, self.carry)
+        return self.evaluate_nodes(unknowns, node_values(self.stencil, unknowns, self.constant, self.carry))
+
+    def evaluate_nodes(self, unknowns: Array, nodes: Array) -> Evaluation:
+        """E and C of a trajectory (batch, N+2, n), which the unknowns need not make."""
+        nodes = np.ascontiguousarray(nodes)
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         if self._library is not None:

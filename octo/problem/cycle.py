@@ -1,8 +1,9 @@
 """Cycles: the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift and v_N = G v_0.
 
 x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half a stride, left and
-right exchanged); x_s is the pose that the problem starts its search from, where the mirror's plane and the middle of the
-turn are. Every residual FD_0 … FD_{N−1} is there once, and what follows from the last state is what followed from the first.
+right exchanged); x_s is the pose that the problem starts its search from: the mirror's plane goes through it, and the turn is
+about it, before the shift, which itself lies along the arc. Every residual FD_0 … FD_{N−1} is there once, and what follows
+from the last state is what followed from the first.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ class Cycle:
 
     Attributes
     ----------
-    speed: m/s, of the mean over a stride, along the heading; negative is backward.
+    speed: m/s over the ground plan, of the mean over a stride, along the heading at its beginning and, where it turns,
+        along the arc that the heading describes; negative is backward.
     period: s, of a whole stride; or (shortest, longest), of which the best is kept.
     mirror: half a stride is solved for, the other half is its mirror image. True finds the mirror
         (:func:`octo.mirror_of`), a mapping gives pairs of names by hand, a Mirror is taken as it is.
@@ -163,12 +165,15 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration)
+    heading = 0.0 if cycle.mirrored else float(start[first + 3])
+    step = along_arc(np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration, heading)
     constant = np.zeros(robot.nx)
     forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
     if mirror is not None and cycle.mirrored:
         if across:
             raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
+        if len(mirror.offset) != robot.nx:
+            raise ProblemError(f"cycle.mirror is of a robot with {len(mirror.offset)} coordinates, {robot.name!r} has {robot.nx}")
         forward, constant = mirror.matrix.copy(), mirror.offset.copy()
         place = np.zeros(robot.nx)
         place[first + 1], place[first + 3] = start[first + 1], start[first + 3]  # the mirror's plane goes through x_s
@@ -186,9 +191,9 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     constant[first : first + 2] += step
     constant[first + 2] -= (normal[0] * step[0] + normal[1] * step[1]) / normal[2]
     held = np.zeros(robot.nx)
-    held[first] = 1.0
-    held[first + 1] = 0.0 if cycle.mirrored else 1.0  # on an arc x and y together say how far its middle is
-    held[first + 3] = 0.0 if cycle.mirrored or sloped or step.any() else 1.0
+    held[first] = 1.0  # on an arc x and y together say how far its middle is
+    if not cycle.mirrored:  # the mirror's plane holds y and yaw; without it a sideways walk would turn and walk forward
+        held[first + 1] = held[first + 3] = 1.0
     return Closure.of(forward, constant, held, mirror, cycle.mirrored)
 
 
@@ -216,13 +221,18 @@ def _own_mirror(robot: Character) -> Mirror:
     return mirror_of(robot)
 
 
-def along_arc(velocity: Array, turn: float, duration: float) -> Array:
-    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads from a heading along x that changes by ``turn`` rad."""
+def along_arc(velocity: Array, turn: float, duration: float, heading: float = 0.0) -> Array:
+    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads while the heading changes by ``turn`` rad.
+
+    heading: rad, where it begins.
+    """
     along = np.asarray(velocity, dtype=float) * duration
     if abs(turn) < 1e-9:
-        return along
-    a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
-    return np.array([[a, -b], [b, a]]) @ along
+        a, b = 1.0, 0.0
+    else:
+        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
+    c, s = np.cos(heading), np.sin(heading)
+    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, -b], [b, a]]) @ along)
 
 
 def plane_normal(problem: Problem) -> Array:

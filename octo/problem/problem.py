@@ -27,7 +27,7 @@ from octo.problem.symbols import Setting
 
 Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
-HOLD = 1e3  # … with this weight: on an arc it says how far the middle is, to micrometres
+HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
@@ -49,7 +49,7 @@ class Problem:
     x_end, v_end: (nx,) a fixed last state; free by default.
     displacement: (nx,) in place of x_end: the last configuration is the start moved by this, whatever the start of a pass is.
     cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or none need be given, the
-        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs nothing.
+        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs (almost) nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
     Raises
@@ -102,10 +102,8 @@ class Problem:
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
-        if self.closure is not None and ANCHOR not in [term.label for term in self.costs]:
-            end = self.closure.forward @ self.start + self.closure.forward_constant
-            anchor = PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
-            object.__setattr__(self, "costs", (*self.costs, anchor))
+        if self.anchor is not None and ANCHOR not in [term.label for term in self.costs]:
+            object.__setattr__(self, "costs", (*self.costs, self.anchor))
 
     def _check_cycle(self, cycle: Cycle) -> None:
         """Refuse what no cycle has, and fill in steps and dt."""
@@ -177,6 +175,14 @@ class Problem:
     def closure(self) -> Closure | None:
         """How the cycle closes; None for a problem without one."""
         return None if self.cycle is None else closure_of(self, self.cycle)
+
+    @cached_property
+    def anchor(self) -> PoseTarget | None:
+        """What holds a cycle in place: its last state where the start is carried to; None for a problem without one."""
+        if self.closure is None:
+            return None
+        end = self.closure.forward @ self.start + self.closure.forward_constant
+        return PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
 
     @cached_property
     def p(self) -> Array:
@@ -293,12 +299,25 @@ class Problem:
         )
 
     def replace(self, **changes: Any) -> Problem:
-        """A copy with other values. The compiled code is shared wherever the text did not change."""
+        """A copy with other values. The compiled code is shared wherever the text did not change.
+
+        Of a cycle, steps stay and dt follows from a new period or number of steps; steps follow from a new dt.
+        """
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
             changes["parameters"] = {**self.parameters, **changes["parameters"]}
+        cycle = changes.get("cycle", self.cycle)
+        if cycle is not None and "dt" in changes:
+            changes.setdefault("steps", 0)
+        elif cycle is not None and {"cycle", "steps"} & set(changes):
+            changes["dt"] = 0.0
+        if cycle is None and self.anchor is not None:
+            changes["costs"] = [term for term in changes.get("costs", self.costs) if term is not self.anchor]
         model = self.dynamics if keeps and isinstance(self.model, Dynamics) else changes.pop("model", self.model)
         changed = replace(self, model=model, **changes)
         if keeps:
             changed.__dict__["dynamics"] = self.dynamics
+        if self.anchor is not None and changed.anchor is not None:  # the new start is carried elsewhere
+            anchored = tuple(changed.anchor if term is self.anchor else term for term in changed.costs)
+            object.__setattr__(changed, "costs", anchored)
         return changed

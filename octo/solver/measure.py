@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -51,10 +52,20 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "weight": described.weight,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
-        "cycle": Stride.of(described),
+        "cycle": stride(problem, at, member),
         "parameters": {name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)},
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
+
+
+def stride(problem: CompiledProblem, at: Evaluation, member: int) -> Stride | None:
+    """What a cycle is carried on with, and how well the laws of physics hold for its mirror image; None of other motions."""
+    made = Stride.of(problem.problems[member])
+    if made is None or not made.mirrored:
+        return made
+    alone, own = problem.take(np.array([member])), slice(member, member + 1)
+    image = alone.evaluate_nodes(at.unknowns[own], made.on(at.nodes[own]))
+    return replace(made, asymmetry=float(violations(alone, image)[1][0]))
 
 
 def _contacts(dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem) -> dict[str, Any]:

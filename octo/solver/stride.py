@@ -29,6 +29,8 @@ class Stride:
     matrix (n, n), constant (n,): of a configuration. torque (nu, nu): of u.
     rotation (3, 3), shift (3,) m: of a point of the world; reflected where mirrored.
     contacts (c,): the contact that each one's place is taken by.
+    asymmetry: N, ‖U_/FD‖∞ of the mirror image (moments over ℓ): that of the motion itself where the robot's left and right
+        are exactly alike, more by what the robot's file says of differences between them.
     """
 
     period: float
@@ -42,6 +44,7 @@ class Stride:
     rotation: Array
     shift: Array
     contacts: NDArray[np.intp]
+    asymmetry: float = 0.0
 
     @classmethod
     def of(cls, problem: Problem) -> Stride | None:
@@ -76,7 +79,7 @@ class Stride:
                 torque=self.torque @ whole.torque, rotation=self.rotation @ whole.rotation,
                 shift=self.rotation @ whole.shift + self.shift, contacts=whole.contacts[self.contacts],
             )  # fmt: skip
-        return replace(whole, mirrored=False)
+        return replace(whole, mirrored=False, asymmetry=0.0)
 
     def plain(self) -> dict[str, Any]:
         """The numbers that are not arrays, for files."""
@@ -88,6 +91,9 @@ ARRAYS = ("matrix", "constant", "torque", "rotation", "shift", "contacts")  # of
 
 def tiled(solution: Solution, strides: int) -> Solution:
     """``strides`` whole strides of a solved cycle, one after the other.
+
+    Of a mirrored one ``violation`` and ``pointwise_residual`` are those of the image too, which is larger where the robot is
+    not exactly its own mirror image.
 
     Raises
     ------
@@ -110,6 +116,8 @@ def tiled(solution: Solution, strides: int) -> Solution:
             made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
     joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
     joined["x"] = np.concatenate([solution.x[:2], joined["x"]])
+    for name in ("violation", "pointwise_residual"):
+        joined[name] = max(getattr(solution, name), stride.asymmetry)
     return replace(
         solution, **joined, ground=_plane_around(solution.ground, joined["contact_point"]), cycle=stride.times(pieces),
         unknowns=solution.unknowns[:0], multipliers=solution.multipliers[:0],

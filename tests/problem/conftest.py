@@ -44,6 +44,9 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.JointAcceleration(weight=1e-3),
         costs.Effort(),
         costs.TorqueLimit(margin=0.02),
+        costs.Upright(body="shank"),
+        costs.JointLimit(margin=0.3),
+        costs.JointSpeedLimit(margin=0.1, otherwise=1.0),
         costs.PoseTarget(target=rows[0, :9], coordinates=np.linspace(0.1, 1.0, 9)),
         costs.CustomCost(_custom, {"gain": 0.7}, steps="last"),
         costs.NeighbourCost(_neighbour, {"gain": 0.5 + rows[:, :1]}, weight=per_step),
@@ -53,6 +56,8 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.FrictionCone(mu=0.1, contacts=("foot",)),
         costs.LoadSharing(weight=per_step),
         costs.ForceRate(),
+        costs.SlipPower(),
+        costs.SwingClearance(height=0.08),
     ]
 
 

@@ -10,6 +10,7 @@ import octo
 from octo import native
 from octo.errors import OctoError, ProblemError, ShapeError
 from octo.model import gallery
+from octo.model.kinematics import body_poses
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
@@ -243,3 +244,59 @@ def test_what_a_neighbour_term_raises_is_one_sentence(basis):
         assert "\n" not in str(error.value)
     with pytest.raises(ShapeError, match=r"NeighbourCost.weight has shape \(3,\), expected \(\) or \(24,\)"):
         CompiledProblem([point(basis, [octo.NeighbourCost(lambda c, n, p: c, weight=np.ones(3))])])
+
+
+def term_value(problem: CompiledProblem, at, label: str) -> float:
+    return float(problem.term_values(at)[0, [t.label for t in problem.problems[0].costs].index(label)])
+
+
+def test_limits_of_joints_are_hinges(compiled, wiggle):
+    """JointLimit begins ``margin`` inside, at most a quarter of the range; JointSpeedLimit counts parts of a limit."""
+    problem = compiled("nodes")
+    robot, at = problem.problems[0].character, problem.evaluate(wiggle(problem))
+    q = at.nodes[0][:, robot.actuated]
+    inside = np.minimum(0.3, 0.25 * (robot.upper - robot.lower)[robot.actuated])
+    above = np.maximum(0.0, q[2:] - (robot.upper[robot.actuated] - inside))
+    below = np.maximum(0.0, robot.lower[robot.actuated] + inside - q[2:])
+    np.testing.assert_allclose(term_value(problem, at, "JointLimit"), ((above + below) ** 2).sum(axis=1).mean(), rtol=1e-10)
+    fast = np.maximum(0.0, np.abs(np.diff(q[1:], axis=0)) / DT - 0.1)  # its robot says no limit, the term says 1 rad/s
+    np.testing.assert_allclose(term_value(problem, at, "JointSpeedLimit"), (fast**2).sum(axis=1).mean(), rtol=1e-10)
+    first = problem.problems[0]
+    without = octo.costs.JointSpeedLimit().references(first.setting)
+    np.testing.assert_array_equal(without["inverse_limit"], 0.0)
+    with pytest.raises(ProblemError, match="JointLimit is asked of user-written dynamics, which have no joint limits"):
+        CompiledProblem([point(costs=[octo.costs.JointLimit()])])
+
+
+def test_upright_sees_tilt_and_not_heading(compiled, wiggle):
+    """Its square is 2(1 − cos) of the angle between the body's up and the one at the start, whatever the yaw."""
+    problem = compiled("nodes")
+    robot, at = problem.problems[0].character, problem.evaluate(wiggle(problem))
+    shank = robot.body_index("shank")
+    up = body_poses(robot, at.nodes[0, 2:])[0][:, shank, 2]  # (N, 3)
+    cosine = up @ body_poses(robot, problem.start[0])[0][shank, 2]
+    found = term_value(problem, at, "Upright")
+    np.testing.assert_allclose(found, 2.0 * (1.0 - cosine).mean(), rtol=1e-10)
+    turned = at.nodes.copy()
+    turned[:, :, 3] += 1.2
+    assert term_value(problem, problem.evaluate(problem.unknowns(turned)), "Upright") == pytest.approx(found, rel=1e-10)
+
+
+def test_slip_is_priced_by_load_and_speed_by_height(compiled, wiggle):
+    """SlipPower: mean of Σ f_n/mg·|v_t|²; SwingClearance: mean of Σ |v_t|²·max(0, 1 − h/height)² over the feet."""
+    problem = compiled("nodes")
+    described, at = problem.problems[0], problem.evaluate(wiggle(problem))
+    names, power, swing = [], 0.0, 0.0
+    for i in range(STEPS):
+        columns = problem.kinematics(at.nodes[0, i + 2], at.nodes[0, i + 1], problem.p[0])
+        force, _, velocity, normal = (np.asarray(column).T for column in columns[:4])
+        depth = np.asarray(columns[4]).ravel()
+        along = velocity - normal * (normal * velocity).sum(axis=1, keepdims=True)
+        speed = (along**2).sum(axis=1)
+        power += (np.maximum((normal * force).sum(axis=1), 0.0) / described.weight * speed).sum() / STEPS
+        names = [described.character.contacts[k].name for k in described.character.terrain_contacts]
+        feet = [names.index(name) for name in ("foot", "front")]  # in the ground at the start
+        swing += (np.maximum(0.0, 1.0 + depth / 0.08) ** 2 * speed)[feet].sum() / STEPS
+    assert power > 1e-3 and swing > 1e-3
+    np.testing.assert_allclose(term_value(problem, at, "SlipPower"), power, rtol=1e-5)
+    np.testing.assert_allclose(term_value(problem, at, "SwingClearance"), swing, rtol=1e-10)
