@@ -29,6 +29,7 @@ _HOME = {
     "Nodes": "octo.problem.basis",
     "Hermite": "octo.problem.basis",
     "Goal": "octo.goals",
+    "jump": "octo.jump",
     "solve": "octo.solve",
     "walk": "octo.motions",
     "stride": "octo.motions",
@@ -45,6 +46,7 @@ _COSTS = (
     "BaseHeight",
     "BaseOrientation",
     "BodyLoad",
+    "CenterOfMassDisplacement",
     "CenterOfMassPosition",
     "CenterOfMassVelocity",
     "Clearance",
@@ -94,6 +96,7 @@ if TYPE_CHECKING:
     from octo.costs import BaseHeight as BaseHeight
     from octo.costs import BaseOrientation as BaseOrientation
     from octo.costs import BodyLoad as BodyLoad
+    from octo.costs import CenterOfMassDisplacement as CenterOfMassDisplacement
     from octo.costs import CenterOfMassPosition as CenterOfMassPosition
     from octo.costs import CenterOfMassVelocity as CenterOfMassVelocity
     from octo.costs import Clearance as Clearance
@@ -123,6 +126,7 @@ if TYPE_CHECKING:
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
     from octo.goals import Goal as Goal
+    from octo.jump import jump as jump
     from octo.model import gallery as gallery
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe

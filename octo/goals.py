@@ -10,7 +10,7 @@ import numpy as np
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
-from octo.problem.costs import BaseAngularVelocity, CenterOfMassPosition, CenterOfMassVelocity, Cost, Effort
+from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, Effort
 from octo.problem.problem import Array
 from octo.solver.solution import Solution
 
@@ -22,7 +22,7 @@ FLOOR = 0.1  # m/s, rad/s or m: no denominator of a goal's error is smaller
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal: ``speed`` in m/s (rad/s for turn, its sign the side), ``distance`` and ``height`` in m for jump."""
+    """A goal: ``speed`` in m/s (rad/s for turn, its sign the side), ``distance`` and ``height`` (of its top) in m for jump."""
 
     kind: Kind = "walk"
     speed: float = 0.5
@@ -57,12 +57,15 @@ class Goal:
         if robot.base != "floating":
             raise ProblemError(f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
 
-    def costs(self, com: Array, length: float = 0.3, times: Array | None = None) -> list[Cost]:
-        """The terms of E.
+    def costs(self, length: float = 0.3, times: Array | None = None) -> list[Cost]:
+        """The terms of E; ``length`` (m) and ``times`` (N,) s are those of :func:`octo.costs.robot`.
 
-        ``com`` (3,) m is the centre of mass at the start; ``length`` (m) and ``times`` (N,) s are those of
-        :func:`octo.costs.robot`.
+        Raises
+        ------
+        ProblemError: a jump, whose terms go with its steps.
         """
+        if self.kind == "jump":
+            raise ProblemError("the terms of a jump go with its steps: jump_problem of octo.jump describes one")
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "robot":
@@ -70,14 +73,7 @@ class Goal:
         if self.kind == "turn" and self.preset == "paper":
             turn = BaseAngularVelocity(velocity=(0.0, 0.0, self.speed), axes=(0.0, 0.0, 1.0))
             terms = [turn, CenterOfMassVelocity(weight=0.01), Effort()]
-        if self.kind == "jump":
-            terms = [t for t in terms if not isinstance(t, CenterOfMassVelocity)]
-            terms.insert(0, CenterOfMassPosition(target=tuple(com + self._displacement)))
         return terms
-
-    @property
-    def _displacement(self) -> Array:
-        return np.array([self.distance, 0.0, self.height])
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""
@@ -94,7 +90,7 @@ class Goal:
         unit = {"turn": "rad/s", "jump": "m"}.get(self.kind, "m/s")
         what = {
             "turn": "the base turns at",
-            "jump": "the centre of mass ends away from its start by",
+            "jump": "the centre of mass ends ahead of its start and rises at its top by",
         }.get(self.kind, "the centre of mass moves at")
         outcome = "met" if self.met(solution) else "missed"
         return (
@@ -103,14 +99,14 @@ class Goal:
         )
 
     def _compared(self, solution: Solution) -> tuple[Array, Array]:
-        """What the motion does and what was asked for: mean yaw rate, displacement or mean velocity."""
+        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity."""
         duration = solution.steps * solution.dt
         if self.kind == "turn":
             return np.array([(solution.yaw[-1] - solution.yaw[0]) / duration]), np.array([self.speed])
-        travel = solution.com[-1] - solution.com[0]
+        moved = solution.com - solution.com[0]
         if self.kind == "jump":
-            return travel, self._displacement
-        return travel / duration, np.array(self.velocity)
+            return np.array([moved[-1, 0], moved[:, 2].max()]), np.array([self.distance, self.height])
+        return moved[-1] / duration, np.array(self.velocity)
 
     @staticmethod
     def _size(wanted: Array) -> float:

@@ -89,6 +89,13 @@ def _of_each_period(problem: Problem) -> list[Problem]:
     return [problem.replace(cycle=replace(cycle, period=period)) for period in cycle.periods]
 
 
+def best_of(members: Sequence[Solution]) -> Solution:
+    """The best of the starts of one problem, with a record of each."""
+    best = min(members, key=_rank)
+    _say_kept(best)
+    return replace(best, starts=tuple(member.report() for member in members))
+
+
 def solve_all(problem: Problem | Sequence[Problem], **options: Any) -> list[Solution]:
     """As :func:`solve`, but the solutions of all starts of all problems, not the best of each."""
     return _solve([problem] if isinstance(problem, Problem) else list(problem), **options)[0]

@@ -73,6 +73,8 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "x0 and pose": (lambda: problem(x0=STILL, pose=STILL), "x0 and pose are both given"),
     "v0 of another robot": (lambda: problem(v0=np.zeros(3)), "v0 has shape"),
     "v_end alone": (lambda: problem(v_end=STILL), "v_end is given without x_end"),
+    "two ends": (lambda: problem(x_end=STILL, displacement=STILL), "x_end and displacement are both given"),
+    "displacement of another robot": (lambda: problem(displacement=np.zeros(3)), "displacement has shape"),
     "x_end too early": (lambda: problem(x_end=MAMMAL.default_pose, steps=2), "steps is 2: a fixed end state needs at least 3"),
     "x_end too early for Hermite": (
         lambda: problem(x_end=MAMMAL.default_pose, steps=10, basis="hermite"),

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from octo.cli.arguments import law_of, number, pose_of, positive, steps_of, terrain_of
+from octo.cli.arguments import law_of, number, pose_of, positive, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import add_goal_arguments, described, finite, report
+from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -48,11 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
-    cycle, goal, steps = cycle_of(arguments), None, 0
+    cycle, goal, steps = cycle_of(arguments), None, None
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
         goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
-        steps = steps_of(arguments.seconds, arguments.dt)
+        steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
     path = None if arguments.json is None else Path(arguments.json)
     if path is not None:

@@ -25,14 +25,15 @@ from octo.cli.arguments import (
     terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, say_left_out
+from octo.errors import ProblemError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.kinematics import center_of_mass
 from octo.model.load import load
 from octo.problem.costs import Effort
 from octo.problem.problem import Problem
 from octo.solver.solution import Solution, Status
 
+SECONDS = 10.0  # of motion, where none are asked for
 FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
@@ -50,9 +51,10 @@ def add_goal_arguments(parser: argparse.ArgumentParser, device: str = "auto") ->
     parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
     parser.add_argument("--distance", type=number, default=0.5, help="m, of a jump (default 0.5)")
     parser.add_argument("--height", type=number, default=0.2, help="m, of the centre of mass gained by a jump (default 0.2)")
-    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
+    parser.add_argument("--seconds", type=positive, help="s, of motion (default 10; a jump takes what it needs)")
     parser.add_argument("--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)")
-    parser.add_argument("--costs", default="paper", help="paper, or robot: a plan that a plant should follow (default paper)")
+    costs = "paper, or robot: a plan that a plant should follow (default paper); a jump has its own"
+    parser.add_argument("--costs", default="paper", help=costs)
     add_solver_arguments(parser, device)
 
 
@@ -60,18 +62,20 @@ def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
     goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
-    steps = steps_of(arguments.seconds, arguments.dt)
+    steps = asked_steps(goal, arguments)
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = load(arguments.robot, arguments.base)
     goal.check(robot)
-    from octo.solve import resolve_device, solve  # after the checks: it takes longer to import than they take
+    from octo.jump import solve_jump  # after the checks: it takes longer to import than they take
+    from octo.solve import resolve_device, solve
 
     resolve_device(arguments.device)
     problem = described(robot, goal, steps, arguments)
     prepared = time.perf_counter() - began
-    solution = solve(problem, start=start, progress=True, **solver_options(arguments))
+    found = solve_jump if goal.kind == "jump" else solve
+    solution = found(problem, start=start, progress=True, **solver_options(arguments))
     solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
     write(folder, solution, report(solution, goal))
     print(solution)
@@ -82,20 +86,31 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
 
 
-def described(robot: Character, goal: Goal, steps: int, arguments: argparse.Namespace) -> Problem:
-    """The problem of a goal; a jump's target is measured from the centre of mass at the start."""
-    problem = Problem(
-        robot,
-        steps=steps,
-        dt=arguments.dt,
-        costs=[Effort()],
-        basis=arguments.basis,
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-        pose=pose_of(robot, arguments.pose),
-    )
-    times = arguments.dt * np.arange(1, steps + 1)
-    return problem.replace(costs=goal.costs(center_of_mass(robot, problem.start), problem.length, times))
+def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
+    """N of --seconds and --dt; None for a jump that takes what it needs."""
+    if arguments.seconds is None and goal.kind == "jump":
+        return None
+    return steps_of(SECONDS if arguments.seconds is None else arguments.seconds, arguments.dt)
+
+
+def described(robot: Character, goal: Goal, steps: int | None, arguments: argparse.Namespace) -> Problem:
+    """The problem of a goal."""
+    dt = arguments.dt
+    where: dict[str, Any] = {
+        "terrain": terrain_of(arguments.terrain),
+        "law": law_of(arguments.friction),
+        "pose": pose_of(robot, arguments.pose),
+    }
+    if goal.kind == "jump":
+        from octo.jump import jump_problem
+
+        if arguments.basis != "nodes":
+            raise ProblemError(f"a jump is solved in the nodes basis: basis is {arguments.basis!r}, must be 'nodes'")
+        seconds = None if steps is None else steps * dt
+        return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
+    assert steps is not None
+    problem = Problem(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
+    return problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
 
 
 def report(solution: Solution, goal: Goal) -> dict[str, Any]:

@@ -50,7 +50,7 @@ def animate(
     """
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
-    if problem.basis_object.name != "nodes" or problem.x_end is not None:
+    if problem.basis_object.name != "nodes" or problem.end is not None:
         raise ProblemError("animate needs the basis 'nodes' and a free end")
     N, dt = int(problem.steps), float(problem.dt)
     advance = min(whole("advance", advance), N)

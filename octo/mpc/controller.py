@@ -80,8 +80,8 @@ class Controller:
             raise ProblemError(f"guide is {guide!r}, must be a function guide(controller, t, x)")
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
-        if problem.basis_object.name != "nodes" or problem.x_end is not None:
-            found = "x_end is given" if problem.x_end is not None else f"basis is {problem.basis_object.name!r}"
+        if problem.basis_object.name != "nodes" or problem.end is not None:
+            found = "x_end is given" if problem.end is not None else f"basis is {problem.basis_object.name!r}"
             raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
         if problem.steps <= PAST:
             raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")

@@ -190,7 +190,7 @@ class CompiledProblem:
         The stencil without them, the dummies, and the values (batch, K, nc) of the pinned units, zero elsewhere.
         """
         stencil = self.basis.stencil(self.steps)
-        ends = [p.x_end is not None for p in self.problems]
+        ends = [p.end is not None for p in self.problems]
         fixed: list[int] = [stencil.units - 1] if isinstance(self.basis, (Hermite, Folded)) else []
         values = np.zeros((self.batch, stencil.units, stencil.parts * self.n))
         if any(ends):
@@ -213,9 +213,9 @@ class CompiledProblem:
         return stencil, np.array(sorted(fixed), dtype=np.intp), values
 
     def _pinned(self, problem: Problem) -> dict[int, Array]:
-        assert problem.x_end is not None
+        assert problem.end is not None
         v_end = np.zeros(self.n) if problem.v_end is None else problem.v_end
-        return self.basis.fixed_end(self.steps, problem.x_end, v_end, problem.dt)
+        return self.basis.fixed_end(self.steps, problem.end, v_end, problem.dt)
 
     @cached_property
     def idle(self) -> tuple[int, int] | None:

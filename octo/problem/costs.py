@@ -102,6 +102,22 @@ class CenterOfMassPosition(Cost):
 
 
 @dataclass(frozen=True, eq=False)
+class CenterOfMassDisplacement(Cost):
+    """The centre of mass (m) against where it is at the start, moved by ``displacement`` (3,) or (N, 3)."""
+
+    displacement: Any = (0.0, 0.0, 0.0)
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"target": setting.com + np.asarray(self.displacement, dtype=float)}
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.sum(_last_row(self.displacement) ** 2)), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.com - p["target"]
+
+
+@dataclass(frozen=True, eq=False)
 class BaseOrientation(Cost):
     """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the reference's x, y, z.
 
@@ -122,7 +138,7 @@ class BaseOrientation(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Upright(Cost):
-    """Tilt of a body, whatever its yaw: the world's up in the body's axes against that in ``pose`` (nx,), by default the start."""
+    """Tilt of a body, whatever its yaw: up in the body's axes against what it is in ``pose`` (nx,), by default the start."""
 
     pose: Any = None
     body: str | None = None

@@ -47,6 +47,7 @@ class Problem:
     pose: (nx,) the pose a static start is searched from, instead of the character's default one.
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
+    displacement: (nx,) in place of x_end: the last configuration is the start moved by this, whatever the start of a pass is.
     cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or none need be given, the
         other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs (almost) nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
@@ -68,6 +69,7 @@ class Problem:
     v0: Array | None = None
     x_end: Array | None = None
     v_end: Array | None = None
+    displacement: Array | None = None
     cycle: Cycle | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
 
@@ -86,14 +88,17 @@ class Problem:
             raise ProblemError(f"law is {self.law!r}, must be one of octo.laws, or have parameters, reach and force")
         self._check_costs()
         self.basis_object.check(self.steps)
-        for name in ("x0", "pose", "v0", "x_end", "v_end"):
+        for name in ("x0", "pose", "v0", "x_end", "v_end", "displacement"):
             self._check_state(name)
         if self.x0 is not None and self.pose is not None:
             raise ProblemError("x0 and pose are both given: x0 is the start, pose is where a static one is searched from")
-        if self.v_end is not None and self.x_end is None:
+        if self.x_end is not None and self.displacement is not None:
+            raise ProblemError("x_end and displacement are both given: the last configuration is one or the other")
+        ends = self.displacement if self.x_end is None else self.x_end
+        if self.v_end is not None and ends is None:
             raise ProblemError("v_end is given without x_end: a fixed last velocity needs the last configuration too")
-        if self.x_end is not None:
-            self.basis_object.fixed_end(int(self.steps), self.x_end, self.x_end, float(self.dt))  # refuses too few steps
+        if ends is not None:
+            self.basis_object.fixed_end(int(self.steps), ends, ends, float(self.dt))  # refuses too few steps
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
@@ -111,7 +116,7 @@ class Problem:
                 positive("dt", given, "s")
         if isinstance(basis_named(self.basis), Hermite):
             raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
-        for name in ("x0", "v0", "x_end", "v_end"):
+        for name in ("x0", "v0", "x_end", "v_end", "displacement"):
             if getattr(self, name) is not None:
                 raise ProblemError(f"{name} is given with cycle: the first and last states of a cycle are unknown")
         steps, dt = cycle.sampling(int(self.steps), float(self.dt))
@@ -232,6 +237,11 @@ class Problem:
     @cached_property
     def start_velocity(self) -> Array:
         return np.zeros(self.dynamics.nx) if self.v0 is None else self.v0
+
+    @property
+    def end(self) -> Array | None:
+        """(nx,) x_N where it is fixed: as given, or the start and the displacement."""
+        return self.x_end if self.displacement is None else self.start + self.displacement
 
     @cached_property
     def gravity(self) -> float:

@@ -33,6 +33,7 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
     return [
         costs.CenterOfMassVelocity(velocity=rows[:, :3], weight=per_step),
         costs.CenterOfMassPosition(target=(0.3, 0.1, 0.4)),
+        costs.CenterOfMassDisplacement(displacement=rows[:, 3:6], weight=per_step),
         costs.BaseOrientation(roll_pitch_yaw=rows[:, 3:6], axes=(1.0, 0.5, 2.0)),
         costs.BaseHeight(height=0.3 + rows[:, 6]),
         costs.BaseAngularVelocity(velocity=(0.0, 0.2, 0.5), axes=(1.0, 0.2, 0.7), body="shank"),

@@ -171,6 +171,16 @@ def test_a_fixed_last_state_has_its_velocity(compiled):
     np.testing.assert_allclose((fit(s[0]) - fit(s[1])) / 1e-3, 4 * first.dt * v_end[8], rtol=1e-2)
 
 
+def test_a_displaced_last_state_follows_the_start(compiled):
+    """Where the ground is stiffer the start is higher, and the end with it."""
+    first = compiled("nodes").problems[0]
+    moved = np.linspace(0.0, 0.1, 9)
+    for start in (first.start, first.start + 0.02):
+        problem = CompiledProblem([first.replace(x0=start, displacement=moved)])
+        nodes = problem.evaluate(problem.unknowns(np.repeat(start[None, None], 26, axis=1))).nodes[0]
+        np.testing.assert_allclose(nodes[-2:], np.stack([start + moved] * 2), atol=1e-12)
+
+
 def test_energy_is_about_one_at_the_start_of_a_walk():
     """Every term is divided by a scale of its own: a robot that stands and should walk has E near 1, at any speed."""
     for speed in (0.2, 0.5, 2.0):
