@@ -24,20 +24,21 @@ from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
-from octo.problem.cycle import Cycle, along_arc, plane_normal
+from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
 from octo.solve import solve, solve_all
 from octo.solver.gait import SHORT, runs, stances
 from octo.solver.solution import Solution, Status
 
 Array = NDArray[np.float64]
-NATURAL = 4.0  # √(ℓ/g): a stride's natural period …
-REACH = 1.6  # ℓ: … or the time in which the body goes so far, where that is shorter
-PERIODS = (0.85, 1.0, 1.2)  # of the natural period: what is tried
+PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
 STARTS = 3  # of the cycle, for each period
+import os
+DEBUG = os.environ.get('DEBUGM')
 PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
-LAPS = 2  # of the stride before the phase at which it is entered: where it is blended from
+ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
+LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
 
 def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
@@ -115,10 +116,10 @@ class Journey:
         """Of problems whose ends say how far: natural terms alone."""
         return presets.natural(**self._body(self.whole))
 
-    @staticmethod
-    def _body(problem: Problem) -> dict[str, Any]:
+    def _body(self, problem: Problem) -> dict[str, Any]:
         """What the natural terms ask of the body that stands at rest, for problems that begin elsewhere."""
-        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
+        stance = {} if self.mirrored else {"stance": presets.STANCE}
+        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start, **stance}
 
     @property
     def mirrored(self) -> bool:
@@ -128,17 +129,20 @@ class Journey:
         """Steps of the strides that are tried."""
         own = self.period
         if own is None:
-            length, speed = self.whole.length, float(np.hypot(*self.velocity))
-            natural = NATURAL * np.sqrt(length / self.whole.gravity)
-            natural = min(natural, REACH * length / speed) if speed > 0.0 else natural
-            own = [natural * part for part in PERIODS]
+            length = self.whole.length
+            usual = usual_period(length, float(np.hypot(*self.velocity)) + abs(self.rate) * length)
+            own = [usual * part for part in PERIODS]
         wanted = [own] if isinstance(own, (int, float)) else list(own)
         grain = 2 if self.mirrored else 1
         return sorted({max(8, grain * round(positive("period", value, "s") / self.dt / grain)) for value in wanted})
 
+    def ends(self, count: int) -> int:
+        """Steps in which a stride of ``count`` steps is entered."""
+        return max(count, round(ENDS * np.sqrt(self.whole.length / self.whole.gravity) / self.dt))
+
     def faster(self, count: int) -> float:
         """Speed of a stride of ``count`` steps over that of the whole motion, in which it is entered and left."""
-        return self.steps / (self.steps - 2.0 * (1.0 - BEGUN) * count)
+        return self.steps / (self.steps - 2.0 * (1.0 - BEGUN) * self.ends(count))
 
     def cycle(self, count: int) -> Problem:
         """A stride of ``count`` steps."""
@@ -152,7 +156,7 @@ class Journey:
     def solve(self) -> Solution:
         """The motion."""
         began = time.perf_counter()
-        counts = [count for count in self.periods() if 3 * count <= self.steps]
+        counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest")
         found: list[Solution] = []
@@ -168,7 +172,7 @@ class Journey:
             return replace(stopped[0], starts=records)
         if not good:
             return self._without("no stride converged")
-        best = min(good, key=lambda made: made.energy)
+        best = min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power))
         return replace(_Pieces(self, best, began).joined(), starts=records)
 
     def left(self, began: float) -> dict[str, Any]:
@@ -186,8 +190,8 @@ class Journey:
 class _Pieces:
     """What a journey around one stride is joined of.
 
-    Place s of the path is where the steady motion is after s steps. The stride is entered at its node LAPS·count + phase,
-    which stands at place BEGUN·count, and left ``length`` steps before the end.
+    Place s of the path is where the steady motion is after s steps. The stride, tiled, is entered at its node laps·count +
+    phase, which stands at place BEGUN·ends, and left ``length`` steps before the end.
     """
 
     def __init__(self, journey: Journey, stride: Solution, began: float):
@@ -197,7 +201,9 @@ class _Pieces:
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         self.rest = journey.whole.replace(costs=journey.terms, parameters=fixed)
         self.normal = plane_normal(self.rest)
-        self.tiled = stride.tile(2 * LAPS + 1 + journey.steps // self.count)
+        self.ends = journey.ends(self.count)
+        self.laps = 1 + -(-self.ends // self.count)
+        self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)
 
     def joined(self) -> Solution:
         """The best pieces in a row, polished as one problem."""
@@ -209,14 +215,16 @@ class _Pieces:
         loads = self.tiled.normal_force
         k = min(range(len(phases)), key=lambda k: _rank(entered[k], after=loads[self._entry(phases[k]) :][:count]))
         phase, into = phases[k], entered[k]
+        if DEBUG: print('enter', phase, [(_rank(e, after=loads[self._entry(p) :][:count]),p) for e,p in zip(entered,phases)])
         left = []
-        for length in [count + 2 * (k - PHASES // 2) for k in range(PHASES)]:
+        for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(phase, length)
             out = solve(problem, start=start, **self._left())
-            node = self._entry(phase) + journey.steps - count - length
+            node = self._entry(phase) + journey.steps - self.ends - length
             left.append((_rank(out, before=loads[node - count : node]), length, out))
+        if DEBUG: print('leave', [(r,l) for r,l,_ in left])
         _, length, out = min(left, key=lambda one: one[0])
-        first, between = self._entry(phase), journey.steps - count - length
+        first, between = self._entry(phase), journey.steps - self.ends - length
         middle = self._placed(self.tiled.x[first + 2 : first + 2 + between], phase)
         nodes = np.concatenate([into.x[1:], middle, out.x[2:]])
         motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
@@ -227,11 +235,11 @@ class _Pieces:
 
     def _entry(self, phase: int) -> int:
         """The node of the tiled stride at which it is entered."""
-        return LAPS * self.count + phase
+        return self.laps * self.count + phase
 
     def _placed(self, x: Array, phase: int) -> Array:
         """Nodes (…, n) of the tiled stride where they stand on the path."""
-        return self._moved(x, BEGUN * self.count - self._entry(phase))
+        return self._moved(x, BEGUN * self.ends - self._entry(phase))
 
     def _moved(self, x: Array, places: float) -> Array:
         """Configurations (…, n) carried along the path by so many places."""
@@ -250,15 +258,15 @@ class _Pieces:
 
     def _enter(self, phase: int) -> tuple[Problem, Array]:
         """From rest into the stride, and a first guess: standing blended into the stride."""
-        node, count = self._entry(phase), self.count
-        stride = self._placed(self.tiled.x[node - count + 1 : node + 2], phase)
+        node = self._entry(phase)
+        stride = self._placed(self.tiled.x[node - self.ends + 1 : node + 2], phase)
         velocity = (stride[-1] - stride[-2]) / self.journey.dt
-        problem = self.rest.replace(steps=count, x_end=stride[-1], v_end=velocity)
+        problem = self.rest.replace(steps=self.ends, x_end=stride[-1], v_end=velocity)
         return problem, _blend(np.broadcast_to(problem.start, stride.shape), stride)
 
     def _leave(self, phase: int, length: int) -> tuple[Problem, Array]:
         """From the stride to rest."""
-        node = self._entry(phase) + self.journey.steps - self.count - length
+        node = self._entry(phase) + self.journey.steps - self.ends - length
         stride = self._placed(self.tiled.x[node : node + length + 2], phase)
         velocity = (stride[1] - stride[0]) / self.journey.dt
         end = self._moved(self.rest.start, self.journey.steps / self.journey.faster(self.count))
@@ -279,7 +287,11 @@ def _rank(piece: Solution, before: Array | None = None, after: Array | None = No
     before, after: loads (k, c) N of the stride that the piece comes from or leads to.
     """
     loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
-    standing = stances(loads, piece.weight)
+    return (not piece.converged, _short(loads, piece), piece.energy)
+
+
+def _short(loads: Array, motion: Solution) -> int:
+    """How many stances and swings in ``loads`` (N, c) N are too short."""
+    standing = stances(loads, motion.weight)
     lengths = [b - a for foot in standing.T for state in (foot, ~foot) for a, b in runs(state, 0, len(loads))]
-    short = sum(length * piece.dt < SHORT - 1e-9 for length in lengths)
-    return (not piece.converged, short, piece.energy)
+    return sum(length * motion.dt < SHORT - 1e-9 for length in lengths)

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 TRACKING = 1.5  # of the squared error of the velocity, in parts of the velocity wanted
 SLOW = 0.03  # of g·ℓ, squared speed below which it is counted in these parts instead
 BEGIN = 0.5  # s
+STANCE = 0.03  # weight of the posture of a motion that turns or goes sideways
 FASTEST = 12.0  # rad/s, of joints whose file says no limit
 
 
@@ -62,13 +63,13 @@ def natural(
     length: float = 0.3,
     feet: tuple[str, ...] | Literal["feet"] = "feet",
     pose: Array | None = None,
+    stance: float = 0.005,
 ) -> list[Cost]:
     """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
 
-    Effort, jerky joints, a tilted trunk, a stance given up (a slow turn would stand on its toes, feet together), one foot that
-    carries all, a knee on the ground, a loaded foot that slides or pulls sideways, a fast foot that is low, force that jumps,
-    and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on which robots is in
-    docs/notes/cycles.md.
+    Effort, jerky joints, a tilted trunk, a stance given up, one foot that carries all, a knee on the ground, a loaded foot that
+    slides or pulls sideways, a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces
+    in mg. Which weights were tried on which robots is in docs/notes/cycles.md.
 
     Parameters
     ----------
@@ -77,13 +78,15 @@ def natural(
     length: m, ℓ, height of the base over the feet (``Problem.length``).
     feet: names of the contacts that are feet; by default those that touch the ground at the start.
     pose: (nx,) how the body stands; by default the start.
+    stance: weight of the joints' distance (rad) from that pose; STANCE for turning and sideways, where less lets a robot
+        draw its feet together and shuffle.
     """
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
         Effort(weight=0.02),
         JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
         Upright(weight=0.5, pose=pose),
-        Posture(weight=0.02, reference=pose),
+        Posture(weight=stance, reference=pose),
         LoadSharing(weight=0.3, contacts=feet),
         BodyLoad(weight=100.0, contacts=feet),
         SlipPower(weight=50.0 / fast, contacts=feet),
