@@ -18,26 +18,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.dynamics.static_pose import balanced_pose
-from octo.errors import MirrorError
+from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet
+from octo.errors import MirrorError, StaticPoseError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
-from octo.solve import solve, solve_all
+from octo.solve import evaluated, solve, solve_all
 from octo.solver.gait import SHORT, runs, stances
 from octo.solver.solution import Solution, Status
 
 Array = NDArray[np.float64]
+Rank = tuple[int, int, float]  # failed, stumbles, E: the smaller, the better
 PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
 STARTS = 3  # of the cycle, for each period
-import os
-DEBUG = os.environ.get('DEBUGM')
 PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
+JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
+DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
 
@@ -172,8 +173,34 @@ class Journey:
             return replace(stopped[0], starts=records)
         if not good:
             return self._without("no stride converged")
-        best = min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power))
-        return replace(_Pieces(self, best, began).joined(), starts=records)
+        best = self._whole_stride(min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power)), began)
+        return replace(self._pieces(best, began).joined(), starts=records)
+
+    def _whole_stride(self, stride: Solution, began: float) -> Solution:
+        """The stride itself, or of a robot whose mirror image is a little different both halves, solved for anew."""
+        assert stride.cycle is not None
+        if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
+            return stride
+        fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
+        steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
+        problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
+        both = solve(problem, start=stride.tile(1), **self.left(began))
+        if not both.converged:
+            return stride
+        return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
+
+    def _pieces(self, stride: Solution, began: float) -> _Pieces:
+        """From the pose at rest, or where that stumbles from one that stands as the stride does in the mean."""
+        pieces = _Pieces(self, stride, began)
+        if pieces.clean or self.pose is not None:
+            return pieces
+        joints, pose = self.robot.actuated, self.whole.start.copy()
+        pose[joints] = stride.tile(1).x[1:-1, joints].mean(axis=0)
+        try:
+            other = _Pieces(self, stride, began, over_the_feet(self.robot, inside_limits(self.robot, pose)))
+        except StaticPoseError:
+            return pieces
+        return min(pieces, other, key=lambda one: one.rank)
 
     def left(self, began: float) -> dict[str, Any]:
         """The options of solve, with what is left of the time."""
@@ -194,43 +221,86 @@ class _Pieces:
     phase, which stands at place BEGUN·ends, and left ``length`` steps before the end.
     """
 
-    def __init__(self, journey: Journey, stride: Solution, began: float):
+    def __init__(self, journey: Journey, stride: Solution, began: float, pose: Array | None = None):
         assert stride.cycle is not None
         self.journey, self.stride, self.began = journey, stride, began
         self.count = round(stride.cycle.period / journey.dt)
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
-        self.rest = journey.whole.replace(costs=journey.terms, parameters=fixed)
+        standing = {} if pose is None else {"pose": pose}
+        self.rest = journey.whole.replace(costs=journey.terms, parameters=fixed, **standing)
         self.normal = plane_normal(self.rest)
         self.ends = journey.ends(self.count)
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)
+        self.phase, self.into, entered = self._entered()
+        self.length, self.out, left = self._left_at()
+        self.rank = tuple(a + b for a, b in zip(entered, left, strict=True))
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is entered and left without a stumble."""
+        return self.rank[:2] == (0, 0)
+
+    def _entered(self) -> tuple[int, Solution, Rank]:
+        """The phase at which the stride is entered best, how, and how good that is."""
+        assert self.stride.cycle is not None
+        mirrored = self.stride.cycle.mirrored  # half a stride later it is entered as in a mirror
+        half = self.count // 2 if mirrored else self.count
+        phases = sorted({k * half // PHASES for k in range(PHASES)})
+        problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
+        found = solve_all(problems, start=starts, **self._options())
+        loads = self.tiled.normal_force
+        following = [loads[self._entry(phase) :][: self.count] for phase in phases]
+        ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
+        best = min(range(len(phases)), key=lambda k: ranks[k])
+        return phases[best], found[best], ranks[best]
+
+    def _left_at(self) -> tuple[int, Solution, Rank]:
+        """In how many steps the stride is left best, how, and how good that is."""
+        best: tuple[int, Solution, Rank] | None = None
+        for length in [self.ends + more for more in LONGER]:
+            problem, start = self._leave(self.phase, length)
+            made = solve(problem, start=start, **self._options())
+            node = self._entry(self.phase) + self.journey.steps - self.ends - length
+            rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
+            if best is None or rank < best[2]:
+                best = (length, made, rank)
+        assert best is not None
+        return best
+
+    def _rank(self, piece: Solution, before: Array | None = None, after: Array | None = None) -> Rank:
+        """The smaller, the better: converged and not far dearer than the stride, without stumbles, then by E.
+
+        before, after: loads (k, c) N of the stride that the piece comes from or leads to.
+        """
+        loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
+        bad = not piece.converged or piece.energy > DEAR * self.stride.energy
+        return (int(bad), _short(loads, piece), piece.energy)
 
     def joined(self) -> Solution:
         """The best pieces in a row, polished as one problem."""
-        journey, count = self.journey, self.count
-        half = count // 2 if journey.mirrored else count  # half a mirrored stride later it is entered as in a mirror
-        phases = sorted({k * half // PHASES for k in range(PHASES)})
-        problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
-        entered = solve_all(problems, start=starts, **self._left())
-        loads = self.tiled.normal_force
-        k = min(range(len(phases)), key=lambda k: _rank(entered[k], after=loads[self._entry(phases[k]) :][:count]))
-        phase, into = phases[k], entered[k]
-        if DEBUG: print('enter', phase, [(_rank(e, after=loads[self._entry(p) :][:count]),p) for e,p in zip(entered,phases)])
-        left = []
-        for length in [self.ends + more for more in LONGER]:
-            problem, start = self._leave(phase, length)
-            out = solve(problem, start=start, **self._left())
-            node = self._entry(phase) + journey.steps - self.ends - length
-            left.append((_rank(out, before=loads[node - count : node]), length, out))
-        if DEBUG: print('leave', [(r,l) for r,l,_ in left])
-        _, length, out = min(left, key=lambda one: one[0])
-        first, between = self._entry(phase), journey.steps - self.ends - length
-        middle = self._placed(self.tiled.x[first + 2 : first + 2 + between], phase)
-        nodes = np.concatenate([into.x[1:], middle, out.x[2:]])
+        journey, first = self.journey, self._entry(self.phase)
+        between = journey.steps - self.ends - self.length
+        middle = self._placed(self.tiled.x[first + 2 : first + 2 + between], self.phase)
+        nodes = np.concatenate([self.into.x[1:], middle, self.out.x[2:]])
         motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
-        return solve(motion, start=nodes, **self._left())
+        raw = evaluated(motion, nodes, Status.JOINED)
+        polished = solve(motion, start=nodes, **self._options())
+        worse = _short(polished.normal_force, polished) > _short(raw.normal_force, raw) or not polished.converged
+        if worse and raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED:
+            polished = raw
+        return self._counted(polished)
 
-    def _left(self) -> dict[str, Any]:
+    def _counted(self, motion: Solution) -> Solution:
+        """With the iterations and the time of the pieces."""
+        parts = (self.stride, self.into, self.out, motion)
+        return replace(
+            motion, iterations=sum(part.iterations for part in parts), factorizations=sum(part.factorizations for part in parts),
+            setup_seconds=sum(part.setup_seconds for part in parts), seed=self.stride.seed,
+            passes=(*self.stride.passes, *motion.passes),
+        )  # fmt: skip
+
+    def _options(self) -> dict[str, Any]:
         return self.journey.left(self.began)
 
     def _entry(self, phase: int) -> int:
@@ -279,15 +349,6 @@ def _blend(one: Array, other: Array) -> Array:
     w = np.linspace(0.0, 1.0, len(one))[:, None]
     part = 3.0 * w**2 - 2.0 * w**3
     return (1.0 - part) * one + part * other
-
-
-def _rank(piece: Solution, before: Array | None = None, after: Array | None = None) -> tuple[bool, int, float]:
-    """The smaller, the better: converged, no stance or swing that is too short, then by E.
-
-    before, after: loads (k, c) N of the stride that the piece comes from or leads to.
-    """
-    loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
-    return (not piece.converged, _short(loads, piece), piece.energy)
 
 
 def _short(loads: Array, motion: Solution) -> int:

@@ -24,7 +24,7 @@ from octo.problem.problem import Array, Problem
 from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution, Status
+from octo.solver.solution import HISTORY, Solution, Status
 from octo.solver.sqp import Iterate, Monitor
 
 NOISE = 0.02  # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
@@ -99,6 +99,18 @@ def best_of(members: Sequence[Solution]) -> Solution:
 def solve_all(problem: Problem | Sequence[Problem], **options: Any) -> list[Solution]:
     """As :func:`solve`, but the solutions of all starts of all problems, not the best of each."""
     return _solve([problem] if isinstance(problem, Problem) else list(problem), **options)[0]
+
+
+def evaluated(problem: Problem, nodes: Array, status: Status) -> Solution:
+    """A given trajectory x_0 … x_N (N+1, nx) as a Solution, without a solve."""
+    compiled = CompiledProblem([problem])
+    at = compiled.evaluate(compiled.unknowns(first_nodes(problem, 0, nodes)[None]))
+    multipliers = np.zeros((compiled.K, compiled.ma))
+    made = Solution(
+        **measure.measured(compiled, at, 0), multipliers=multipliers, status=status, iterations=0, factorizations=0,
+        history={name: np.zeros(0) for name in HISTORY}, seconds=0.0, setup_seconds=0.0,
+    )  # fmt: skip
+    return replace(made, passes=(record(1, made),))
 
 
 @dataclass

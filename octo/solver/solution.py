@@ -37,6 +37,7 @@ class Status(Enum):
     STALLED = "stalled: no step improves the merit any more, and the tests of convergence do not hold"
     ITERATION_LIMIT = "stopped at the limit of iterations before it converged"
     TIME_LIMIT = "stopped at the time limit before it converged"
+    JOINED = "joined: every piece converged with its ends fixed; as one problem it did not converge, or stumbled"
     INTERRUPTED = "interrupted: this is the best iterate so far"
     NOT_FINITE = "stopped: the dynamics at the start are not finite"
     SIMULATED = "simulated: every implicit step was solved"
@@ -44,7 +45,7 @@ class Status(Enum):
 
     @property
     def converged(self) -> bool:
-        return self in (Status.CONVERGED, Status.ACCEPTABLE, Status.SIMULATED)
+        return self in (Status.CONVERGED, Status.ACCEPTABLE, Status.JOINED, Status.SIMULATED)
 
     @property
     def label(self) -> str:
