@@ -32,6 +32,10 @@
 #define ROWS (2 * CARRY + MA)        /* rows of a unit: carried from both sides, or carried and own */
 #define OWN (3 * MA)                 /* own rows: MA, at the first unit forward those of three row blocks */
 #define ROW_TOLERANCE 1e-12          /* of a row scaled to largest entry 1 */
+/* Of a row's largest entry: with a smaller pivot in v, its square outweighs the rest of the Hessian by more than a double
+ * holds, and the inertia is lost (rows of three steps before a fixed end, or at the fold of a cycle, are almost dependent
+ * in v). The row is carried on without what it has in v; refinement mends what that changed. */
+#define SMALL_PIVOT 1e-6
 #define PIVOT_TOLERANCE 1e-14        /* of the reduced diagonal entry before elimination */
 
 typedef double vec __attribute__((vector_size(8 * VL), may_alias));
@@ -209,12 +213,16 @@ static int eliminate_rows(unit *u, double (*R)[LD], double (*L)[NC], double *pea
     int rows = u->rows, rank = 0, dependent = 0;
     char taken[NC] = {0};
     for (int i = 0; i < rows; i++) u->row[i] = i;
-    for (; rank < rows && rank < NC; rank++) {
+    while (rank < rows && rank < NC) {
         int best = rank;
         for (int i = rank + 1; i < rows; i++)
             if (peak[u->row[i]] > peak[u->row[best]]) best = i;
         int pivot_row = u->row[best], column = -1;
         if (!(peak[pivot_row] > ROW_TOLERANCE)) break;
+        if (!(peak[pivot_row] > SMALL_PIVOT * largest(R[pivot_row], 0))) {
+            peak[pivot_row] = 0;                                /* almost dependent here: for an earlier unit */
+            continue;
+        }
         const double *top = R[pivot_row];
         for (int j = 0; j < NC && column < 0; j++)
             if (fabs(top[SC + j]) >= peak[pivot_row] && !taken[j]) column = j;
@@ -230,6 +238,7 @@ static int eliminate_rows(unit *u, double (*R)[LD], double (*L)[NC], double *pea
             row[SC + column] = 0;
             peak[u->row[i]] = largest(row, SC);
         }
+        rank++;
     }
     u->rank = rank;
     for (int j = 0, n = rank; j < NC; j++)
