@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet
+from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.errors import MirrorError, ProblemError, StaticPoseError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -110,9 +110,9 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        pose = balanced_pose(self.robot) if self.pose is None else self.pose
-        common = {"terrain": self.terrain, "law": self.law, "pose": pose}
-        problem = Problem(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
+        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural()}
+        pose: Any = "balanced" if self.pose is None else self.pose
+        problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None
         return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
 
