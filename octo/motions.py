@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from octo.checks import number, positive
 from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet
-from octo.errors import MirrorError, StaticPoseError
+from octo.errors import MirrorError, ProblemError, StaticPoseError
 from octo.model.character import Character
+from octo.model.mirror import mirror_of
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
@@ -40,6 +41,7 @@ ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
+CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
@@ -124,9 +126,16 @@ class Journey:
         """What the natural terms ask of the body that stands at rest, for problems that begin elsewhere."""
         return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
 
-    @property
+    @cached_property
     def mirrored(self) -> bool:
-        return self.rate == 0.0 and self.velocity[1] == 0.0
+        """Whether half a stride and its mirror image do: straight ahead, of a robot that has a mirror."""
+        if self.rate != 0.0 or self.velocity[1] != 0.0:
+            return False
+        try:
+            mirror_of(self.robot)
+        except MirrorError:
+            return False
+        return True
 
     def periods(self) -> list[int]:
         """Steps of the strides that are tried."""
@@ -162,21 +171,28 @@ class Journey:
         counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest")
-        found: list[Solution] = []
         try:
-            for count in counts:
-                found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began))
-        except MirrorError as error:
+            cycles = [self.cycle(count) for count in counts]
+        except ProblemError as error:
+            if self.robot.base != "floating":
+                raise
             return self._without(str(error))
+        found: list[Solution] = []
+        for problem in cycles:
+            found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began))
+            if found[-1].status is Status.INTERRUPTED:
+                return min(found, key=lambda made: made.energy)
         records = tuple({**made.report(), "seed": made.seed} for made in found)
         good = [made for made in found if made.converged and made.passes[-1]["converged"]]
-        stopped = [made for made in found if made.status is Status.INTERRUPTED]
-        if stopped:
-            return replace(stopped[0], starts=records)
         if not good:
             return self._without("no stride converged")
-        best = self._whole_stride(min(good, key=lambda made: (_faults(made), made.power)), began)
-        return replace(self._pieces(best, began).joined(), starts=records)
+        best = min(good, key=lambda made: (_faults(made), made.power))
+        try:
+            best = self._whole_stride(best, began)
+            motion = self._pieces(best, began).joined()
+        except _Interrupted:
+            motion = replace(best.tile(max(1, self.steps // (2 * best.steps))), status=Status.INTERRUPTED)
+        return replace(motion, starts=records)
 
     def _whole_stride(self, stride: Solution, began: float) -> Solution:
         """The stride itself, or of a robot whose mirror image is a little different both halves, solved for anew."""
@@ -186,7 +202,7 @@ class Journey:
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
-        both = solve(problem, start=stride.tile(1), **self.left(began))
+        both = _going_on(solve(problem, start=stride.tile(1), **self.left(began)))
         if not both.converged:
             return stride
         return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
@@ -214,6 +230,16 @@ class Journey:
         """One problem with the natural terms alone, and a line that says so."""
         print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
         return solve(self.whole, seed=self.seed, **self.options)
+
+
+class _Interrupted(Exception):
+    """Ctrl-C, or a callback that said stop, while pieces were solved."""
+
+
+def _going_on(made: Solution) -> Solution:
+    if made.status is Status.INTERRUPTED:
+        raise _Interrupted
+    return made
 
 
 class _Pieces:
@@ -251,6 +277,7 @@ class _Pieces:
         phases = sorted({k * half // PHASES for k in range(PHASES)})
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
         found = solve_all(problems, start=starts, **self._options())
+        _going_on(found[-1])
         loads = self.tiled.normal_force
         following = [loads[self._entry(phase) :][: self.count] for phase in phases]
         ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
@@ -262,11 +289,13 @@ class _Pieces:
         best: tuple[int, Solution, Rank] | None = None
         for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(self.phase, length)
-            made = solve(problem, start=start, **self._options())
+            made = _going_on(solve(problem, start=start, **self._options()))
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
                 best = (length, made, rank)
+            if best[2] < (0, 0, CHEAP * self.stride.energy):
+                break
         assert best is not None
         return best
 
