@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet
-from octo.errors import MirrorError, StaticPoseError
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet, static_pose
+from octo.errors import GroundError, MirrorError, StaticPoseError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
-from octo.solve import evaluated, solve, solve_all
+from octo.solve import best_of, evaluated, smooth_noise, solve, solve_all
 from octo.solver.gait import SHORT, runs, stances
 from octo.solver.solution import Solution, Status
 
@@ -159,20 +160,20 @@ class Journey:
         began = time.perf_counter()
         counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
         if not counts:
-            return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest")
+            return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
         found: list[Solution] = []
         try:
             for count in counts:
                 found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began))
-        except MirrorError as error:
-            return self._without(str(error))
+        except (MirrorError, GroundError) as error:
+            return self._without(str(error), began)
         records = tuple({**made.report(), "seed": made.seed} for made in found)
         good = [made for made in found if made.converged and made.passes[-1]["converged"]]
         stopped = [made for made in found if made.status is Status.INTERRUPTED]
         if stopped:
             return replace(stopped[0], starts=records)
         if not good:
-            return self._without("no stride converged")
+            return self._without("no stride converged", began)
         best = self._whole_stride(min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power)), began)
         return replace(self._pieces(best, began).joined(), starts=records)
 
@@ -208,10 +209,26 @@ class Journey:
             return self.options
         return {**self.options, "time_limit": max(self.options["time_limit"] - (time.perf_counter() - began), 1e-3)}
 
-    def _without(self, reason: str) -> Solution:
-        """One problem with the natural terms alone, and a line that says so."""
+    def _without(self, reason: str, began: float) -> Solution:
+        """One problem from rest to rest with the natural terms alone, and a line that says so."""
         print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
-        return solve(self.whole, seed=self.seed, **self.options)
+        way = self._way()
+        motion = self.whole.replace(costs=self.terms, displacement=way)
+        first, last = (np.tile(pose, (self.steps + 1, 1)) for pose in (motion.start, motion.start + way))
+        guesses = [_blend(first, last) for _ in range(self.starts)]
+        for k, guess in enumerate(guesses):
+            guess[1:, motion.dynamics.actuated] += smooth_noise(motion, self.seed + k)
+        members = solve([motion] * self.starts, start=guesses, **self.left(began))
+        return best_of([replace(made, seed=self.seed + k) for k, made in enumerate(members)])
+
+    def _way(self) -> Array:
+        """(nx,) from where the robot stands to where it stands after the motion."""
+        robot, problem, duration = self.robot, self.whole, self.steps * self.dt
+        assert isinstance(problem.dynamics, RobotDynamics)
+        first, angle, moved = int(robot.first_joint[robot.base_body]), self.rate * duration, problem.start.copy()
+        moved[first : first + 2] += along_arc(np.array(self.velocity), angle, duration, float(moved[first + 3]))
+        moved[first + 3] += angle
+        return static_pose(problem.dynamics, problem.p, moved) - problem.start
 
 
 class _Pieces:
