@@ -165,17 +165,23 @@ class Journey:
         try:
             for count in counts:
                 found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began))
+                if _stopped(found):
+                    break
         except (MirrorError, GroundError) as error:
             return self._without(str(error), began)
         records = tuple({**made.report(), "seed": made.seed} for made in found)
         good = [made for made in found if made.converged and made.passes[-1]["converged"]]
-        stopped = [made for made in found if made.status is Status.INTERRUPTED]
-        if stopped:
-            return replace(stopped[0], starts=records)
+        if _stopped(found):
+            best = min(found, key=lambda made: (not made.converged, made.energy))
+            return replace(best, status=Status.INTERRUPTED, starts=records)
         if not good:
             return self._without("no stride converged", began)
-        best = self._whole_stride(min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power)), began)
-        return replace(self._pieces(best, began).joined(), starts=records)
+        best = min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power))
+        try:
+            best = self._whole_stride(best, began)
+            return replace(self._pieces(best, began).joined(), starts=records)
+        except KeyboardInterrupt:
+            return replace(best, status=Status.INTERRUPTED, starts=records)
 
     def _whole_stride(self, stride: Solution, began: float) -> Solution:
         """The stride itself, or of a robot whose mirror image is a little different both halves, solved for anew."""
@@ -186,6 +192,7 @@ class Journey:
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
         both = solve(problem, start=stride.tile(1), **self.left(began))
+        _go_on([both])
         if not both.converged:
             return stride
         return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
@@ -265,7 +272,7 @@ class _Pieces:
         half = self.count // 2 if mirrored else self.count
         phases = sorted({k * half // PHASES for k in range(PHASES)})
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
-        found = solve_all(problems, start=starts, **self._options())
+        found = _go_on(solve_all(problems, start=starts, **self._options()))
         loads = self.tiled.normal_force
         following = [loads[self._entry(phase) :][: self.count] for phase in phases]
         ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
@@ -278,6 +285,7 @@ class _Pieces:
         for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(self.phase, length)
             made = solve(problem, start=start, **self._options())
+            _go_on([made])
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
@@ -366,6 +374,18 @@ def _blend(one: Array, other: Array) -> Array:
     w = np.linspace(0.0, 1.0, len(one))[:, None]
     part = 3.0 * w**2 - 2.0 * w**3
     return (1.0 - part) * one + part * other
+
+
+def _stopped(found: Sequence[Solution]) -> bool:
+    """Whether the user stopped one of these."""
+    return any(made.status is Status.INTERRUPTED for made in found)
+
+
+def _go_on(found: list[Solution]) -> list[Solution]:
+    """The same; where the user stopped one of these, nothing comes after it."""
+    if _stopped(found):
+        raise KeyboardInterrupt
+    return found
 
 
 def _short(loads: Array, motion: Solution) -> int:
