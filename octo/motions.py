@@ -118,10 +118,10 @@ class Journey:
         """Of problems whose ends say how far: natural terms alone."""
         return presets.natural(**self._body(self.whole))
 
-    def _body(self, problem: Problem) -> dict[str, Any]:
+    @staticmethod
+    def _body(problem: Problem) -> dict[str, Any]:
         """What the natural terms ask of the body that stands at rest, for problems that begin elsewhere."""
-        stance = {} if self.mirrored else {"stance": presets.STANCE}
-        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start, **stance}
+        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
 
     @property
     def mirrored(self) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from octo.checks import numbers
 from octo.dynamics.balance import GRAVITY
 from octo.model.character import Array
 from octo.model.kinematics import body_poses
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 TRACKING = 1.5  # of the squared error of the velocity, in parts of the velocity wanted
 SLOW = 0.03  # of g·ℓ, squared speed below which it is counted in these parts instead
 BEGIN = 0.5  # s
-STANCE = 0.03  # weight of the posture of a motion that turns or goes sideways
 FASTEST = 12.0  # rad/s, of joints whose file says no limit
 
 
@@ -63,7 +63,6 @@ def natural(
     length: float = 0.3,
     feet: tuple[str, ...] | Literal["feet"] = "feet",
     pose: Array | None = None,
-    stance: float = 0.005,
 ) -> list[Cost]:
     """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
 
@@ -78,15 +77,13 @@ def natural(
     length: m, ℓ, height of the base over the feet (``Problem.length``).
     feet: names of the contacts that are feet; by default those that touch the ground at the start.
     pose: (nx,) how the body stands; by default the start.
-    stance: weight of the joints' distance (rad) from that pose; STANCE for turning and sideways, where less lets a robot
-        draw its feet together and shuffle.
     """
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
         Effort(weight=0.02),
         JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
         Upright(weight=0.5, pose=pose),
-        Posture(weight=stance, reference=pose),
+        LegPosture(weight=0.02, reference=pose, name="Posture"),
         LoadSharing(weight=0.3, contacts=feet),
         BodyLoad(weight=100.0, contacts=feet),
         SlipPower(weight=50.0 / fast, contacts=feet),
@@ -158,8 +155,9 @@ class LegPosture(Posture):
         robot = setting.character
         if robot is None:
             return super().references(setting)
-        heading = body_poses(robot, setting.x0)[0][robot.base_body]
-        sideways = np.abs(joint_twists(robot, setting.x0)[robot.actuated, :3] @ heading[:, 1])
+        pose = setting.x0 if self.reference is None else np.atleast_2d(numbers(f"{self.label}.reference", self.reference))[-1]
+        heading = body_poses(robot, pose)[0][robot.base_body]
+        sideways = np.abs(joint_twists(robot, pose)[robot.actuated, :3] @ heading[:, 1])
         weights = np.asarray(self.joints, dtype=float) * np.where(sideways > 0.7, 0.09, 1.0)
         return {**super().references(setting), "joints": np.sqrt(weights)}
 
