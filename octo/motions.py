@@ -164,7 +164,8 @@ class Journey:
         found: list[Solution] = []
         try:
             for count in counts:
-                found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began))
+                doing = f"a stride of {count * self.dt:g} s"
+                found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began, doing))
                 if _stopped(found):
                     break
         except (MirrorError, GroundError) as error:
@@ -191,7 +192,7 @@ class Journey:
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
-        both = solve(problem, start=stride.tile(1), **self.left(began))
+        both = solve(problem, start=stride.tile(1), **self.left(began, "the whole stride"))
         _go_on([both])
         if not both.converged:
             return stride
@@ -210,11 +211,14 @@ class Journey:
             return pieces
         return min(pieces, other, key=lambda one: one.rank)
 
-    def left(self, began: float) -> dict[str, Any]:
-        """The options of solve, with what is left of the time."""
-        if "time_limit" not in self.options:
-            return self.options
-        return {**self.options, "time_limit": max(self.options["time_limit"] - (time.perf_counter() - began), 1e-3)}
+    def left(self, began: float, doing: str) -> dict[str, Any]:
+        """The options of solve, with what is left of the time, and with what the progress line says."""
+        options = dict(self.options)
+        if options.get("progress"):
+            options["progress"] = doing
+        if "time_limit" in options:
+            options["time_limit"] = max(options["time_limit"] - (time.perf_counter() - began), 1e-3)
+        return options
 
     def _without(self, reason: str, began: float) -> Solution:
         """One problem from rest to rest with the natural terms alone, and a line that says so."""
@@ -225,7 +229,7 @@ class Journey:
         guesses = [_blend(first, last) for _ in range(self.starts)]
         for k, guess in enumerate(guesses):
             guess[1:, motion.dynamics.actuated] += smooth_noise(motion, self.seed + k)
-        members = solve([motion] * self.starts, start=guesses, **self.left(began))
+        members = solve([motion] * self.starts, start=guesses, **self.left(began, "one problem"))
         return best_of([replace(made, seed=self.seed + k) for k, made in enumerate(members)])
 
     def _way(self) -> Array:
@@ -272,7 +276,7 @@ class _Pieces:
         half = self.count // 2 if mirrored else self.count
         phases = sorted({k * half // PHASES for k in range(PHASES)})
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
-        found = _go_on(solve_all(problems, start=starts, **self._options()))
+        found = _go_on(solve_all(problems, start=starts, **self._options("entering it")))
         loads = self.tiled.normal_force
         following = [loads[self._entry(phase) :][: self.count] for phase in phases]
         ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
@@ -284,7 +288,7 @@ class _Pieces:
         best: tuple[int, Solution, Rank] | None = None
         for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(self.phase, length)
-            made = solve(problem, start=start, **self._options())
+            made = solve(problem, start=start, **self._options("leaving it"))
             _go_on([made])
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
@@ -310,7 +314,7 @@ class _Pieces:
         nodes = np.concatenate([self.into.x[1:], middle, self.out.x[2:]])
         motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
         raw = evaluated(motion, nodes, Status.JOINED)
-        polished = solve(motion, start=nodes, **self._options())
+        polished = solve(motion, start=nodes, **self._options("the whole motion"))
         worse = _short(polished.normal_force, polished) > _short(raw.normal_force, raw) or not polished.converged
         if worse and raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED:
             polished = raw
@@ -321,12 +325,13 @@ class _Pieces:
         parts = (self.stride, self.into, self.out, motion)
         return replace(
             motion, iterations=sum(part.iterations for part in parts), factorizations=sum(part.factorizations for part in parts),
-            setup_seconds=sum(part.setup_seconds for part in parts), seed=self.stride.seed,
+            setup_seconds=sum(part.setup_seconds for part in parts), seconds=sum(part.seconds for part in parts),
+            processor_seconds=sum(part.processor_seconds for part in parts), seed=self.stride.seed,
             passes=(*self.stride.passes, *motion.passes),
         )  # fmt: skip
 
-    def _options(self) -> dict[str, Any]:
-        return self.journey.left(self.began)
+    def _options(self, doing: str) -> dict[str, Any]:
+        return self.journey.left(self.began, doing)
 
     def _entry(self, phase: int) -> int:
         """The node of the tiled stride at which it is entered."""
