@@ -116,7 +116,7 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
     elif arguments.period is not None:
         raise UsageError(f"--period is of a stride: it goes with --costs natural and --goal {', '.join(COMPOSED)}")
     if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
-        raise UsageError("natural terms are solved in the nodes basis: --basis is 'hermite', must be 'nodes', or add --costs paper")
+        raise UsageError("natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add --costs paper")
 
 
 def from_rest_to_rest(robot: Character, goal: Goal, arguments: argparse.Namespace, began: float) -> Solution:
