@@ -152,7 +152,8 @@ def test_interrupted_before_there_is_an_iterate(
     solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     solver(interrupt=True)
-    monkeypatch.setattr(sys, "argv", ["octo", "solve", "chain", "--goal", "stand", "--seconds", "0.1", "--out", str(tmp_path / "walk")])
+    words = ["solve", "chain", "--goal", "stand", "--seconds", "0.1", "--out", str(tmp_path / "walk")]
+    monkeypatch.setattr(sys, "argv", ["octo", *words])
     with pytest.raises(SystemExit) as stopped:
         run()
     assert stopped.value.code == 130
