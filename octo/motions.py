@@ -39,6 +39,8 @@ PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
+TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
+SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
@@ -177,7 +179,7 @@ class Journey:
             return replace(best, status=Status.INTERRUPTED, starts=records)
         if not good:
             return self._without("no stride converged", began)
-        best = min(good, key=lambda made: (_short(made.tile(2).normal_force, made), made.power))
+        best = min(good, key=lambda made: (_faults(made), made.power))
         try:
             best = self._whole_stride(best, began)
             return replace(self._pieces(best, began).joined(), starts=records)
@@ -391,6 +393,15 @@ def _go_on(found: list[Solution]) -> list[Solution]:
     if _stopped(found):
         raise KeyboardInterrupt
     return found
+
+
+def _faults(stride: Solution) -> int:
+    """How many figures of a stride's gait nobody would keep."""
+    gait = stride.gait
+    if gait is None or gait.touchdowns is None:
+        return 4
+    brief = [length is None or length < SHORT - 1e-9 for length in (gait.shortest_stance, gait.shortest_swing)]
+    return sum(brief) + (gait.touchdowns > TAPS) + (gait.torque_high is not None and gait.torque_high > SHAKY)
 
 
 def _short(loads: Array, motion: Solution) -> int:
