@@ -41,6 +41,7 @@ ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
+CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
@@ -296,6 +297,8 @@ class _Pieces:
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
                 best = (length, made, rank)
+            if best[2] < (0, 0, CHEAP * self.stride.energy):
+                break
         assert best is not None
         return best
 
