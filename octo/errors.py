@@ -56,10 +56,6 @@ class ProblemError(OctoError):
     """A problem description contradicts itself."""
 
 
-class GroundError(ProblemError):
-    """The ground is not the same after a stride: no cycle walks on it."""
-
-
 class MirrorError(OctoError):
     """A robot has no left-right mirror."""
 

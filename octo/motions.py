@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from octo.checks import number, positive
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet, static_pose
-from octo.errors import GroundError, MirrorError, StaticPoseError
+from octo.errors import MirrorError, ProblemError, StaticPoseError
 from octo.model.character import Character
+from octo.model.mirror import mirror_of
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
@@ -81,6 +82,18 @@ def _journey(robot: Character, velocity: tuple[float, float], rate: float, secon
     return Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **own, options=options)
 
 
+def standing(robot: Character, *, pose: Array | None = None, **fields: Any) -> Problem:
+    """A Problem whose start is the given pose, or one in which all feet carry, or where none such stands the robot's own choice."""
+    if pose is None:
+        balanced = Problem(robot, pose=balanced_pose(robot), **fields)
+        try:
+            balanced.start  # noqa: B018  (looked for here)
+            return balanced
+        except StaticPoseError:
+            pass
+    return Problem(robot, pose=pose, **fields)
+
+
 @dataclass(frozen=True, eq=False)
 class Journey:
     """A steady motion of ``velocity`` (2,) m/s in the body's axes and ``rate`` rad/s, begun from rest and ended at rest.
@@ -110,9 +123,8 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        pose = balanced_pose(self.robot) if self.pose is None else self.pose
-        common = {"terrain": self.terrain, "law": self.law, "pose": pose}
-        problem = Problem(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
+        common = {"terrain": self.terrain, "law": self.law, "pose": self.pose}
+        problem = standing(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None
         return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
 
@@ -126,9 +138,16 @@ class Journey:
         """What the natural terms ask of the body that stands at rest, for problems that begin elsewhere."""
         return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
 
-    @property
+    @cached_property
     def mirrored(self) -> bool:
-        return self.rate == 0.0 and self.velocity[1] == 0.0
+        """Whether half a stride and its mirror image do: straight ahead, of a robot that has a mirror."""
+        if self.rate != 0.0 or self.velocity[1] != 0.0:
+            return False
+        try:
+            mirror_of(self.robot)
+        except MirrorError:
+            return False
+        return True
 
     def periods(self) -> list[int]:
         """Steps of the strides that are tried."""
@@ -164,28 +183,33 @@ class Journey:
         counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
-        found: list[Solution] = []
         try:
-            for count in counts:
-                doing = f"a stride of {count * self.dt:g} s"
-                found += solve_all(self.cycle(count), seeds=self.starts, seed=self.seed, **self.left(began, doing))
-                if _stopped(found):
-                    break
-        except (MirrorError, GroundError) as error:
+            cycles = [self.cycle(count) for count in counts]
+        except ProblemError as error:
+            if self.robot.base != "floating":
+                raise
             return self._without(str(error), began)
+        found: list[Solution] = []
+        for problem in cycles:
+            doing = f"a stride of {problem.steps * problem.dt * (2 if self.mirrored else 1):.3g} s"
+            found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began, doing))
+            stopped = any(made.status is Status.INTERRUPTED for made in found)
+            if stopped:
+                break
         records = tuple({**made.report(), "seed": made.seed} for made in found)
-        good = [made for made in found if made.converged and made.passes[-1]["converged"]]
-        if _stopped(found):
+        if stopped:
             best = min(found, key=lambda made: (not made.converged, made.energy))
             return replace(best, status=Status.INTERRUPTED, starts=records)
+        good = [made for made in found if made.converged and made.passes[-1]["converged"]]
         if not good:
             return self._without("no stride converged", began)
         best = min(good, key=lambda made: (_faults(made), made.power))
         try:
             best = self._whole_stride(best, began)
-            return replace(self._pieces(best, began).joined(), starts=records)
-        except KeyboardInterrupt:
-            return replace(best, status=Status.INTERRUPTED, starts=records)
+            motion = self._pieces(best, began).joined()
+        except _Interrupted:
+            motion = replace(best.tile(max(1, self.steps // (2 * best.steps))), status=Status.INTERRUPTED)
+        return replace(motion, starts=records)
 
     def _whole_stride(self, stride: Solution, began: float) -> Solution:
         """The stride itself, or of a robot whose mirror image is a little different both halves, solved for anew."""
@@ -195,8 +219,7 @@ class Journey:
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
-        both = solve(problem, start=stride.tile(1), **self.left(began, "the whole stride"))
-        _go_on([both])
+        both = _going_on(solve(problem, start=stride.tile(1), **self.left(began, "the whole stride")))
         if not both.converged:
             return stride
         return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
@@ -245,6 +268,16 @@ class Journey:
         return static_pose(problem.dynamics, problem.p, moved) - problem.start
 
 
+class _Interrupted(Exception):
+    """Ctrl-C, or a callback that said stop, while pieces were solved."""
+
+
+def _going_on(made: Solution) -> Solution:
+    if made.status is Status.INTERRUPTED:
+        raise _Interrupted
+    return made
+
+
 class _Pieces:
     """What a journey around one stride is joined of.
 
@@ -279,7 +312,7 @@ class _Pieces:
         half = self.count // 2 if mirrored else self.count
         phases = sorted({k * half // PHASES for k in range(PHASES)})
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
-        found = _go_on(solve_all(problems, start=starts, **self._options("entering it")))
+        found = [_going_on(made) for made in solve_all(problems, start=starts, **self._options("entering it"))]
         loads = self.tiled.normal_force
         following = [loads[self._entry(phase) :][: self.count] for phase in phases]
         ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
@@ -291,8 +324,7 @@ class _Pieces:
         best: tuple[int, Solution, Rank] | None = None
         for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(self.phase, length)
-            made = solve(problem, start=start, **self._options("leaving it"))
-            _go_on([made])
+            made = _going_on(solve(problem, start=start, **self._options("leaving it")))
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
@@ -384,18 +416,6 @@ def _blend(one: Array, other: Array) -> Array:
     w = np.linspace(0.0, 1.0, len(one))[:, None]
     part = 3.0 * w**2 - 2.0 * w**3
     return (1.0 - part) * one + part * other
-
-
-def _stopped(found: Sequence[Solution]) -> bool:
-    """Whether the user stopped one of these."""
-    return any(made.status is Status.INTERRUPTED for made in found)
-
-
-def _go_on(found: list[Solution]) -> list[Solution]:
-    """The same; where the user stopped one of these, nothing comes after it."""
-    if _stopped(found):
-        raise KeyboardInterrupt
-    return found
 
 
 def _faults(stride: Solution) -> int:

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,6 @@ from octo.cli.arguments import (
     terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.dynamics.static_pose import balanced_pose
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -172,9 +171,10 @@ def described(robot: Character, goal: Goal, steps: int | None, arguments: argpar
         seconds = None if steps is None else steps * dt
         return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
     assert steps is not None
-    if goal.preset == "natural" and where["pose"] is None:
-        where["pose"] = balanced_pose(robot)
-    problem = Problem(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
+    make: Callable[..., Problem] = Problem
+    if goal.preset == "natural":
+        from octo.motions import standing as make
+    problem = make(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
     problem = problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
     if goal.preset == "natural" and goal.kind == "stand":
         return problem.replace(displacement=np.zeros(robot.nx))  # at rest where it began

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.errors import GroundError, MirrorError, ProblemError, ValueRangeError
+from octo.errors import MirrorError, ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.model.mirror import Mirror, mirror_of
 
@@ -181,7 +181,7 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
 
     Raises
     ------
-    ProblemError: no floating base, no actuator. GroundError: a ground or a gravity that is not the same after the stride.
+    ProblemError: no floating base, no actuator, a ground or a gravity that is not the same after the stride.
     MirrorError: no mirror.
     """
     robot = problem.character
@@ -197,9 +197,9 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
     if cycle.mirrored and across:
-        raise GroundError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
+        raise ProblemError("a mirrored cycle needs a ground that rises along the stride only: give mirror=False")
     if cycle.turn != 0.0 and sloped:
-        raise GroundError("a turning cycle needs level ground: on a slope the stride after it is another one")
+        raise ProblemError("a turning cycle needs level ground: on a slope the stride after it is another one")
     forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
     start, constant = problem.start, np.zeros(robot.nx)
     heading = 0.0 if cycle.mirrored else float(start[first + 3])
@@ -272,12 +272,12 @@ def plane_normal(problem: Problem) -> Array:
 
     Raises
     ------
-    GroundError: the ground is no plane.
+    ProblemError: the ground is no plane.
     """
     from octo.model.terrain import Plane
 
     if not isinstance(problem.terrain or Plane(), Plane):
-        raise GroundError("a cycle needs ground that is the same everywhere: terrain must be an octo.Plane")
+        raise ProblemError("a cycle needs ground that is the same everywhere: terrain must be an octo.Plane")
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     found = np.array([values.get(f"terrain.normal_{axis}", 0.0) for axis in "xyz"])
     return found if found.any() else np.array([0.0, 0.0, 1.0])

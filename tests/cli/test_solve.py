@@ -93,7 +93,7 @@ def test_who_stops_it_gets_the_stride(pieces: bool) -> None:
     options = {"starts": 1, "period": (0.5, 0.6), "device": "cpu", "callback": stop}
     stopped = octo.walk(octo.gallery.mammal(), 0.5, 2.5, **options)
     assert stopped.status is Status.INTERRUPTED and after == [0]
-    assert stopped.cycle is not None and len(stopped.starts) == (2 if pieces else 1)
+    assert stopped.cycle is not None and len(stopped.starts) == (2 if pieces else 1)  # periods
     assert (stopped.violation < 1e-6 * stopped.weight) == pieces
 
 

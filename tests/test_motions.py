@@ -1,0 +1,92 @@
+"""octo.walk, stride, turn: from rest through strides to rest. What a whole walk is like, benchmarks/cycles.py measures."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import octo
+from octo.errors import OctoError
+from octo.motions import Journey
+from octo.problem.compiled import CompiledProblem
+from octo.solver import measure
+from octo.solver.solution import Status
+
+
+@lru_cache
+def walked() -> octo.Solution:
+    return octo.walk(octo.gallery.mammal(), 0.4, 4.0, starts=1, period=0.6, device="cpu")
+
+
+def test_it_goes_where_it_was_sent_from_rest_to_rest():
+    motion = walked()
+    assert motion.converged and motion.steps == 160
+    travel = motion.x[-1] - motion.x[1]
+    assert travel[0] == pytest.approx(1.6, abs=1e-9)
+    np.testing.assert_allclose(np.delete(travel, 0), 0.0, atol=1e-9)  # the pose it stood in
+    np.testing.assert_allclose(motion.x[1], motion.x[0], atol=1e-12)
+    np.testing.assert_allclose(motion.x[-1], motion.x[-2], atol=1e-12)
+    feet = motion.normal_force.mean(axis=0) > 0.02 * motion.weight
+    assert (motion.normal_force[-1, feet] > 0.05 * motion.weight).all()
+
+
+def test_the_laws_hold_at_every_step():
+    """Evaluated anew as one plain problem: the joints between the pieces too."""
+    motion = walked()
+    keep = {name: value for name, value in motion.parameters.items() if name.startswith("contact.")}
+    problem = octo.Problem(
+        motion.character, steps=motion.steps, dt=motion.dt, costs=[octo.Effort()], x0=motion.x[1], parameters=keep
+    )
+    compiled = CompiledProblem([problem])
+    at = compiled.evaluate(compiled.unknowns(motion.x[None]))
+    assert measure.violations(compiled, at)[1][0] <= 2e-6 * motion.weight
+    np.testing.assert_allclose(at.fd[0][:, problem.dynamics.actuated], motion.u, atol=1e-9)
+
+
+def test_it_is_a_walk_that_one_would_keep():
+    gait = walked().gait
+    assert gait.touchdowns <= 2.5 and gait.shortest_stance >= 0.1 - 1e-9 and gait.shortest_swing >= 0.1 - 1e-9
+    assert gait.clearance >= 0.015 and gait.limit_excess <= 0.01
+    assert walked().slip <= 0.05 and walked().friction_use <= 1.0 and walked().torque_excess <= 1.0
+    sideways = np.linalg.norm(walked().contact_force[..., :2].sum(axis=1), axis=1) / walked().weight
+    assert max(sideways[:10].max(), sideways[-10:].max()) <= 0.6
+
+
+def test_strides_in_the_middle_are_faster_than_the_whole():
+    journey = Journey(octo.gallery.mammal(), (0.5, 0.0), 0.0, 10.0)
+    count = journey.periods()[0]
+    slow = 2.0 * journey.ends(count) * journey.dt
+    assert journey.cycle(count).cycle.velocity * (10.0 - 0.5 * slow) == pytest.approx(0.5 * 10.0)
+
+
+def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(capsys):
+    motion = octo.walk(octo.gallery.mammal(), 0.3, 0.5, max_iterations=3, device="cpu")
+    assert motion.steps == 20 and "too short" in capsys.readouterr().err
+    hills = octo.Terrain(lambda point, p: point[2] - 0.02 * point[0] ** 2)
+    octo.walk(octo.gallery.mammal(), 0.3, 4.0, terrain=hills, max_iterations=3, passes=1, device="cpu")
+    assert "same everywhere" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_strides():
+    calls = []
+
+    def stop(iterate):
+        calls.append(iterate)
+        return len(calls) > 5
+
+    motion = octo.walk(octo.gallery.mammal(), 0.4, 4.0, starts=1, period=0.6, device="cpu", callback=stop)
+    assert motion.status is Status.INTERRUPTED and motion.cycle is not None
+
+
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda robot: octo.walk(robot, float("nan")), "speed is not finite"),
+    (lambda robot: octo.walk(robot, 0.5, -1.0), "seconds is -1.0 s, must be positive"),
+    (lambda robot: octo.turn(robot, "fast"), "rate is 'fast', must be numbers"),
+    (lambda robot: octo.walk(robot, 0.5, period=0.0), "period is 0.0 s, must be positive"),
+])  # fmt: skip
+def test_refused_in_one_line(call, words):
+    with pytest.raises(OctoError) as error:
+        call(octo.gallery.mammal())
+    assert words in str(error.value) and "\n" not in str(error.value)
