@@ -83,7 +83,7 @@ def _journey(robot: Character, velocity: tuple[float, float], rate: float, secon
 
 
 def standing(robot: Character, *, pose: Array | None = None, **fields: Any) -> Problem:
-    """A Problem whose start is the given pose, or one in which all feet carry, or where none such stands the robot's own choice."""
+    """A Problem that starts in the given pose, else in one in which all feet carry, or where that falls in the robot's own."""
     if pose is None:
         balanced = Problem(robot, pose=balanced_pose(robot), **fields)
         try:
