@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from octo.checks import number, positive
 from octo.dynamics.evaluate import RobotDynamics
-from octo.dynamics.static_pose import balanced_pose, inside_limits, over_the_feet, static_pose
+from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
 from octo.errors import MirrorError, ProblemError, StaticPoseError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -82,18 +82,6 @@ def _journey(robot: Character, velocity: tuple[float, float], rate: float, secon
     return Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **own, options=options)
 
 
-def standing(robot: Character, *, pose: Array | None = None, **fields: Any) -> Problem:
-    """A Problem that starts in the given pose, else in one in which all feet carry, or where that falls in the robot's own."""
-    if pose is None:
-        balanced = Problem(robot, pose=balanced_pose(robot), **fields)
-        try:
-            balanced.start  # noqa: B018  (looked for here)
-            return balanced
-        except StaticPoseError:
-            pass
-    return Problem(robot, pose=pose, **fields)
-
-
 @dataclass(frozen=True, eq=False)
 class Journey:
     """A steady motion of ``velocity`` (2,) m/s in the body's axes and ``rate`` rad/s, begun from rest and ended at rest.
@@ -123,8 +111,9 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        common = {"terrain": self.terrain, "law": self.law, "pose": self.pose}
-        problem = standing(self.robot, steps=self.steps, dt=self.dt, costs=presets.natural(), **common)
+        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural()}
+        pose: Any = "balanced" if self.pose is None else self.pose
+        problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None
         return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
 

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -171,10 +171,9 @@ def described(robot: Character, goal: Goal, steps: int | None, arguments: argpar
         seconds = None if steps is None else steps * dt
         return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
     assert steps is not None
-    make: Callable[..., Problem] = Problem
-    if goal.preset == "natural":
-        from octo.motions import standing as make
-    problem = make(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
+    if goal.preset == "natural" and where["pose"] is None:
+        where["pose"] = "balanced"
+    problem = Problem(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
     problem = problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
     if goal.preset == "natural" and goal.kind == "stand":
         return problem.replace(displacement=np.zeros(robot.nx))  # at rest where it began

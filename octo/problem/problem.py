@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import NoneType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,8 @@ class Problem:
     basis: "nodes", "hermite", or a basis object.
     terrain, law: the ground and the contact law, for a Character.
     x0: (nx,) the start; by default a static pose near the character's default pose.
-    pose: (nx,) the pose a static start is searched from, instead of the character's default one.
+    pose: (nx,) the pose a static start is searched from, instead of the character's default one; or "balanced": the
+        default one with the joints moved so that all feet carry, where that stands (what cycles begin with).
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
     displacement: (nx,) in place of x_end: the last configuration is the start moved by this, whatever the start of a pass is.
@@ -65,7 +67,7 @@ class Problem:
     terrain: Plane | Terrain | None = None
     law: ContactLaw | None = None
     x0: Array | None = None
-    pose: Array | None = None
+    pose: Array | Literal["balanced"] | None = None
     v0: Array | None = None
     x_end: Array | None = None
     v_end: Array | None = None
@@ -88,7 +90,9 @@ class Problem:
             raise ProblemError(f"law is {self.law!r}, must be one of octo.laws, or have parameters, reach and force")
         self._check_costs()
         self.basis_object.check(self.steps)
-        for name in ("x0", "pose", "v0", "x_end", "v_end", "displacement"):
+        if isinstance(self.pose, str) and self.pose != "balanced":
+            raise UnknownNameError("pose", self.pose, ("balanced",))
+        for name in ("x0", "v0", "x_end", "v_end", "displacement", *(() if isinstance(self.pose, str) else ("pose",))):
             self._check_state(name)
         if self.x0 is not None and self.pose is not None:
             raise ProblemError("x0 and pose are both given: x0 is the start, pose is where a static one is searched from")
@@ -227,11 +231,10 @@ class Problem:
         from octo.dynamics.static_pose import balanced_pose, static_pose
 
         pose = self.pose
-        if self.cycle is not None and pose is None:
-            try:
+        if isinstance(pose, str) or (pose is None and self.cycle is not None):
+            with contextlib.suppress(StaticPoseError):  # octo's own choices are more
                 return static_pose(self.dynamics, p=self.p, pose=balanced_pose(self.dynamics.character))
-            except StaticPoseError:
-                pose = None  # octo's own choices are more
+            pose = None
         return static_pose(self.dynamics, p=self.p, pose=pose)
 
     @cached_property

@@ -99,9 +99,9 @@ class LineSearch:
         Where single units would move beyond the cap, their own weights are raised first.
         """
         local = self.regularisation.local
+        with self.clock("factor"):
+            sigma, has = self.regularisation.factorize(factors)
         for attempt in range(HOLDS + 1):
-            with self.clock("factor"):
-                sigma, has = self.regularisation.factorize(factors)
             with self.clock("solve"):
                 step = factors.attempt(None, 1.0, self.options.cap)
             has &= np.isfinite(step.largest)
@@ -114,6 +114,9 @@ class LineSearch:
                 break
             raised = np.maximum(10.0 * local, np.maximum(10.0 * sigma[:, None], 1e-5))
             local[:] = np.where(beyond & few[:, None], raised, local)
+            with self.clock("factor"):
+                weight, factored = self.regularisation.factorize(factors, few)
+            sigma, has = choose(few, weight, sigma), choose(few, factored, has)
         return step, sigma, has
 
     def _stretch(

@@ -30,11 +30,17 @@ class Regularisation:
         """Keep some members only."""
         self.last, self.factorizations, self.local = self.last[members], self.factorizations[members], self.local[members]
 
-    def factorize(self, factors: Factors) -> tuple[Numbers, Numbers]:
-        """Fills ``factors``: the weights used (batch,), and where there is a factor (batch,) bool."""
-        factors.clear()
+    def factorize(self, factors: Factors, again: Numbers | None = None) -> tuple[Numbers, Numbers]:
+        """Fills ``factors``: the weights used (batch,), and where there is a factor (batch,) bool.
+
+        again (batch,) bool: factor these members only, weight 0 for the others, whose factors stay; None: all.
+        """
         batch = len(self.last)
         sigma, pending = np.zeros(batch), np.ones(batch, dtype=bool)
+        if again is None:
+            factors.clear()
+        else:
+            pending &= again
         first = np.maximum(self.options.first_sigma, SHRINK * self.last)
         while some(pending):
             good = factors.add(pending, (sigma + FLOOR)[:, None] + self.local)

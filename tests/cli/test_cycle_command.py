@@ -84,7 +84,7 @@ def test_auto_is_a_range_around_the_usual_stride(capsys: pytest.CaptureFixture[s
     assert cycle is not None and isinstance(cycle.period, tuple)
     low, high = cycle.period
     assert low < 0.5 and 0.8 < high < 1.0 and high / low == pytest.approx(1.4**2)
-    assert capsys.readouterr().err == "octo: legs of 0.25 m at 0.5 m/s: periods of 0.41 to 0.81 s\n"
+    assert capsys.readouterr().err == "octo: legs of 0.25 m at 0.5 m/s: periods of 0.42 to 0.81 s\n"
 
 
 def test_auto_without_a_speed_is_finite() -> None:

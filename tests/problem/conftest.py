@@ -55,6 +55,7 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.Clearance(length=0.05),
         costs.FrictionCone(mu=0.1, contacts=("foot",)),
         costs.LoadSharing(weight=per_step),
+        costs.BodyLoad(contacts=("foot",)),
         costs.ForceRate(),
         costs.SlipPower(),
         costs.SwingClearance(height=0.08),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from octo import native
+from octo.arrays import choose
 from octo.errors import UnknownNameError, ValueRangeError
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
@@ -74,6 +75,26 @@ def test_a_member_that_is_not_finite_gives_up_alone(random_system, method):
     for found, before in zip(factors.solve(-broken.b, -broken.C), expected, strict=True):
         np.testing.assert_array_equal(found[::2], before[::2])
         assert np.isnan(found[1]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_member_factored_again_leaves_the_others(random_system, method):
+    """Their weights and their steps to the last bit: a member of a batch goes the way that it goes alone."""
+    system = random_system(0, 3, 6, 5, 2, lowered=4.0)
+    weight = made(3, method)
+    factors, before, _ = factorize(weight, system)
+    held, count, step = weight.last.copy(), weight.factorizations.copy(), factors.solve(-system.b, -system.C)
+    weight.local[1, 2] = 1e3
+    again = np.array([False, True, False])
+    sigma, has = weight.factorize(factors, again)
+    assert has.all() and before.all() and not sigma[::2].any()
+    np.testing.assert_array_equal(weight.last[::2], held[::2])
+    np.testing.assert_array_equal(weight.factorizations[::2], count[::2])
+    dv, lam = factors.solve(-system.b, -system.C)
+    np.testing.assert_array_equal(dv[::2], step[0][::2])
+    np.testing.assert_array_equal(lam[::2], step[1][::2])
+    stationarity, feasibility = system.residual(dv, lam, choose(again, sigma, before)[:, None] + weight.local)
+    assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-8
 
 
 def test_weights_of_single_units_are_added(random_system):

@@ -127,7 +127,7 @@ def test_ctrl_c_between_two_passes_keeps_the_converged_pass(monkeypatch):
 def test_passes_are_said_by_how_deep_feet_sink():
     problem = standing()
     first, second = (stage.parameters(problem.weight) for stage in passes.schedule(problem, 2) if stage is not None)
-    assert first["contact.w_perp"] == pytest.approx(problem.weight / 4 / 0.02**2)
+    assert first["contact.w_perp"] == pytest.approx(problem.weight / 4 / (0.08 * problem.length) ** 2)  # on four feet
     assert second["contact.w_perp"] == pytest.approx(4 * first["contact.w_perp"])
     assert [len(passes.schedule(p, None)) for p in (problem, problem.replace(basis="hermite"))] == [4, 1]
     fixed = problem.replace(parameters={"contact.w_perp": 1e5})
