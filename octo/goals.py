@@ -105,14 +105,15 @@ class Goal:
         )
 
     def _compared(self, solution: Solution) -> tuple[Array, Array]:
-        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity."""
+        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity (x, y)."""
         duration = solution.steps * solution.dt
         if self.kind == "turn":
             return np.array([(solution.yaw[-1] - solution.yaw[0]) / duration]), np.array([self.speed])
         moved = solution.com - solution.com[0]
         if self.kind == "jump":
             return np.array([moved[-1, 0], moved[:, 2].max()]), np.array([self.distance, self.height])
-        return moved[-1] / duration, np.array(self.velocity)
+        axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
+        return moved[-1, :axes] / duration, np.array(self.velocity[:axes])
 
     @staticmethod
     def _size(wanted: Array) -> float:

@@ -24,6 +24,7 @@ def motion(velocity=(0.0, 0.0, 0.0), yaw_rate: float = 0.0, top: float = 0.0, st
 
 ERRORS = {
     "walk": (Goal("walk", 0.5), motion((0.4, 0.1, 0.0)), np.hypot(0.1, 0.1) / 0.5),
+    "walk uphill": (Goal("walk", 0.5), motion((0.5, 0.0, 0.1)), 0.0),
     "walk backwards": (Goal("walk", -0.5), motion((-0.5, 0.0, 0.0)), 0.0),
     "stride": (Goal("stride", 0.5), motion((0.0, 0.45, 0.0)), 0.1),
     "slow walk": (Goal("walk", 0.05), motion(), 0.5),
