@@ -48,7 +48,7 @@ class Case:
         passed, tried = 0, []
         best: Report = {}
         for seed in range(self.starts):
-            report = solved(self.words, seed, out / self.name.replace(" ", "-") / str(seed))
+            report = solved(f"{self.words} --costs paper", seed, out / self.name.replace(" ", "-") / str(seed))
             wrong = [text for test in (*self.tests, convergence) if (text := test(report))]
             tried.append(f"{seed}: {'; '.join(wrong) or 'met'}")
             best = report if not best or not wrong else best

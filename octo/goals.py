@@ -15,7 +15,7 @@ from octo.problem.problem import Array
 from octo.solver.solution import Solution
 
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]
-Preset = Literal["paper", "robot"]
+Preset = Literal["natural", "paper", "robot"]
 MET = 0.1  # of what was asked: a goal is met when the motion is that near to it
 FLOOR = 0.1  # m/s, rad/s or m: no denominator of a goal's error is smaller
 
@@ -58,7 +58,11 @@ class Goal:
             raise ProblemError(f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
 
     def costs(self, length: float = 0.3, times: Array | None = None) -> list[Cost]:
-        """The terms of E; ``length`` (m) and ``times`` (N,) s are those of :func:`octo.costs.robot`.
+        """The terms of E, of a problem that no cycle and no fixed end tells how far to go.
+
+        Parameters
+        ----------
+        length: m, of natural and robot. times: (N,) s, of robot.
 
         Raises
         ------
@@ -68,9 +72,11 @@ class Goal:
             raise ProblemError("the terms of a jump go with its steps: jump_problem of octo.jump describes one")
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
-        if self.preset == "robot":
+        if self.preset == "natural":
+            terms = presets.natural(None if self.kind == "stand" else self.velocity, yaw_rate or None, length=length)
+        elif self.preset == "robot":
             terms = presets.robot(self.velocity, yaw_rate, length=length, times=times)
-        if self.kind == "turn" and self.preset == "paper":
+        elif self.kind == "turn":
             turn = BaseAngularVelocity(velocity=(0.0, 0.0, self.speed), axes=(0.0, 0.0, 1.0))
             terms = [turn, CenterOfMassVelocity(weight=0.01), Effort()]
         return terms
@@ -99,14 +105,15 @@ class Goal:
         )
 
     def _compared(self, solution: Solution) -> tuple[Array, Array]:
-        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity."""
+        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity (x, y)."""
         duration = solution.steps * solution.dt
         if self.kind == "turn":
             return np.array([(solution.yaw[-1] - solution.yaw[0]) / duration]), np.array([self.speed])
         moved = solution.com - solution.com[0]
         if self.kind == "jump":
             return np.array([moved[-1, 0], moved[:, 2].max()]), np.array([self.distance, self.height])
-        return moved[-1] / duration, np.array(self.velocity)
+        axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
+        return moved[-1, :axes] / duration, np.array(self.velocity[:axes])
 
     @staticmethod
     def _size(wanted: Array) -> float:

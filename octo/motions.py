@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, positive
-from octo.dynamics.static_pose import inside_limits, over_the_feet
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
 from octo.errors import MirrorError, ProblemError, StaticPoseError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -27,7 +28,7 @@ from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
-from octo.solve import evaluated, solve, solve_all
+from octo.solve import best_of, evaluated, smooth_noise, solve, solve_all
 from octo.solver.gait import SHORT, runs, stances
 from octo.solver.solution import Solution, Status
 
@@ -170,22 +171,27 @@ class Journey:
         began = time.perf_counter()
         counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
         if not counts:
-            return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest")
+            return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
         try:
             cycles = [self.cycle(count) for count in counts]
         except ProblemError as error:
             if self.robot.base != "floating":
                 raise
-            return self._without(str(error))
+            return self._without(str(error), began)
         found: list[Solution] = []
         for problem in cycles:
-            found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began))
-            if found[-1].status is Status.INTERRUPTED:
-                return min(found, key=lambda made: made.energy)
+            doing = f"a stride of {problem.steps * problem.dt * (2 if self.mirrored else 1):.3g} s"
+            found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began, doing))
+            stopped = any(made.status is Status.INTERRUPTED for made in found)
+            if stopped:
+                break
         records = tuple({**made.report(), "seed": made.seed} for made in found)
+        if stopped:
+            best = min(found, key=lambda made: (not made.converged, made.energy))
+            return replace(best, status=Status.INTERRUPTED, starts=records)
         good = [made for made in found if made.converged and made.passes[-1]["converged"]]
         if not good:
-            return self._without("no stride converged")
+            return self._without("no stride converged", began)
         best = min(good, key=lambda made: (_faults(made), made.power))
         try:
             best = self._whole_stride(best, began)
@@ -202,7 +208,7 @@ class Journey:
         fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
-        both = _going_on(solve(problem, start=stride.tile(1), **self.left(began)))
+        both = _going_on(solve(problem, start=stride.tile(1), **self.left(began, "the whole stride")))
         if not both.converged:
             return stride
         return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
@@ -220,16 +226,35 @@ class Journey:
             return pieces
         return min(pieces, other, key=lambda one: one.rank)
 
-    def left(self, began: float) -> dict[str, Any]:
-        """The options of solve, with what is left of the time."""
-        if "time_limit" not in self.options:
-            return self.options
-        return {**self.options, "time_limit": max(self.options["time_limit"] - (time.perf_counter() - began), 1e-3)}
+    def left(self, began: float, doing: str) -> dict[str, Any]:
+        """The options of solve, with what is left of the time, and with what the progress line says."""
+        options = dict(self.options)
+        if options.get("progress"):
+            options["progress"] = doing
+        if "time_limit" in options:
+            options["time_limit"] = max(options["time_limit"] - (time.perf_counter() - began), 1e-3)
+        return options
 
-    def _without(self, reason: str) -> Solution:
-        """One problem with the natural terms alone, and a line that says so."""
+    def _without(self, reason: str, began: float) -> Solution:
+        """One problem from rest to rest with the natural terms alone, and a line that says so."""
         print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
-        return solve(self.whole, seed=self.seed, **self.options)
+        way = self._way()
+        motion = self.whole.replace(costs=self.terms, displacement=way)
+        first, last = (np.tile(pose, (self.steps + 1, 1)) for pose in (motion.start, motion.start + way))
+        guesses = [_blend(first, last) for _ in range(self.starts)]
+        for k, guess in enumerate(guesses):
+            guess[1:, motion.dynamics.actuated] += smooth_noise(motion, self.seed + k)
+        members = solve([motion] * self.starts, start=guesses, **self.left(began, "one problem"))
+        return best_of([replace(made, seed=self.seed + k) for k, made in enumerate(members)])
+
+    def _way(self) -> Array:
+        """(nx,) from where the robot stands to where it stands after the motion."""
+        robot, problem, duration = self.robot, self.whole, self.steps * self.dt
+        assert isinstance(problem.dynamics, RobotDynamics)
+        first, angle, moved = int(robot.first_joint[robot.base_body]), self.rate * duration, problem.start.copy()
+        moved[first : first + 2] += along_arc(np.array(self.velocity), angle, duration, float(moved[first + 3]))
+        moved[first + 3] += angle
+        return static_pose(problem.dynamics, problem.p, moved) - problem.start
 
 
 class _Interrupted(Exception):
@@ -276,8 +301,7 @@ class _Pieces:
         half = self.count // 2 if mirrored else self.count
         phases = sorted({k * half // PHASES for k in range(PHASES)})
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
-        found = solve_all(problems, start=starts, **self._options())
-        _going_on(found[-1])
+        found = [_going_on(made) for made in solve_all(problems, start=starts, **self._options("entering it"))]
         loads = self.tiled.normal_force
         following = [loads[self._entry(phase) :][: self.count] for phase in phases]
         ranks = [self._rank(made, after=after) for made, after in zip(found, following, strict=True)]
@@ -289,7 +313,7 @@ class _Pieces:
         best: tuple[int, Solution, Rank] | None = None
         for length in [self.ends + more for more in LONGER]:
             problem, start = self._leave(self.phase, length)
-            made = _going_on(solve(problem, start=start, **self._options()))
+            made = _going_on(solve(problem, start=start, **self._options("leaving it")))
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
@@ -316,7 +340,7 @@ class _Pieces:
         nodes = np.concatenate([self.into.x[1:], middle, self.out.x[2:]])
         motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
         raw = evaluated(motion, nodes, Status.JOINED)
-        polished = solve(motion, start=nodes, **self._options())
+        polished = solve(motion, start=nodes, **self._options("the whole motion"))
         worse = _short(polished.normal_force, polished) > _short(raw.normal_force, raw) or not polished.converged
         if worse and raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED:
             polished = raw
@@ -327,12 +351,13 @@ class _Pieces:
         parts = (self.stride, self.into, self.out, motion)
         return replace(
             motion, iterations=sum(part.iterations for part in parts), factorizations=sum(part.factorizations for part in parts),
-            setup_seconds=sum(part.setup_seconds for part in parts), seed=self.stride.seed,
+            setup_seconds=sum(part.setup_seconds for part in parts), seconds=sum(part.seconds for part in parts),
+            processor_seconds=sum(part.processor_seconds for part in parts), seed=self.stride.seed,
             passes=(*self.stride.passes, *motion.passes),
         )  # fmt: skip
 
-    def _options(self) -> dict[str, Any]:
-        return self.journey.left(self.began)
+    def _options(self, doing: str) -> dict[str, Any]:
+        return self.journey.left(self.began, doing)
 
     def _entry(self, phase: int) -> int:
         """The node of the tiled stride at which it is entered."""

@@ -57,8 +57,8 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
         problems one for all, or a list of one for each.
     device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU and a line on stderr that says why.
     threads: of the CPU's native code.
-    progress: print a line now and then. callback: called with an :class:`~octo.solver.sqp.Iterate` after every
-        iteration; returning True stops, with the best iterate so far.
+    progress: print a line now and then, behind this text where it is one. callback: called with an
+        :class:`~octo.solver.sqp.Iterate` after every iteration; returning True stops, with the best iterate so far.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def _solve(
     max_iterations: int | None = None,
     time_limit: float | None = None,
     tolerance: float | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> tuple[list[Solution], list[int]]:
     """All members' solutions, and the index of the best one of each problem."""
@@ -163,7 +163,7 @@ def _solve(
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
-    monitor = Monitor(callback, _Progress() if progress else None)
+    monitor = Monitor(callback, _Progress(progress if isinstance(progress, str) else "") if progress else None)
     members = _passes(run, compiled, nodes, plan, monitor, numbers, starts)
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
@@ -465,16 +465,17 @@ def _cuda_backend() -> DeviceBackend:
 class _Progress:
     """A line on stderr: rewritten in place on a terminal, once every few seconds elsewhere."""
 
-    def __init__(self) -> None:
+    def __init__(self, doing: str) -> None:
         self.terminal = sys.stderr.isatty()
-        self.last = 0.0
+        self.doing = f"{doing}: " if doing else ""
+        self.last = time.perf_counter()
 
     def __call__(self, at: Iterate, final: bool = False) -> None:
         now = time.perf_counter()
         if not final and now - self.last < (0.1 if self.terminal else 5.0):
             return
         self.last = now
-        line = f"octo: pass {at.number}/{at.passes}, iteration {at.iteration}: {at.words}"
+        line = f"octo: {self.doing}pass {at.number}/{at.passes}, iteration {at.iteration}: {at.words}"
         end = "\n" if final or not self.terminal else ""
         print(f"\r\033[K{line}" if self.terminal else line, end=end, file=sys.stderr, flush=True)
 

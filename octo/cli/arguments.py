@@ -90,10 +90,12 @@ def add_law_argument(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_solver_arguments(parser: argparse.ArgumentParser, device: str = "auto", seeds: int = 1) -> None:
-    """How a problem is solved."""
+def add_solver_arguments(
+    parser: argparse.ArgumentParser, device: str = "auto", seeds: int | None = 1, starts: str | None = None
+) -> None:
+    """How a problem is solved; ``starts`` says in words what a default of None means."""
     parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
-    parser.add_argument("--seeds", type=whole(1), default=seeds, help=f"starts, solved as one batch (default {seeds})")
+    parser.add_argument("--seeds", type=whole(1), default=seeds, help=f"starts, solved as one batch (default {starts or seeds})")
     parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
     parser.add_argument("--start", metavar="SOLUTION.npz", help="a saved solution to start from")
     parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")

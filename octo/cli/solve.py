@@ -25,7 +25,7 @@ from octo.cli.arguments import (
     terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.errors import ProblemError
+from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.load import load
@@ -34,18 +34,22 @@ from octo.problem.problem import Problem
 from octo.solver.solution import Solution, Status
 
 SECONDS = 10.0  # of motion, where none are asked for
+COMPOSED = ("walk", "stride", "turn")  # goals that natural terms reach with a stride that repeats
 FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_goal_arguments(parser)
+    add_goal_arguments(parser, costs=None, seeds=None)
+    parser.add_argument("--period", type=positive, help="s, of the stride of a natural motion (default: of several the best)")
     parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
     parser.add_argument("--accept-missed", action="store_true", help="exit with 0 also when the goal is missed")
     parser.set_defaults(run=run)
 
 
-def add_goal_arguments(parser: argparse.ArgumentParser, device: str = "auto") -> None:
-    """What is solved and how, without where it is written."""
+def add_goal_arguments(
+    parser: argparse.ArgumentParser, device: str = "auto", costs: str | None = "paper", seeds: int | None = 1
+) -> None:
+    """What is solved and how, without where it is written; what is None follows from the goal."""
     add_robot_arguments(parser)
     parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)")
     parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
@@ -53,30 +57,34 @@ def add_goal_arguments(parser: argparse.ArgumentParser, device: str = "auto") ->
     parser.add_argument("--height", type=number, default=0.2, help="m, of the centre of mass gained by a jump (default 0.2)")
     parser.add_argument("--seconds", type=positive, help="s, of motion (default 10; a jump takes what it needs)")
     parser.add_argument("--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)")
-    costs = "paper, or robot: a plan that a plant should follow (default paper); a jump has its own"
-    parser.add_argument("--costs", default="paper", help=costs)
-    add_solver_arguments(parser, device)
+    parser.add_argument(
+        "--costs", default=costs,
+        help="natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing else; robot: a plan that a plant "
+        f"should follow (default {costs or 'natural, with --basis hermite paper'}); a jump has its own",
+    )  # fmt: skip
+    add_solver_arguments(parser, device, seeds, starts=None if seeds else "3 of each period of a stride, 1 of other problems")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
+    arguments.costs = costs_of(arguments)
     goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+    composed = goal.preset == "natural" and goal.kind in COMPOSED
+    check(arguments, composed)
     steps = asked_steps(goal, arguments)
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = load(arguments.robot, arguments.base)
     goal.check(robot)
-    from octo.jump import solve_jump  # after the checks: it takes longer to import than they take
-    from octo.solve import resolve_device, solve
+    from octo.solve import resolve_device  # after the checks: it takes longer to import than they take
 
     resolve_device(arguments.device)
-    problem = described(robot, goal, steps, arguments)
-    prepared = time.perf_counter() - began
-    found = solve_jump if goal.kind == "jump" else solve
-    solution = found(problem, start=start, progress=True, **solver_options(arguments))
-    solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
+    if composed:
+        solution = from_rest_to_rest(robot, goal, arguments, began)
+    else:
+        solution = as_one_problem(described(robot, goal, steps, arguments), goal, start, arguments, began)
     write(folder, solution, report(solution, goal))
     print(solution)
     print(f"  {goal.verdict(solution)}")
@@ -86,6 +94,56 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
 
 
+def costs_of(arguments: argparse.Namespace) -> str:
+    """The list of terms: as asked for, else natural ones, which the Hermite basis cannot have."""
+    if arguments.costs is None:
+        return "natural" if arguments.basis == "nodes" or arguments.goal == "jump" else "paper"
+    return str(arguments.costs)
+
+
+def check(arguments: argparse.Namespace, composed: bool) -> None:
+    """Refuse options that the motion has no use for.
+
+    Raises
+    ------
+    UsageError: one line that names the option and what it goes with.
+    """
+    if composed:
+        for name in ("passes", "start"):
+            if getattr(arguments, name) is not None:
+                raise UsageError(f"--{name} is of one problem, a {arguments.goal} of natural terms is several: add --costs paper")
+    elif arguments.period is not None:
+        raise UsageError(f"--period is of a stride: it goes with --costs natural and --goal {', '.join(COMPOSED)}")
+    if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
+        raise UsageError("natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add --costs paper")
+
+
+def from_rest_to_rest(robot: Character, goal: Goal, arguments: argparse.Namespace, began: float) -> Solution:
+    """A walk, a stride or a turn, around a stride that repeats itself."""
+    from octo import motions
+
+    own = {"max_iterations", "time_limit", "tolerance", "device", "threads", "seed", "period", "dt"}
+    given = {name: getattr(arguments, name) for name in own if getattr(arguments, name) is not None}
+    if arguments.seeds is not None:
+        given["starts"] = arguments.seeds
+    seconds = SECONDS if arguments.seconds is None else arguments.seconds
+    where = surroundings(robot, arguments)
+    prepared = time.perf_counter() - began
+    solution: Solution = getattr(motions, goal.kind)(robot, goal.speed, seconds, progress=True, **where, **given)
+    return replace(solution, setup_seconds=solution.setup_seconds + prepared)
+
+
+def as_one_problem(problem: Problem, goal: Goal, start: Solution | None, arguments: argparse.Namespace, began: float) -> Solution:
+    """All other motions."""
+    from octo.jump import solve_jump
+    from octo.solve import solve
+
+    prepared = time.perf_counter() - began
+    found = solve_jump if goal.kind == "jump" else solve
+    solution = found(problem, start=start, progress=True, **{**solver_options(arguments), "seeds": arguments.seeds or 1})
+    return replace(solution, setup_seconds=solution.setup_seconds + prepared)
+
+
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
     """N of --seconds and --dt; None for a jump that takes what it needs."""
     if arguments.seconds is None and goal.kind == "jump":
@@ -93,14 +151,18 @@ def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
     return steps_of(SECONDS if arguments.seconds is None else arguments.seconds, arguments.dt)
 
 
-def described(robot: Character, goal: Goal, steps: int | None, arguments: argparse.Namespace) -> Problem:
-    """The problem of a goal."""
-    dt = arguments.dt
-    where: dict[str, Any] = {
+def surroundings(robot: Character, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Ground, contact law and pose, as a Problem calls them."""
+    return {
         "terrain": terrain_of(arguments.terrain),
         "law": law_of(arguments.friction),
         "pose": pose_of(robot, arguments.pose),
     }
+
+
+def described(robot: Character, goal: Goal, steps: int | None, arguments: argparse.Namespace) -> Problem:
+    """The one problem of a goal."""
+    dt, where = arguments.dt, surroundings(robot, arguments)
     if goal.kind == "jump":
         from octo.jump import jump_problem
 
@@ -109,8 +171,13 @@ def described(robot: Character, goal: Goal, steps: int | None, arguments: argpar
         seconds = None if steps is None else steps * dt
         return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
     assert steps is not None
+    if goal.preset == "natural" and where["pose"] is None:
+        where["pose"] = "balanced"
     problem = Problem(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
-    return problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
+    problem = problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
+    if goal.preset == "natural" and goal.kind == "stand":
+        return problem.replace(displacement=np.zeros(robot.nx))  # at rest where it began
+    return problem
 
 
 def report(solution: Solution, goal: Goal) -> dict[str, Any]:

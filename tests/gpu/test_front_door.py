@@ -48,7 +48,8 @@ def walk(**changes) -> octo.Problem:
 
 
 def test_auto_says_why_it_uses_the_cpu(no_gpu, capsys, tmp_path):
-    words = ["solve", "mammal", "--seconds", "0.4", "--passes", "1", "--max-iterations", "2", "--out", str(tmp_path / "out")]
+    words = ["solve", "mammal", "--costs", "paper", "--seconds", "0.4", "--passes", "1", "--max-iterations", "2"]
+    words += ["--out", str(tmp_path / "out")]
     assert main([*words, "--device", "auto"]) in (0, 1)
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: using the CPU: ")]
     assert len(lines) == 1 and "CuPy" in lines[0]
