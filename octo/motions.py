@@ -29,7 +29,7 @@ from octo.problem.costs import Cost
 from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
 from octo.solve import best_of, evaluated, smooth_noise, solve, solve_all
-from octo.solver.gait import SHORT, runs, stances
+from octo.solver.gait import SHORT, flaws, runs, stances
 from octo.solver.solution import Solution, Status
 
 Array = NDArray[np.float64]
@@ -40,8 +40,6 @@ PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
-TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
-SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
@@ -192,7 +190,7 @@ class Journey:
         good = [made for made in found if made.converged and made.passes[-1]["converged"]]
         if not good:
             return self._without("no stride converged", began)
-        best = min(good, key=lambda made: (_faults(made), made.power))
+        best = min(good, key=lambda made: (flaws(made), made.power))
         try:
             best = self._whole_stride(best, began)
             motion = self._pieces(best, began).joined()
@@ -405,15 +403,6 @@ def _blend(one: Array, other: Array) -> Array:
     w = np.linspace(0.0, 1.0, len(one))[:, None]
     part = 3.0 * w**2 - 2.0 * w**3
     return (1.0 - part) * one + part * other
-
-
-def _faults(stride: Solution) -> int:
-    """How many figures of a stride's gait nobody would keep."""
-    gait = stride.gait
-    if gait is None or gait.touchdowns is None:
-        return 4
-    brief = [length is None or length < SHORT - 1e-9 for length in (gait.shortest_stance, gait.shortest_swing)]
-    return sum(brief) + (gait.touchdowns > TAPS) + (gait.torque_high is not None and gait.torque_high > SHAKY)
 
 
 def _short(loads: Array, motion: Solution) -> int:

@@ -27,6 +27,7 @@ from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
 from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
+from octo.solver.gait import flaws
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Solution, Status
 from octo.solver.sqp import Iterate, Monitor
@@ -181,14 +182,15 @@ def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:
         CPU.prepare(compiled, run.options)
 
 
-def _rank(member: Solution) -> tuple[bool, int, bool, float]:
-    """Converged first, then those that got through more passes, then the smallest E."""
+def _rank(member: Solution) -> tuple[bool, int, bool, int, float]:
+    """Converged first, then those that got through more passes, of cycles those whose gait has fewer flaws, then by E."""
     feasible = member.violation <= 1e-3 * member.weight
     done = sum(bool(record["converged"]) for record in member.passes)
-    return (not member.converged, -done, not feasible, member.energy if feasible else member.violation)
+    flawed = 0 if member.cycle is None else flaws(member)
+    return (not member.converged, -done, not feasible, flawed, member.energy if feasible else member.violation)
 
 
-def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, float]:
+def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, int, float]:
     """As ``_rank``, with the work of the joints in place of E.
 
     The terms of E are means over time, but they do not mean the same for every period: feet that share the load stand
@@ -196,12 +198,12 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     0.8 s; biped .24, .15, .13 at 0.5, 1.0, 1.5 s). Work over weight and way has its least in between (.54, .37, .53; 1.1,
     .72, .81), near the strides of animals of that size (docs/cycles.md).
     """
-    failed, passes, infeasible, last = _rank(member)
+    failed, passes, infeasible, flawed, last = _rank(member)
     cycle = problem.cycle
     if cycle is None or member.cycle is None or infeasible:
-        return failed, passes, infeasible, last
+        return failed, passes, infeasible, flawed, last
     a_stride = cycle.shift is not None or (cycle.velocity == cycle.sideways == 0.0)  # the way of a stride is what is given
-    return failed, passes, infeasible, member.power * (member.cycle.period if a_stride else 1.0)
+    return failed, passes, infeasible, flawed, member.power * (member.cycle.period if a_stride else 1.0)
 
 
 def _for_pass(problem: Problem, stage: Pass | None) -> Problem:

@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 FOOT = 0.02  # of mg: a contact that carries more in the mean is a foot
 TOUCHDOWN = 0.05  # of mg: a stance begins
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
+TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
+SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
+ONE_SIDED = 0.3  # of the time: mammals that paced for more fell over in MuJoCo at 0.5 m/s
+FOUR = 4  # feet, with fewer of which standing on one side is walking
 LIFT_OFF = 0.01  # of mg: it ends; lower than TOUCHDOWN, so that a load that wavers is one stance
 HIGH = 5.0  # Hz: what a step needs of a torque is slower
 LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
@@ -58,6 +62,8 @@ class Gait:
     torque_high: share of the power of u (its mean removed) above 5 Hz.
     rhythm: largest autocorrelation of the feet's loads over lags of 0.2 to 2 s, and of half the
         motion at most; 1 where they repeat exactly.
+    one_sided: share of the time in which the feet that stand are all on one side of the centre of
+        mass; None with fewer than four feet. A pace has most of it, a trot none.
     limit_excess: rad or m, by which a joint limit is passed at most.
     friction_use: largest |f_t|/f_n of a loaded contact.
     torque_use: largest |u| over its limit.
@@ -72,6 +78,7 @@ class Gait:
     joint_speed_use: float | None
     torque_high: float | None
     rhythm: float | None
+    one_sided: float | None
     limit_excess: float | None
     friction_use: float | None
     torque_use: float | None
@@ -141,6 +148,7 @@ def measure_gait(solution: Solution, first: float = 0.0, last: float | None = No
         **_joints(robot, part.x[1:], dt),
         torque_high=high_share(part.u, dt),
         rhythm=rhythm(force[:, feet], dt, STEADY * solution.weight),
+        one_sided=_one_sided(robot, part, feet),
         friction_use=part.friction_use,
         torque_use=part.torque_excess,
     )
@@ -157,6 +165,29 @@ def measure_cycle(solution: Solution) -> Gait | None:
     strides = max(1, round(solution.steps * solution.dt / period))
     several = solution if strides >= STRIDES else solution.tile(-(-STRIDES // strides))
     return measure_gait(several, period, several.steps * several.dt - period)
+
+
+def flaws(solution: Solution) -> int:
+    """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, feet of one side at a time."""
+    gait = solution.gait
+    if gait is None or gait.touchdowns is None:
+        return 5
+    brief = sum(t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing))
+    shaky = gait.torque_high is not None and gait.torque_high > SHAKY
+    return brief + (gait.touchdowns > TAPS) + shaky + ((gait.one_sided or 0.0) > ONE_SIDED)
+
+
+def _one_sided(robot: Character, part: Solution, feet: NDArray[np.intp]) -> float | None:
+    """Share of the steps with a foot on the ground in which no foot of the other side is."""
+    bodies = {robot.contacts[robot.contact_index(part.contact_names[k])].body for k in feet}
+    if len(bodies) < FOUR:
+        return None
+    yaw, place = part.yaw[1:, None], part.contact_point[:, feet] - part.com[1:, None]
+    left = np.cos(yaw) * place[..., 1] - np.sin(yaw) * place[..., 0] > 0.0
+    on = part.normal_force[:, feet] >= TOUCHDOWN * part.weight
+    both = (on & left).any(axis=1) & (on & ~left).any(axis=1)
+    some = on.any(axis=1)
+    return float((some & ~both).sum() / some.sum()) if some.any() else None
 
 
 def stances(force: Array, weight: float) -> NDArray[np.bool_]:
