@@ -39,10 +39,11 @@ STARTS = 3  # of the cycle, for each period
 PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
+KEEPS = 0.2  # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
-LONGER = range(-4, 12, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
+LONGER = range(-4, 20, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
 
 def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
@@ -297,7 +298,14 @@ class _Pieces:
         assert self.stride.cycle is not None
         mirrored = self.stride.cycle.mirrored  # half a stride later it is entered as in a mirror
         half = self.count // 2 if mirrored else self.count
-        phases = sorted({k * half // PHASES for k in range(PHASES)})
+        few = sorted({k * half // PHASES for k in range(PHASES)})
+        best = self._best_phase(few)
+        others = sorted(set(range(half)).difference(few))
+        if best[2][:2] != (0, 0) and others:  # it stumbles at all of these: the phases between them
+            best = min(best, self._best_phase(others), key=lambda one: one[2])
+        return best
+
+    def _best_phase(self, phases: Sequence[int]) -> tuple[int, Solution, Rank]:
         problems, starts = zip(*(self._enter(phase) for phase in phases), strict=True)
         found = [_going_on(made) for made in solve_all(problems, start=starts, **self._options("entering it"))]
         loads = self.tiled.normal_force
@@ -339,7 +347,8 @@ class _Pieces:
         motion = self.rest.replace(x_end=nodes[-1], v_end=np.zeros(journey.robot.nx))
         raw = evaluated(motion, nodes, Status.JOINED)
         polished = solve(motion, start=nodes, **self._options("the whole motion"))
-        worse = _short(polished.normal_force, polished) > _short(raw.normal_force, raw) or not polished.converged
+        away = np.abs(polished.x - raw.x)[:, self._base()].max(axis=0) > KEEPS * np.array([raw.length, raw.length, 1.0])
+        worse = _short(polished.normal_force, polished) > _short(raw.normal_force, raw) or not polished.converged or away.any()
         if worse and raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED:
             polished = raw
         return self._counted(polished)
@@ -353,6 +362,11 @@ class _Pieces:
             processor_seconds=sum(part.processor_seconds for part in parts), seed=self.stride.seed,
             passes=(*self.stride.passes, *motion.passes),
         )  # fmt: skip
+
+    def _base(self) -> list[int]:
+        """Where x, y and the yaw of the base are in a configuration."""
+        first = int(self.journey.robot.first_joint[self.journey.robot.base_body])
+        return [first, first + 1, first + 3]
 
     def _options(self, doing: str) -> dict[str, Any]:
         return self.journey.left(self.began, doing)

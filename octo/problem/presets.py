@@ -84,7 +84,7 @@ def natural(
         JointAcceleration(weight=1e-3 * (length / GRAVITY) ** 2),
         Upright(weight=0.5, pose=pose),
         LegPosture(weight=0.02, reference=pose, name="Posture"),
-        LoadSharing(weight=0.3, contacts=feet),
+        LoadSharing(weight=0.9, contacts=feet),
         BodyLoad(weight=100.0, contacts=feet),
         SlipPower(weight=50.0 / fast, contacts=feet),
         SwingClearance(weight=5.0 / fast, height=0.1 * length, contacts=feet),
