@@ -336,7 +336,7 @@ class _Pieces:
         """
         loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
         bad = not piece.converged or piece.energy > DEAR * self.stride.energy
-        return (int(bad), _short(loads, piece), piece.energy)
+        return (int(bad), _short(loads, piece, SHORT + piece.dt), piece.energy)  # polishing may take a step off
 
     def joined(self) -> Solution:
         """The best pieces in a row, polished as one problem."""
@@ -419,8 +419,8 @@ def _blend(one: Array, other: Array) -> Array:
     return (1.0 - part) * one + part * other
 
 
-def _short(loads: Array, motion: Solution) -> int:
-    """How many stances and swings in ``loads`` (N, c) N are too short."""
+def _short(loads: Array, motion: Solution, least: float = SHORT) -> int:
+    """How many stances and swings in ``loads`` (N, c) N are shorter than ``least`` s."""
     standing = stances(loads, motion.weight)
     lengths = [b - a for foot in standing.T for state in (foot, ~foot) for a, b in runs(state, 0, len(loads))]
-    return sum(length * motion.dt < SHORT - 1e-9 for length in lengths)
+    return sum(length * motion.dt < least - 1e-9 for length in lengths)
