@@ -168,7 +168,7 @@ class Journey:
     def solve(self) -> Solution:
         """The motion."""
         began = time.perf_counter()
-        counts = [count for count in self.periods() if count + 2 * self.ends(count) + LONGER[-1] <= self.steps]
+        counts = [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
         try:
@@ -317,7 +317,8 @@ class _Pieces:
     def _left_at(self) -> tuple[int, Solution, Rank]:
         """In how many steps the stride is left best, how, and how good that is."""
         best: tuple[int, Solution, Rank] | None = None
-        for length in [self.ends + more for more in LONGER]:
+        lengths = [self.ends + more for more in LONGER]
+        for length in [length for length in lengths if length <= self.journey.steps - self.ends]:
             problem, start = self._leave(self.phase, length)
             made = _going_on(solve(problem, start=start, **self._options("leaving it")))
             node = self._entry(self.phase) + self.journey.steps - self.ends - length
