@@ -33,7 +33,7 @@ from octo.solver.gait import SHORT, flaws, runs, stances
 from octo.solver.solution import Solution, Status
 
 Array = NDArray[np.float64]
-Rank = tuple[int, int, float]  # failed, stumbles, E: the smaller, the better
+Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better
 PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
 STARTS = 3  # of the cycle, for each period
 PHASES = 6  # of the stride, at which it may be entered and left
@@ -325,7 +325,7 @@ class _Pieces:
             rank = self._rank(made, before=self.tiled.normal_force[node - self.count : node])
             if best is None or rank < best[2]:
                 best = (length, made, rank)
-            if best[2] < (0, 0, CHEAP * self.stride.energy):
+            if best[2][:2] == (0, 0) and best[2][3] < CHEAP * self.stride.energy:
                 break
         assert best is not None
         return best
@@ -337,7 +337,8 @@ class _Pieces:
         """
         loads = np.concatenate([part for part in (before, piece.normal_force, after) if part is not None])
         bad = not piece.converged or piece.energy > DEAR * self.stride.energy
-        return (int(bad), _short(loads, piece, SHORT + piece.dt), piece.energy)  # polishing may take a step off
+        near = _short(loads, piece, SHORT + piece.dt)  # polishing may take a step off
+        return (int(bad), _short(loads, piece), near, piece.energy)
 
     def joined(self) -> Solution:
         """The best pieces in a row, polished as one problem."""
