@@ -179,8 +179,8 @@ def flaws(solution: Solution) -> int:
 
 def _one_sided(robot: Character, part: Solution, feet: NDArray[np.intp]) -> float | None:
     """Share of the steps with a foot on the ground in which no foot of the other side is."""
-    bodies = {robot.contacts[robot.contact_index(part.contact_names[k])].body for k in feet}
-    if len(bodies) < FOUR:
+    carried = {sphere.name: sphere.body for sphere in robot.contacts}  # heel and toe are one foot
+    if len({carried.get(part.contact_names[k], k) for k in feet}) < FOUR:
         return None
     yaw, place = part.yaw[1:, None], part.contact_point[:, feet] - part.com[1:, None]
     left = np.cos(yaw) * place[..., 1] - np.sin(yaw) * place[..., 0] > 0.0
