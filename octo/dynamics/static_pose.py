@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 
@@ -60,13 +61,16 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     raise StaticPoseError(f"{robot.name}: {'; '.join(dict.fromkeys(reasons))}; give a pose that stands with --pose NAME|FILE")
 
 
+@lru_cache(maxsize=64)
 def balanced_pose(robot: Character) -> Array:
     """(nx,) the default pose, or zero, with the joints moved a little so that the feet are below: all of them carry.
 
     Many files' default pose stands with the centre of mass over two of four feet: a stride that begins there hops on two.
     """
     default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
-    return over_the_feet(robot, inside_limits(robot, default))
+    pose = over_the_feet(robot, inside_limits(robot, default))
+    pose.setflags(write=False)  # every pass of every start of a cycle asks for it
+    return pose
 
 
 def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
