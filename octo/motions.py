@@ -184,7 +184,7 @@ class Journey:
             stopped = any(made.status is Status.INTERRUPTED for made in found)
             if stopped:
                 break
-        records = tuple({**made.report(), "seed": made.seed} for made in found)
+        records = tuple(made.report() for made in found)
         if stopped:
             best = min(found, key=lambda made: (not made.converged, made.energy))
             return replace(best, status=Status.INTERRUPTED, starts=records)
@@ -204,9 +204,8 @@ class Journey:
         assert stride.cycle is not None
         if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
             return stride
-        fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
-        problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=fixed)
+        problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=_ground_laws(stride))
         both = _going_on(solve(problem, start=stride.tile(1), **self.left(began, "the whole stride")))
         if not both.converged:
             return stride
@@ -277,9 +276,8 @@ class _Pieces:
         assert stride.cycle is not None
         self.journey, self.stride, self.began = journey, stride, began
         self.count = round(stride.cycle.period / journey.dt)
-        fixed = {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
         standing = {} if pose is None else {"pose": pose}
-        self.rest = journey.whole.replace(costs=journey.terms, parameters=fixed, **standing)
+        self.rest = journey.whole.replace(costs=journey.terms, parameters=_ground_laws(stride), **standing)
         self.normal = plane_normal(self.rest)
         self.ends = journey.ends(self.count)
         self.laps = 1 + -(-self.ends // self.count)
@@ -419,6 +417,11 @@ def _blend(one: Array, other: Array) -> Array:
     w = np.linspace(0.0, 1.0, len(one))[:, None]
     part = 3.0 * w**2 - 2.0 * w**3
     return (1.0 - part) * one + part * other
+
+
+def _ground_laws(stride: Solution) -> dict[str, float]:
+    """The parameters of the contact law that a stride was solved with, in its last pass."""
+    return {name: value for name, value in stride.parameters.items() if name.startswith("contact.")}
 
 
 def _short(loads: Array, motion: Solution, least: float = SHORT) -> int:
