@@ -113,11 +113,10 @@ class Problem:
         """Refuse what no cycle has, and fill in steps and dt."""
         if not isinstance(cycle, Cycle):
             raise ProblemError(f"cycle is {cycle!r}, must be an octo.Cycle")
-        for name, given in (("steps", self.steps), ("dt", self.dt)):
-            if given != 0 and name == "steps":
-                whole("steps", given)
-            elif given != 0:
-                positive("dt", given, "s")
+        if self.steps != 0:
+            whole("steps", self.steps)
+        if self.dt != 0:
+            positive("dt", self.dt, "s")
         if isinstance(basis_named(self.basis), Hermite):
             raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
         for name in ("x0", "v0", "x_end", "v_end", "displacement"):
