@@ -41,11 +41,10 @@ class Library:
         text = _text(compiled, costs, layout.stagewise)
         shape = [layout.local, layout.weight, layout.test_row, layout.test_value, self.places.jacobian, self.places.hessian]
         mark = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in shape)).hexdigest()[:16]
-        path = native.build(f"{text}\n/* structure {mark} */\n")
-        if path is None:
+        handle = native.load(f"{text}\n/* structure {mark} */\n")
+        if handle is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
-        self.path = str(path)
-        self.handle = ctypes.CDLL(self.path)
+        self.handle, self.path = handle, handle._name
         self.handle.octo_watch_set.argtypes = (ctypes.c_double, ctypes.c_double, ctypes.c_int)
         self.handle.octo_log_rows.restype = ctypes.POINTER(ctypes.c_double)
         self._tables, self._kept = _tables(compiled, layout, self.places, self.size, self.numbers)
