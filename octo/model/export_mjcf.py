@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from octo.errors import ModelError, OutputError
+from octo.errors import ModelError
+from octo.files import replacing
 from octo.model.character import Array, Body, Character, Joint
 from octo.model.kinematics import body_poses
 from octo.model.quaternions import quaternions
@@ -51,15 +51,8 @@ def export_mjcf(
         that no mass distribution has. OutputError: the file cannot be written.
     """
     text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
-    target = Path(path)
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
+    with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8")
-        os.replace(beside, target)
-    except OSError as error:
-        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def mjcf_text(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError
+from octo.files import replacing
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
@@ -249,12 +249,9 @@ class Log:
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        try:
-            with Path(path).open("wb") as file:
-                arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
-                np.savez_compressed(file, **arrays)
-        except OSError as error:
-            raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+        with replacing(path) as beside, beside.open("wb") as file:
+            arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
+            np.savez_compressed(file, **arrays)
 
 
 def memory_in_use() -> int:

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, RobotFileError
+from octo.errors import RobotFileError
+from octo.files import replacing
 from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
@@ -339,7 +340,6 @@ class Solution:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
-        target = Path(path)
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
         arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {f"history_{k}": v for k, v in self.history.items()}
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
@@ -351,15 +351,8 @@ class Solution:
         plain["status"] = self.status.label
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
-        beside = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with beside.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            os.replace(beside, target)
-        except OSError as error:
-            raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
-        finally:
-            beside.unlink(missing_ok=True)
+        with replacing(path) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:

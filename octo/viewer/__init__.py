@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from octo.errors import MissingExtraError, OutputError, ShapeError
+from octo.errors import MissingExtraError, ShapeError
+from octo.files import replacing
 from octo.model.figure import size
 from octo.solver.solution import Solution
 from octo.viewer.page import wrap
@@ -108,11 +109,5 @@ def _server(viser: Any) -> Iterator[Any]:
 
 
 def _write(target: Path, text: str) -> None:
-    scratch = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, target)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
+    with replacing(target) as beside:
+        beside.write_text(text, encoding="utf-8")
