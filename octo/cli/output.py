@@ -47,7 +47,7 @@ class OutputFolder:
             raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {reason(error)}") from error
         finally:
             for folder in made:
-                with contextlib.suppress(OSError):
+                with contextlib.suppress(OSError, ValueError):
                     folder.rmdir()
         if blocked:
             raise OutputError(f"out is {str(self.path)!r}, where {blocked[0]} is a folder and not a file")
