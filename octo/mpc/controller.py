@@ -192,7 +192,7 @@ class Controller:
         self._forget(x)
         if self.guide is not None:
             getattr(self.guide, "reset", lambda: None)()
-            self.guide(self, t, x)
+            self.guide(self, t, x.copy())
         good = True
         self.horizon.evaluate()
         for _ in range(SETTLE):
@@ -260,7 +260,7 @@ class Controller:
             t = self._last_time + self._tick if np.isfinite(self._last_time) else plan.time
         plan.shift(t, self.horizon.nodes)
         if self.guide is not None:
-            self.guide(self, t, self.horizon.nodes[1])
+            self.guide(self, t, self.horizon.nodes[1].copy())
         if self._failures >= GIVE_UP:
             self.horizon.nodes[:] = self._near
             self.horizon.guess[:] = 0.0

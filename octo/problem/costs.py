@@ -9,14 +9,14 @@ A new term is a subclass of :class:`Cost` with a residual, its references and, i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import numbers
+from octo.checks import numbers, owned
 from octo.errors import ProblemError, ShapeError
 
 if TYPE_CHECKING:
@@ -35,6 +35,10 @@ class Cost:
     weight: float | Array = 1.0
     steps: Steps = "all"
     name: str = ""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # the caller's arrays, lists and dicts stay the caller's
+            object.__setattr__(self, each.name, owned(getattr(self, each.name)))
 
     @property
     def label(self) -> str:

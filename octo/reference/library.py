@@ -22,11 +22,14 @@ from octo.reference.program import parameter_vector
 
 Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
+_ACTIVE: dict[str, list[Any]] = {}  # by library, the arrays that its code points to
 LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
 class Library:
     """One problem structure, compiled. One solve at a time: the library keeps the point it evaluated last.
+
+    Functions of the library may outlive this object: they work on the tables of the last one that was activated.
 
     Attributes
     ----------
@@ -54,6 +57,7 @@ class Library:
         """Hand the tables to the library: needed again after another problem of the same structure used it."""
         if self.handle.octo_nlp_set(ctypes.byref(self._tables)) != 0:
             raise MemoryError("the reference library could not allocate its work arrays")
+        _ACTIVE[self.path] = self._kept
 
     def function(self, name: str) -> ca.Function:
         """nlp_f, nlp_grad_f, … as a CasADi function."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import threading
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem
-from octo.solver import measure
+from octo.solver import blas, measure
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Solution, Status
 
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
+_ALONE = threading.RLock()
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
 
 
@@ -50,6 +52,11 @@ def _know_casadi_blas() -> None:
     threadpoolctl.register(CasadiBlas)
 
 
+def one_solve() -> threading.RLock:
+    """``with one_solve():`` no other thread is in a compiled reference, which keeps the point it evaluated last."""
+    return _ALONE
+
+
 @contextlib.contextmanager
 def one_core() -> Any:
     """Every thread pool that is loaded has one thread inside, IPOPT's too."""
@@ -59,7 +66,7 @@ def one_core() -> Any:
         yield
         return
     _know_casadi_blas()
-    with threadpool_limits(limits=1):
+    with blas.shared("all", lambda: threadpool_limits(limits=1)):
         yield
 
 
