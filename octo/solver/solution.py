@@ -5,23 +5,21 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import zipfile
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import RobotFileError
+from octo.errors import UnknownNameError
 from octo.files import replacing
-from octo.model import store
+from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
-from octo.solver import export
+from octo.solver import export, saved
 from octo.solver.gait import Gait, measure_cycle, measure_gait
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
@@ -360,27 +358,19 @@ class Solution:
 
         Raises
         ------
-        RobotFileError: the file is missing or was not written by octo.
+        RobotFileError: the file is missing, or something in it is not as octo writes it; one line that says what.
         """
-        try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                data = {name: file[name] for name in file.files}
-            plain = json.loads(str(data.pop("plain")))
-            values: dict[str, Any] = {name: data[name] for name in _ARRAYS}
-            for group in ("ground", "history"):
-                values[group] = {k.removeprefix(f"{group}_"): v for k, v in data.items() if k.startswith(f"{group}_")}
-            plain["status"] = Status[plain["status"].upper()]
-            if plain.get("cycle") is not None:
-                plain["cycle"] = Stride(**plain["cycle"], **{name: data[f"cycle_{name}"] for name in STRIDE})
-            if plain["character"] is not None:
-                plain["character"] = store.from_plain(plain["character"])
-            for name in ("contact_names", "passes", "starts"):
-                plain[name] = tuple(plain[name])
-            return Solution(**values, **plain)
-        except FileNotFoundError as error:
-            raise RobotFileError(f"solution file {path} does not exist") from error
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise RobotFileError(f"{path} is not a solution that octo saved (.npz): {error}") from error
+        with archive.opened(path, "solution") as file:
+            status = _status(file.word("status"))
+            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
+
+
+def _status(label: str) -> Status:
+    """The status of the name that reports use."""
+    known = {status.label: status for status in Status}
+    if label not in known:
+        raise UnknownNameError("status", label, known)
+    return known[label]
 
 
 _ARRAYS = (
