@@ -14,7 +14,6 @@ import os
 import shutil
 import stat
 import sys
-import tempfile
 import threading
 from collections import defaultdict
 from collections.abc import Callable
@@ -187,14 +186,21 @@ def temporary() -> Path:
         return _temporary_of(os.getpid())
 
 
+def _anywhere() -> tuple[Path, int]:
+    """A new folder that code can be run from, and its lock."""
+    why = "no place for temporary files runs code"
+    for base in (os.environ.get("TMPDIR", ""), "/tmp", "/var/tmp", os.environ.get("XDG_RUNTIME_DIR", ""), "/dev/shm", os.getcwd()):
+        try:
+            if base and not os.statvfs(base).f_flag & NOEXEC:
+                return locked(Path(base), TEMPORARY)
+        except OSError as error:
+            why = reason(error)
+    raise DeviceError(f"octo found no folder for compiled code: {why}; name one with OCTO_CACHE")
+
+
 @functools.cache
 def _temporary_of(process: int) -> Path:
-    places = [tempfile.gettempdir(), os.environ.get("XDG_RUNTIME_DIR", ""), "/var/tmp", "/dev/shm"]
-    fits = [p for p in places if p and os.path.isdir(p) and not os.statvfs(p).f_flag & NOEXEC]
-    try:
-        path, lock = locked(Path(fits[0] if fits else places[0]), TEMPORARY)
-    except OSError as error:
-        raise DeviceError(f"octo found no folder for compiled code: {reason(error)}; name one with OCTO_CACHE") from error
+    path, lock = _anywhere()
 
     def remove() -> None:
         if os.getpid() == process:  # not at the end of a process that was forked off

@@ -383,7 +383,7 @@ def fore_and_aft(problem: Problem) -> Array:
 
 def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
     """x_0 (twice) … x_N (N+2, nx) that the user gave."""
-    given = start.x[1:] if isinstance(start, Solution) else np.asarray(start, dtype=float)
+    given = np.asarray(start.x[1:] if isinstance(start, Solution) else start, dtype=float)
     if given.shape != (problem.steps + 1, problem.dynamics.nx):
         raise ShapeError("start", given.shape, (problem.steps + 1, problem.dynamics.nx))
     if not np.isfinite(given).all():
