@@ -189,9 +189,10 @@ def temporary() -> Path:
 def _anywhere() -> tuple[Path, int]:
     """A new folder that code can be run from, and its lock."""
     why = "no place for temporary files runs code"
-    for base in (os.environ.get("TMPDIR", ""), "/tmp", "/var/tmp", os.environ.get("XDG_RUNTIME_DIR", ""), "/dev/shm", os.getcwd()):
+    named = (os.environ.get("TMPDIR", ""), os.environ.get("XDG_RUNTIME_DIR", ""))
+    for base in (named[0], "/tmp", "/var/tmp", named[1], "/dev/shm"):
         try:
-            if base and not os.statvfs(base).f_flag & NOEXEC:
+            if os.path.isabs(base) and not os.statvfs(base).f_flag & NOEXEC:
                 return locked(Path(base), TEMPORARY)
         except OSError as error:
             why = reason(error)
