@@ -6,6 +6,7 @@ threads; controllers, and the compiled problem behind IPOPT.
 
 from __future__ import annotations
 
+import ctypes
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -99,9 +100,25 @@ def referred(problem: octo.Problem) -> None:
         library = Library(compiled, layout)
         x, p = np.full(library.size, 0.05), parameter_vector(compiled)
         for name in ("nlp_f", "nlp_g", "nlp_grad_f", "nlp_jac_g"):
-            library.function(name).call([x, p])
-        library.function("nlp_hess_l").call([x, p, 1.0, np.ones(layout.rows)])
+            called(library, name, x, p)
+        called(library, "nlp_hess_l", x, p, np.ones(1), np.ones(layout.rows))
     print(f"  {len(layouts)} references", flush=True)
+
+
+def called(library: Library, name: str, *given: np.ndarray) -> None:
+    """One of CasADi's functions, called by its C interface: CasADi itself cannot load a library under a sanitizer."""
+    sparsity = getattr(library.handle, f"{name}_sparsity_out")
+    sparsity.restype = ctypes.POINTER(ctypes.c_longlong)
+    sparsity.argtypes = [ctypes.c_longlong]
+    results = []
+    for k in range(getattr(library.handle, f"{name}_n_out")()):
+        columns = sparsity(k)[1]
+        results.append(np.empty(sparsity(k)[2 + columns]))  # as many as there are nonzeros
+    arguments, out = (
+        (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays)) for arrays in (given, results)
+    )
+    assert getattr(library.handle, name)(arguments, out, None, None, 0) == 0
+    assert all(np.isfinite(result).all() for result in results)
 
 
 def plant(fault: str) -> None:

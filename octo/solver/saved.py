@@ -48,7 +48,7 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         "terms": file.numbers("terms", finite=finite), "passes": file.records("passes"), "starts": file.records("starts"),
     }  # fmt: skip
     values |= {name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS}
-    values |= {name: file.array(name, (None, None), finite=finite) for name in ("unknowns", "multipliers")}
+    values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
     values |= {name: file.whole(name) for name in ("iterations", "factorizations", "seed")}
     values |= {name: file.number(name, positive=True) for name in ("weight", "length")}
     values |= {name: file.number(name, finite=finite) for name in ("violation", "pointwise_residual")}
@@ -57,6 +57,13 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         if name not in values and name != "status":
             raise UnknownNameError("entry", name, values)
     return values
+
+
+def _variables(file: Archive, name: str, finite: bool) -> Array:
+    """The solver's own variables (K, …); of a motion that no solver found there may be none, in any shape."""
+    found = file.arrays.get(name)
+    shape = found.shape if found is not None and found.size == 0 else (None, None)
+    return file.array(name, shape, finite=finite)
 
 
 def _ground(file: Archive) -> dict[str, Array]:
