@@ -6,9 +6,8 @@ the block format of the solver (lag storage: H[:, k, o] couples unit k with unit
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -344,15 +343,12 @@ class CompiledProblem:
         """Those that no thread is using: each call has one of its own, for it is where the native code writes."""
         return []
 
-    @contextlib.contextmanager
-    def _task(self) -> Iterator[_Task]:
-        free = self._free_tasks
+    def _own_task(self) -> tuple[_Task, list[Any]]:
+        """One for a call, which gives it back to ``_free_tasks``."""
         try:
-            made = free.pop()
+            return self._free_tasks.pop()
         except IndexError:
-            made = self._make_task()
-        yield made[0]
-        free.append(made)
+            return self._make_task()
 
     def _make_task(self) -> tuple[_Task, list[Any]]:
         """octo_task, and the arrays that must outlive it."""
@@ -378,21 +374,25 @@ class CompiledProblem:
 
     def _native_evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         assert self._library is not None
-        with self._task() as task:
-            task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
-            if self._library.octo_evaluate(ctypes.byref(task), self.threads):
-                raise MemoryError("octo_evaluate could not allocate its work arrays")
+        own = self._own_task()
+        task = own[0]
+        task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
+        if self._library.octo_evaluate(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_evaluate could not allocate its work arrays")
+        self._free_tasks.append(own)
 
     def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
         assert self._library is not None
         nodes = doubles("nodes", at.nodes, (self.batch, self.steps + 2, self.n))
         fd = doubles("fd", at.fd, (self.batch, self.steps, self.n))
-        with self._task() as task:
-            task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
-            task.lam = None if lam is None else lam.ctypes.data
-            task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
-            if self._library.octo_linearize(ctypes.byref(task), self.threads):
-                raise MemoryError("octo_linearize could not allocate its work arrays")
+        own = self._own_task()
+        task = own[0]
+        task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
+        task.lam = None if lam is None else lam.ctypes.data
+        task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
+        if self._library.octo_linearize(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_linearize could not allocate its work arrays")
+        self._free_tasks.append(own)
 
     @cached_property
     def kinematics(self) -> ca.Function:
