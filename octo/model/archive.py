@@ -68,7 +68,7 @@ class Archive:
         return columns
 
     def word(self, name: str) -> str:
-        return str(self._plain(name, str, "a word"))
+        return _printable(self._plain(name, str, "a word"))
 
     def number(self, name: str, *, positive: bool = False, finite: bool = True) -> float:
         found = self._plain(name, (int, float), "a number")
@@ -86,7 +86,7 @@ class Archive:
         found = self._plain(name, list, "a list")
         if not all(isinstance(word, str) for word in found):
             raise ValueRangeError(f"{name} must hold words only")
-        return tuple(found)
+        return tuple(_printable(word) for word in found)
 
     def numbers(self, name: str, *, finite: bool = True) -> dict[str, float]:
         """Numbers by name."""
@@ -134,10 +134,15 @@ def opened(path: str | os.PathLike[str], kind: str, plain: str = "plain") -> Ite
         raise RobotFileError(f"{path} is not a {kind} that octo saved (.npz): {_sentence(error)}") from error
 
 
+def _printable(word: str) -> str:
+    """With spaces for what a terminal or a table would take for a command."""
+    return "".join(c if c.isprintable() else " " for c in word)
+
+
 def _sentence(error: Exception) -> str:
     if isinstance(error, KeyError):
         text = f"{error.args[0] if error.args else 'an entry'} is missing"
     else:
         text = str(error) if isinstance(error, OctoError) and str(error) else f"{type(error).__name__}: {error}"
-    text = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    text = " ".join(_printable(text).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

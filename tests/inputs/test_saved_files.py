@@ -262,6 +262,15 @@ def test_what_octo_wrote_is_read_as_it_was(saved: Path, cycle: Path, tmp_path: P
     assert np.isnan(Solution.load(tmp_path / "failed.npz").u).all()
 
 
+def test_names_cannot_command_a_terminal(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = Solution.load(saved)
+    names = tuple(f"foot\x1b[2J{k}" for k in range(len(found.contact_names)))
+    replace(found, name="robot\x1b]0;owned\x07\n", contact_names=names).save(tmp_path / "named.npz")
+    assert main(["info", str(tmp_path / "named.npz")]) == 0
+    assert all(c.isprintable() or c == "\n" for c in capsys.readouterr().out)
+    assert all(name.isprintable() for name in Solution.load(tmp_path / "named.npz").contact_names)
+
+
 # -- replays that fall at once -----------------------------------------------------------------------------------------
 
 
