@@ -102,8 +102,8 @@ def _brisk(text: str, functions: Sequence[ca.Function]) -> str:
     """Functions longer than LONG are compiled at -O1."""
     if max(function.n_instructions() for function in functions) < LONG:
         return text
-    level = "#ifdef __OPTIMIZE__\n#pragma GCC {}\n#endif\n"
-    return level.format('push_options\n#pragma GCC optimize ("O1")') + text + level.format("pop_options")
+    level = "#ifdef __OPTIMIZE__\n#pragma GCC {}\n#endif"
+    return "\n".join([level.format('push_options\n#pragma GCC optimize ("O1")'), text, level.format("pop_options"), ""])
 
 
 def _macros(sizes: dict[str, int]) -> str:

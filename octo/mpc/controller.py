@@ -20,7 +20,9 @@ from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gai
 from octo.mpc.measurement import check_device, checked, measured, plausible, time_of
 from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
+from octo.problem.costs import Cost
 from octo.problem.problem import Problem
+from octo.problem.structure import Reader, same
 from octo.solver.receding import PAST, RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
 from octo.solver.solution import Solution
@@ -97,6 +99,8 @@ class Controller:
         names = problem.dynamics.layout.names
         self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
         fast = self.compiled.library is not None
+        self._setting, self._reader = problem.setting, Reader(problem.dynamics, between_controls=False)
+        self._scales = [term.scale(self._setting) for term in problem.costs]
         self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
@@ -145,24 +149,41 @@ class Controller:
 
         Raises
         ------
-        UnknownNameError: no such term or field. ShapeError, ValueRangeError: what the term refuses.
+        UnknownNameError: no such term or field. ProblemError: a field that is compiled into the controller, such as a body, a
+        function or contacts, or one that only scales E. ShapeError, ValueRangeError: what the term refuses.
         """
         k, places = self._place(label)
-        term = self.problem.costs[k]
-        fields = [f.name for f in dataclasses.fields(term) if f.name not in ("name", "steps", "contacts")]
+        term, setting, q = self.problem.costs[k], self._setting, self.compiled.q[0]
+        fields = [f.name for f in dataclasses.fields(term) if f.init]
         for name in values:
             if name not in fields:
                 raise UnknownNameError(f"field of {label}", name, fields)
-        changed = dataclasses.replace(term, **values)
-        rows, q = self.problem.steps, self.compiled.q[0]
+        changed = self._changed(k, values)
         scratch = dataclasses.replace(self.compiled.functions.references, terms=(changed,), places=(places,))
-        packed = scratch.pack([changed], self.problem.setting)
+        packed = scratch.pack([changed], setting)
         for place in places.values():
             q[:, place] = packed[:, place]
         if "weight" in values:
-            on = np.full(rows, 1.0 / rows) if term.steps == "all" else np.eye(rows)[-1]
-            q[:, k] = np.asarray(values["weight"], dtype=float) * on / term.scale(self.problem.setting)
+            on = np.full(setting.steps, 1.0 / setting.steps) if term.steps == "all" else np.eye(setting.steps)[-1]
+            q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
         self.problem = self.problem.replace(costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]])
+
+    def _changed(self, k: int, values: Mapping[str, Any]) -> Cost:
+        """A term with other numbers; what is more than a number is refused."""
+        term, setting = self.problem.costs[k], self._setting
+        changed = dataclasses.replace(term, **values)
+        fixed = self._reader.fixed_fields(term, values, setting)
+        if not fixed and self._reader.read(changed, setting) != self._reader.read(term, setting):
+            fixed = sorted(values)
+        if fixed:
+            raise ProblemError(
+                f"{term.label}.{' and '.join(fixed)} cannot be updated: it is compiled into the controller, make a new Controller"
+            )
+        for name, value in values.items():
+            alone = dataclasses.replace(term, **{name: value})
+            if alone.scale(setting) != term.scale(setting) and same(alone.references(setting), term.references(setting)):
+                raise ProblemError(f"{term.label}.{name} cannot be updated: it only scales E, change weight")
+        return changed
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1, "contact.mu": 0.5}``; not dt."""

@@ -73,7 +73,10 @@ class References:
                 raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
             on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
             q[:, k] = weight * on / term.scale(setting)
-            for name, rows in _references(term, setting).items():
+            found = _references(term, setting)
+            if set(found) != set(self.places[k]):
+                raise ProblemError(f"{term.label} has the references {list(found)}, must have {list(self.places[k])}")
+            for name, rows in found.items():
                 place = self.places[k][name]
                 allowed = ((), (place.stop - place.start,), (steps, place.stop - place.start))
                 if rows.shape not in allowed:
@@ -131,17 +134,37 @@ def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, 
     """Residuals and first derivatives of all terms; ``between_controls`` leaves those over neighbouring controls out."""
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    state = _state_functions(dynamics, references, setting, p, q, between_controls)
+    state = _state_functions(dynamics, references, p, q, between_controls)
     contact = _contact_functions(dynamics, references, setting, p, q)
     return CostFunctions(references, *state, *contact)
 
 
-def _state_functions(
-    dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX, between_controls: bool
-) -> Any:
-    n = dynamics.nx
-    x_next, x, x_prev, u = (ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu)))
-    step = StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, setting.character)
+def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
+    """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
+    n, names = dynamics.nx, ("x_next", "x", "x_prev", "u")
+    inputs = [ca.SX.sym(name, n if name != "u" else dynamics.nu) for name in names]
+    robot = dynamics.character if isinstance(dynamics, RobotDynamics) else None
+    return inputs, StepSymbols(*inputs, dynamics.layout.view(p), dynamics.actuated, robot)
+
+
+def contact_symbols(dynamics: RobotDynamics, p: ca.SX, twists: Sequence[ca.SX] = ()) -> tuple[list[ca.SX], ContactSymbols]:
+    """The symbols T_next, T, T_prev of a body's poses and its sphere, and what a term over contacts sees of them.
+
+    twists: left perturbations of the three poses, if any.
+    """
+    columns, sphere = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4)
+    poses = [_pose(column) for column in columns]
+    if twists:
+        poses = [_perturbed(pose, twist) for pose, twist in zip(poses, twists, strict=True)]
+    weight = dynamics.character.mass * GRAVITY
+    symbols = ContactSymbols(
+        (poses[0], poses[1], poses[2]), sphere[:3], sphere[3], dynamics.law, dynamics.terrain, dynamics.layout.view(p), weight
+    )
+    return [*columns, sphere], symbols
+
+
+def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX, between_controls: bool) -> Any:
+    (x_next, x, x_prev, u), step = step_symbols(dynamics, p)
     residuals, rows = [ca.SX(0, 1)], []
     for k, term in enumerate(references.terms):
         if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
@@ -184,13 +207,7 @@ def _contact_functions(dynamics: Dynamics, references: References, setting: Sett
         raise ProblemError(f"{chosen[0][1].label} is over contacts, which user-written dynamics do not have")
     robot, feet = dynamics.character, touching(dynamics, setting)
     twists = [ca.SX.sym(f"twist{k}", 6) for k in range(3)]
-    columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
-    sphere = ca.SX.sym("sphere", 4)
-    poses = [_perturbed(_pose(column), twist) for column, twist in zip(columns, twists, strict=True)]
-    symbols = ContactSymbols(
-        (poses[0], poses[1], poses[2]), sphere[:3], sphere[3], dynamics.law, dynamics.terrain,
-        dynamics.layout.view(p), robot.mass * GRAVITY,
-    )  # fmt: skip
+    places, symbols = contact_symbols(dynamics, p, twists)
     residuals, rows, use = [], [], []
     for k, term in chosen:
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
@@ -204,7 +221,7 @@ def _contact_functions(dynamics: Dynamics, references: References, setting: Sett
     still = ca.SX.zeros(18)
     jac = ca.densify(ca.substitute(ca.jacobian(r, moved), moved, still))
     r = ca.substitute(r, moved, still)
-    inputs = [*columns, sphere, p, q]
+    inputs = [*places, p, q]
     function = ca.Function("octo_contact_cost", inputs, [r], {"cse": True})
     jacobian = ca.Function("octo_contact_cost_jac", inputs, [r, ca.vec(jac.T)], {"cse": True})
     table = np.array(use, dtype=bool).T
