@@ -430,6 +430,17 @@ def _say_cpu(reason: str) -> None:
     print(f"octo: using the CPU: {reason}", file=sys.stderr)
 
 
+def check_device_name(device: object) -> None:
+    """Refuse what is no device. The nearest name would be a bad guess: that of "gpu" is "cpu".
+
+    Raises
+    ------
+    UnknownNameError: says which there are.
+    """
+    if device not in DEVICES:
+        raise UnknownNameError("device", device, DEVICES, "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)")
+
+
 def resolve_device(device: str) -> str:
     """ "cuda", or "cpu", for "auto" with one line that says why.
 
@@ -437,8 +448,7 @@ def resolve_device(device: str) -> str:
     ------
     DeviceError: "cuda" was asked for and cannot be used. UnknownNameError: no such device.
     """
-    if device not in DEVICES:
-        raise UnknownNameError("device", device, DEVICES)
+    check_device_name(device)
     if device == "cpu":
         return "cpu"
     reason = cuda.reason()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -83,7 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted = True
     for line in summary(entries, others, len(contest.plan)):
         print(line)
-    if path is not None:
+    if path is not None and not entries:  # an earlier file stays
+        print("octo: interrupted before the first solver was done, nothing was written", file=sys.stderr)
+    elif path is not None:
         write(path, entries, [record(entry, goal, options) for entry in entries])
     return 130 if interrupted else 0
 
@@ -195,10 +198,9 @@ def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]])
 
     text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
-    if entries:
-        s = entries[0].solution
-        title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
-        writers[f"{path.stem}.png"] = lambda scratch: draw(entries, title, scratch)
+    s = entries[0].solution
+    title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
+    writers[f"{path.stem}.png"] = lambda scratch: draw(entries, title, scratch)
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
 

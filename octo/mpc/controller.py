@@ -36,6 +36,8 @@ SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
+FROZEN = 0.02  # rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of it or less
+FINE = 3  # readings of which no velocity repeats: these sensors do not count in steps
 SLACK = 1.0  # s, that a measurement may be older than the last one, or newer than the plan's end, by the same clock
 
 
@@ -229,7 +231,8 @@ class Controller:
 
     def _forget(self, x: Array) -> None:
         self._iteration.forget()
-        self._last_time, self._jump, self._tick = -np.inf, np.nan, self.dt
+        self._last_time, self._jump, self._tick, self._since = -np.inf, np.nan, self.dt, np.inf
+        self._readings, self._in_steps = 0, False
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
@@ -306,7 +309,7 @@ class Controller:
         """What is wrong with a measurement."""
         if not (np.isfinite(t) and plausible(q, v, self.convention)):
             return CommandStatus.INVALID
-        if (q == self._last_q).all() and (v == self._last_v).all() and np.any(v):  # frozen
+        if self._frozen(t, q, v):
             return CommandStatus.STALE
         ahead, behind = t > max(self._plan.end, self._last_time) + SLACK, t < self._last_time - SLACK
         if np.isfinite(self._last_time) and (ahead or behind):
@@ -318,12 +321,27 @@ class Controller:
         self._jump = np.nan
         return CommandStatus.STALE if t <= self._last_time else None
 
+    def _frozen(self, t: float, q: Array, v: Array) -> bool:
+        """Whether a sensor has stopped: all readings are the last ones, though by their own velocity they should have changed.
+
+        Equal readings alone are no fault where sensors count in steps: a robot that hardly moves then reads the same twice.
+        What such sensors are known by is that single velocities repeat, and they are given the time to move by FROZEN.
+        """
+        if not ((q == self._last_q).all() and (v == self._last_v).all() and v.any()):
+            return False
+        return (self._readings >= FINE and not self._in_steps) or float(np.abs(v).max()) * (t - self._since) > FROZEN
+
     def _feedback(self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None) -> Command:
         done = 0
         if status is None:
             late = t > self._plan.end
             self._tick = min(max(t - self._last_time, 1e-6), self.dt) if np.isfinite(self._last_time) else self.dt
             self._last_time = t
+            repeated = v == self._last_v
+            self._in_steps = self._in_steps or bool(repeated[v != 0.0].any())
+            self._readings += 1
+            if not (repeated.all() and (q == self._last_q).all() and t >= self._since):
+                self._since = t
             self._last_q[:], self._last_v[:] = q, v
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.dynamics import symbolic
 from octo.dynamics.balance import GRAVITY
-from octo.dynamics.codegen import integers
-from octo.dynamics.emit import function_in_lanes, function_of_numbers
+from octo.dynamics.codegen import integers, lanes_text
+from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.long import COSTLY, check_length
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
@@ -177,9 +178,19 @@ def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca
     jac = ca.jacobian(r, ca.vertcat(x_next, x, x_prev, u))
     inputs = [x_next, x, x_prev, u, p, q]
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
+    length = ca.Function("length", inputs, [r, nonzeros]).n_instructions()
+    if length >= COSTLY:
+        check_length("terms of E", length, f"the longest is {_longest(residuals[1:], references, inputs)}, write it in fewer")
     function = ca.Function("octo_state_cost", inputs, [r], {"cse": True})
     jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
     return function, jacobian, jac.sparsity(), tuple(rows)
+
+
+def _longest(residuals: Sequence[ca.SX], references: References, inputs: Sequence[ca.SX]) -> str:
+    """The label of the longest term over a step."""
+    sizes = [ca.Function("length", list(inputs), [residual]).n_instructions() for residual in residuals]
+    alone = [term for term in references.terms if not isinstance(term, ContactCost)]
+    return alone[int(np.argmax(sizes))].label if sizes else "none"
 
 
 def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:
@@ -243,9 +254,9 @@ def _perturbed(pose: symbolic.Pose, twist: ca.SX) -> symbolic.Pose:
 
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the dynamics' text in lanes."""
-    text = [function_in_lanes(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
+    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
     if functions.contact is not None:  # sphere and p
-        text += [function_in_lanes(function, {3, 4}) for function in (functions.contact, functions.contact_jac)]
+        text += [lanes_text(function, {3, 4}) for function in (functions.contact, functions.contact_jac)]
     sparsity = functions.state_sparsity
     tables = _tables(functions, dynamics, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int))
     parts = ((resources.files("octo.problem") / name).read_text() for name in ("threads.c", "rows.c", "scatter.c", "assemble.c"))
