@@ -60,7 +60,7 @@ def time_step(value: Any) -> float:
     """
     dt = positive("dt", value, "s")
     if dt > LONGEST_STEP:
-        raise ValueRangeError(f"dt is {value!r} s, must be at most {LONGEST_STEP:g} s: in a longer step a robot falls over unseen")
+        raise ValueRangeError(f"dt is {value!r} s, must be at most {LONGEST_STEP:g} s: within one step a robot falls over unseen")
     return dt
 
 
@@ -94,7 +94,9 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
     except TypeError:
         raise OutputError(f"{field} is a {type(path).__name__}, must be a file's path") from None
     if found.suffix.lower() not in allowed:
-        raise OutputError(f"{field} is {str(found)!r}, must end in {' or '.join(filter(None, (', '.join(allowed[:-1]), allowed[-1])))}")
+        *others, last = allowed
+        words = f"{', '.join(others)} or {last}" if others else last
+        raise OutputError(f"{field} is {str(found)!r}, must end in {words}")
     return found
 
 

@@ -25,6 +25,7 @@ from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
+from octo.problem.structure import check_alike
 from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.gait import flaws
@@ -154,6 +155,7 @@ def _solve(
     run = _Run(settings, int(threads), backend_of(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]
+    check_alike(problems)  # before the seeds, so that a message counts what the caller gave
     own = [schedule(problem, passes) for problem in problems]
     if any([stage is None for stage in plan] != [stage is None for stage in own[0]] for plan in own[1:]):
         raise ProblemError("the contact laws of the problems differ, a fixed stiffness and one that grows: solve them one by one")

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from octo.checks import ending
 from octo.cli.arguments import law_of, number, pose_of, positive, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
-    path = None if arguments.json is None else Path(arguments.json)
+    path = None if arguments.json is None else ending("json", arguments.json, (".json",))
     if path is not None:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     start = None if arguments.start is None else Solution.load(arguments.start)
@@ -84,8 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted = True
     for line in summary(entries, others, len(contest.plan)):
         print(line)
-    if path is not None and not entries:  # an earlier file stays
-        print("octo: interrupted before the first solver was done, nothing was written", file=sys.stderr)
+    finished = any(entry.solution.status is not Status.INTERRUPTED for entry in entries)
+    if path is not None and not finished and (path.exists() or not entries):  # an earlier file stays
+        print("octo: interrupted before a solver was done, nothing was written", file=sys.stderr)
     elif path is not None:
         write(path, entries, [record(entry, goal, options) for entry in entries])
     return 130 if interrupted else 0

@@ -12,7 +12,6 @@ from octo.errors import OctoError, OutputError
 from octo.solver.solution import Solution
 
 
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` wrote")
     parser.add_argument(

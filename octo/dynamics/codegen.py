@@ -50,7 +50,8 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
             stages.contact(order, layout, law, terrain),
             stages.joint(order, layout),
         ]
-    check_length("contact law and terrain", sum(function.n_instructions() for function in functions), "write them in fewer operations")
+    length = sum(function.n_instructions() for function in functions)
+    check_length("contact law and terrain", length, "write them in fewer operations")
     sizes, tables = _tables(character)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]

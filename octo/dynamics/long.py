@@ -13,22 +13,33 @@ from functools import cache
 
 from octo.errors import ModelError
 
-LONG = 3000  # instructions of a function from which the compiler's -O3 takes long and gains nothing …
+LONG = (
+    3000  # instructions of a function from which the compiler's -O3 takes long and gains nothing …
+)
 HUGE = 50_000  # … and from which -O1 takes minutes
 COSTLY = 200_000  # instructions of all functions from which the cost is said before
 MOST = 2_000_000  # instructions that are compiled at all
-SECONDS, BYTES = 8e-5, 5.5e3  # of one instruction: processor time and memory, where it is one of many
+SECONDS = 8e-5  # s of processor time for one of many instructions
+BYTES = 5.5e3  # of memory for one
 
 
 def brisk(text: str, instructions: int) -> str:
-    """C text whose longest function has so many instructions, compiled at -O1 from LONG on, at -O0 from HUGE on."""
+    """C text whose longest function is so long, compiled at -O1 from LONG on, at -O0 from HUGE on."""
     if instructions < LONG:
         return text
-    clang = ("#pragma clang optimize off", "#pragma clang optimize on") if instructions >= HUGE else ("", "")
+    clang = (
+        ("#pragma clang optimize off", "#pragma clang optimize on")
+        if instructions >= HUGE
+        else ("", "")
+    )
     level = "O0" if instructions >= HUGE else "O1"
-    begin = f'#ifdef __clang__\n{clang[0]}\n#elif defined(__OPTIMIZE__)\n#pragma GCC push_options\n#pragma GCC optimize ("{level}")'
-    end = f"#ifdef __clang__\n{clang[1]}\n#elif defined(__OPTIMIZE__)\n#pragma GCC pop_options"
-    return "\n".join([begin, "#endif", text, end, "#endif", ""])
+    gcc = (f'#pragma GCC push_options\n#pragma GCC optimize ("{level}")', "#pragma GCC pop_options")
+    pairs = zip(clang, gcc, strict=True)
+    begin, end = (
+        f"#ifdef __clang__\n{own}\n#elif defined(__OPTIMIZE__)\n{other}\n#endif"
+        for own, other in pairs
+    )
+    return "\n".join([begin, text, end, ""])
 
 
 def check_length(what: str, instructions: int, hint: str) -> None:
@@ -40,8 +51,8 @@ def check_length(what: str, instructions: int, hint: str) -> None:
     """
     if instructions > MOST:
         raise ModelError(
-            f"{what}: {in_words(instructions)} instructions of C with their derivatives, at most {in_words(MOST)} are compiled: "
-            f"{hint}"
+            f"{what}: {in_words(instructions)} instructions of C with their derivatives, at most "
+            f"{in_words(MOST)} are compiled: {hint}"
         )
     if instructions >= COSTLY:
         _say(what, instructions)
@@ -49,9 +60,10 @@ def check_length(what: str, instructions: int, hint: str) -> None:
 
 @cache
 def _say(what: str, instructions: int) -> None:
+    seconds, memory = f"{SECONDS * instructions:.0f} s", f"{BYTES * instructions / 1e9:.1f} GB"
     print(
-        f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives, generating and compiling them takes "
-        f"about {SECONDS * instructions:.0f} s of processor time and {BYTES * instructions / 1e9:.1f} GB of memory, the first time",
+        f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives; to generate "
+        f"and compile them takes about {seconds} of processor time and {memory} of memory, the first time",
         file=sys.stderr,
         flush=True,
     )

@@ -101,7 +101,7 @@ class Controller:
         names = problem.dynamics.layout.names
         self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
         fast = self.compiled.library is not None
-        self._setting, self._reader = problem.setting, Reader(problem.dynamics, between_controls=False)
+        self._setting, self._reader = problem.setting, Reader(problem)
         self._scales = [term.scale(self._setting) for term in problem.costs]
         self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
@@ -174,8 +174,8 @@ class Controller:
         """A term with other numbers; what is more than a number is refused."""
         term, setting = self.problem.costs[k], self._setting
         changed = dataclasses.replace(term, **values)
-        fixed = self._reader.fixed_fields(term, values, setting)
-        if not fixed and self._reader.read(changed, setting) != self._reader.read(term, setting):
+        fixed = self._reader.fixed_fields(term, values)
+        if not fixed and self._reader.read(changed) != self._reader.read(term):
             fixed = sorted(values)
         if fixed:
             raise ProblemError(

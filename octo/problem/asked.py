@@ -40,10 +40,19 @@ class Asked:
 
     @classmethod
     def of(
-        cls, name: str, what: str, found: Any, wanted: Any, unit: str, size: float | None = None, each: bool = False
+        cls,
+        name: str,
+        what: str,
+        found: Any,
+        wanted: Any,
+        unit: str,
+        size: float | None = None,
+        each: bool = False,
     ) -> Asked:
         """From arrays."""
-        found, wanted = (tuple(float(v) for v in np.atleast_1d(values)) for values in (found, wanted))
+        found, wanted = (
+            tuple(float(v) for v in np.atleast_1d(values)) for values in (found, wanted)
+        )
         length = float(np.linalg.norm(wanted)) if size is None else float(size)
         return cls(name, what, found, wanted, unit, max(length, FLOOR), each)
 
@@ -65,13 +74,24 @@ class Asked:
     def _short(self) -> list[int]:
         """Places of the numbers that are missed on their own."""
         pairs = enumerate(zip(self.found, self.wanted, strict=True))
-        live = [(k, abs(found - wanted), abs(wanted)) for k, (found, wanted) in pairs if wanted != 0.0 and self.each]
+        live = [
+            (k, abs(found - wanted), abs(wanted))
+            for k, (found, wanted) in pairs
+            if wanted != 0.0 and self.each
+        ]
         return [k for k, off, size in live if not off <= EACH * max(size, FLOOR)]
 
     def __str__(self) -> str:
         many, short = len(self.found) > MANY, self._short() if self.error <= MET else []
-        more = "".join(f", and {EACH * max(abs(self.wanted[k]), FLOOR):.2g} of {self.wanted[k]:.2f}" for k in short)
-        numbers = "" if many else f" {in_numbers(self.found)} {self.unit}, asked for was {in_numbers(self.wanted)}"
+        more = "".join(
+            f", and {EACH * max(abs(self.wanted[k]), FLOOR):.2g} of {self.wanted[k]:.2f}"
+            for k in short
+        )
+        numbers = (
+            ""
+            if many
+            else f" {in_numbers(self.found)} {self.unit}, asked for was {in_numbers(self.wanted)}"
+        )
         return (
             f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by {self.off:.2g} {self.unit}, "
             f"{MET * self.size:.2g} is allowed{more}"

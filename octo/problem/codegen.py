@@ -142,10 +142,10 @@ def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, 
 
 def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
     """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
-    n, names = dynamics.nx, ("x_next", "x", "x_prev", "u")
-    inputs = [ca.SX.sym(name, n if name != "u" else dynamics.nu) for name in names]
+    n = dynamics.nx
+    x_next, x, x_prev, u = (ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu)))
     robot = dynamics.character if isinstance(dynamics, RobotDynamics) else None
-    return inputs, StepSymbols(*inputs, dynamics.layout.view(p), dynamics.actuated, robot)
+    return [x_next, x, x_prev, u], StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot)
 
 
 def contact_symbols(dynamics: RobotDynamics, p: ca.SX, twists: Sequence[ca.SX] = ()) -> tuple[list[ca.SX], ContactSymbols]:

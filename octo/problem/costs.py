@@ -70,6 +70,10 @@ def _each(field: str, values: Any, count: int) -> Array:
     return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
 
 
+def _margin(term: Cost, value: Any) -> dict[str, Array]:
+    return {"margin": np.array([number(f"{term.label}.margin", value)])}
+
+
 def _last_row(values: Any) -> Array:
     return np.atleast_2d(np.asarray(values, dtype=float))[-1]
 
@@ -333,7 +337,7 @@ class TorqueLimit(Cost):
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         limits = setting.torque_limit
-        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), "margin": np.array([number(f"{self.label}.margin", self.margin)])}
+        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), **_margin(self, self.margin)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
@@ -350,7 +354,8 @@ class JointLimit(Cost):
         if robot is None:
             raise ProblemError(f"{self.label} is asked of user-written dynamics, which have no joint limits")
         lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
-        inside = np.minimum(number(f"{self.label}.margin", self.margin), 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
+        margin = _margin(self, self.margin)["margin"]
+        inside = np.minimum(margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
         return {
             "lower": np.where(np.isfinite(lower), lower + inside, -FREE),
             "upper": np.where(np.isfinite(upper), upper - inside, FREE),
@@ -372,7 +377,7 @@ class JointSpeedLimit(Cost):
         robot = setting.character
         limit = np.full(len(setting.actuated), np.inf) if robot is None else robot.velocity_limit[robot.actuated]
         limit = np.where(np.isfinite(limit), limit, self.otherwise)
-        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), "margin": np.array([number(f"{self.label}.margin", self.margin)])}
+        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), **_margin(self, self.margin)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt

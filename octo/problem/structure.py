@@ -16,17 +16,17 @@ import casadi as ca
 import numpy as np
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
-from octo.errors import ProblemError
+from octo.errors import OctoError, ProblemError
 from octo.problem.basis import Hermite
 from octo.problem.codegen import References, blamed, contact_symbols, sizes, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost, NeighbourCost
-from octo.problem.symbols import Setting
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
 
 SHORT = 40  # characters of a value that a message may hold
+AT_THE_START = "contacts (those on the ground at the start)"
 
 
 class Structure(NamedTuple):
@@ -39,15 +39,16 @@ class Structure(NamedTuple):
 
 
 class Reader:
-    """Reads the structure of terms of one model.
+    """Reads the structure of the terms of one problem.
 
     Parameters
     ----------
-    dynamics: the model. between_controls: terms over neighbouring controls are over those of the Hermite basis.
+    problem: whose model, start and basis the terms are read with.
     """
 
-    def __init__(self, dynamics: Dynamics, between_controls: bool):
-        self.dynamics, self.between = dynamics, between_controls
+    def __init__(self, problem: Problem):
+        self.problem, self.dynamics = problem, problem.dynamics
+        self.between = isinstance(problem.basis_object, Hermite)
 
     @cached_property
     def _p(self) -> ca.SX:
@@ -63,14 +64,19 @@ class Reader:
             raise ProblemError("user-written dynamics have no contacts")
         return contact_symbols(self.dynamics, self._p)
 
-    def read(self, term: Cost, setting: Setting) -> Structure:
-        """The structure of ``term`` in a problem with this setting.
+    @cached_property
+    def _feet(self) -> list[int]:
+        assert isinstance(self.dynamics, RobotDynamics)
+        return touching(self.dynamics, self.problem.setting)
+
+    def read(self, term: Cost) -> Structure:
+        """The structure of a term.
 
         Raises
         ------
         OctoError: the term's residual or its references cannot be formed.
         """
-        table = References.of([term], setting)
+        table = References.of([term], self.problem.setting)
         q = ca.SX.sym("q", max(table.size, 1))
         view = table.view(q, 0)
         with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
@@ -86,18 +92,19 @@ class Reader:
             function = ca.Function("residual", [*inputs, self._p, q], [ca.vec(ca.SX(value))])
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
         kind = (type(term), term.label, term.steps)
-        return Structure(kind, named, function.serialize(), self.contacts(term, setting))
+        return Structure(kind, named, function.serialize(), self.contacts(term))
 
-    def contacts(self, term: Cost, setting: Setting) -> frozenset[int]:
+    def contacts(self, term: Cost) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""
         if not isinstance(term, ContactCost) or not isinstance(self.dynamics, RobotDynamics):
             return frozenset()
-        return frozenset(term.chosen(self.dynamics.character, touching(self.dynamics, setting)))
+        return frozenset(term.chosen(self.dynamics.character, self._feet))
 
-    def fixed_fields(self, term: Cost, values: Mapping[str, Any], setting: Setting) -> list[str]:
+    def fixed_fields(self, term: Cost, values: Mapping[str, Any]) -> list[str]:
         """Which of new ``values`` of a term's fields, each on its own, change its structure."""
-        own = self.read(term, setting)
-        return [name for name, value in values.items() if self.read(dataclasses.replace(term, **{name: value}), setting) != own]
+        own = self.read(term)
+        new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
+        return [name for name, changed in new.items() if self.read(changed) != own]
 
 
 def check_alike(problems: Sequence[Problem]) -> None:
@@ -105,34 +112,30 @@ def check_alike(problems: Sequence[Problem]) -> None:
 
     Raises
     ------
-    ProblemError: names what differs, and of which problem.
+    ProblemError: names what differs, and in which problem, counted from 0.
     """
-    first = problems[0]
-    readers: dict[int, Reader] = {}
+    first = Reader(problems[0])
     read: dict[int, Structure] = {}  # of the first problem's terms, by place
-    seen = {id(first)}
-    for place, other in enumerate(problems[1:], start=1):
-        if id(other) in seen:
-            continue
-        seen.add(id(other))
-        _check_frame(first, other, place)
-        for k in range(len(first.costs)):
-            _check_term(first, other, (k, place), readers, read)
+    for place, problem in enumerate(problems):
+        if problem is not problems[0]:
+            _check_frame(problems[0], problem, place)
+            _check_terms(first, Reader(problem), place, read)
 
 
 def _check_frame(first: Problem, other: Problem, place: int) -> None:
     """Model, steps, basis and the list of terms."""
+    lists = [[(type(t), t.label, t.steps) for t in p.costs] for p in (first, other)]
     alike = {
         "model": _same_model(first.dynamics, other.dynamics),
         "steps": first.steps == other.steps,
         "basis": first.basis_object == other.basis_object,
-        "terms": [(type(t), t.label, t.steps) for t in first.costs] == [(type(t), t.label, t.steps) for t in other.costs],
+        "terms": lists[0] == lists[1],
     }
     for name, same in alike.items():
         if not same:
             raise ProblemError(
-                f"{name} differ between problems of one batch (problem {place} from the first): they must share model, terms, "
-                "basis and steps"
+                f"{name} differ between problems of one batch, 0 and {place}: they must share "
+                "model, terms, basis and steps"
             )
 
 
@@ -145,59 +148,62 @@ def _same_model(one: Dynamics, other: Dynamics) -> bool:
     if not np.array_equal(one.actuated, other.actuated):
         return False
     if isinstance(one, RobotDynamics) and isinstance(other, RobotDynamics):
-        if one.character is other.character and one.law == other.law and one.terrain == other.terrain:
-            return True
         a, b = one.character, other.character
+        if a is b and _equal(one.law, other.law) and _equal(one.terrain, other.terrain):
+            return True
         if a.mass != b.mass or a.terrain_contacts != b.terrain_contacts:
             return False
     return one.lanes_text() == other.lanes_text()
 
 
-def _check_term(
-    first: Problem, other: Problem, where: tuple[int, int], readers: dict[int, Reader], read: dict[int, Structure]
-) -> None:
-    """One term of a problem against that of the first."""
-    k, place = where
-    a, b = first.costs[k], other.costs[k]
-    one, two = (_reader(problem, readers) for problem in (first, other))
-    if _same_robot(first.dynamics, other.dynamics) and same(vars(a), vars(b), {"weight"}):
-        found, wanted = one.contacts(a, first.setting), two.contacts(b, other.setting)
-        if found != wanted:
-            raise _different(b, place, _contacts_at_the_start(b))
-        return
-    if k not in read:
-        read[k] = one.read(a, first.setting)
-    made = two.read(b, other.setting)
-    if made == read[k]:
-        return
-    differing = {name: value for name, value in vars(b).items() if not same(vars(a).get(name), value)}
-    own = {f.name for f in dataclasses.fields(a) if f.init}
-    given = {name: value for name, value in differing.items() if name in own}
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two objects say that they are equal; those that cannot say are not."""
     try:
-        blamed_fields = one.fixed_fields(a, given, first.setting)
-    except ProblemError:  # the other's value may mean nothing here
-        blamed_fields = []
-    names = blamed_fields or ([] if made.contacts != read[k].contacts else sorted(differing))
-    raise _different(b, place, " and ".join(f"{name} ({_short(vars(b)[name])})" for name in names) or _contacts_at_the_start(b))
+        return one is other or bool(one == other)
+    except Exception:  # a user's class may raise anything
+        return False
 
 
-def _reader(problem: Problem, readers: dict[int, Reader]) -> Reader:
-    key = id(problem.dynamics)
-    if key not in readers:
-        readers[key] = Reader(problem.dynamics, isinstance(problem.basis_object, Hermite))
-    return readers[key]
+def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Structure]) -> None:
+    """The terms of a problem against those of the first."""
+    robots = _same_robot(first.dynamics, other.dynamics)
+    stands = robots and np.array_equal(first.problem.start, other.problem.start)
+    for k, (a, b) in enumerate(zip(first.problem.costs, other.problem.costs, strict=True)):
+        if robots and same(vars(a), vars(b), but="weight"):
+            if not stands and first.contacts(a) != other.contacts(b):
+                raise _different(b, place, AT_THE_START)
+            continue
+        if k not in read:
+            read[k] = first.read(a)
+        made = other.read(b)
+        if made != read[k]:
+            what = AT_THE_START if made.contacts != read[k].contacts else "residual"
+            raise _different(b, place, _fields(first, a, b) or what)
+
+
+def _fields(first: Reader, a: Cost, b: Cost) -> str:
+    """The fields of ``b`` that are to blame, with their values, in words; empty where it is none."""
+    names = [f.name for f in dataclasses.fields(a) if f.init and f.name in vars(b)]
+    given = {name: vars(b)[name] for name in names if not same(vars(a).get(name), vars(b)[name])}
+    try:
+        blame = first.fixed_fields(a, given)
+    except OctoError:  # what stands in the other may mean nothing here
+        blame = sorted(given)
+    return " and ".join(f"{name} ({_short(given[name])})" for name in blame)
 
 
 def _same_robot(one: Dynamics, other: Dynamics) -> bool:
     """Whether names of bodies and contacts mean the same."""
-    if one is other:
-        return True
-    robots = isinstance(one, RobotDynamics) and isinstance(other, RobotDynamics)
-    return robots and one.character is other.character  # type: ignore[attr-defined]
+    if not isinstance(one, RobotDynamics) or not isinstance(other, RobotDynamics):
+        return one is other
+    return one.character is other.character
 
 
-def same(one: Any, other: Any, but: Sequence[str] | set[str] = ()) -> bool:
-    """Whether two values are the same for certain; what cannot be compared is not. ``but``: keys that may differ."""
+def same(one: Any, other: Any, but: str = "") -> bool:
+    """Whether two values are the same for certain; what cannot be compared is not.
+
+    but: a key that may differ.
+    """
     if one is other:
         return True
     if type(one) is not type(other):
@@ -207,22 +213,18 @@ def same(one: Any, other: Any, but: Sequence[str] | set[str] = ()) -> bool:
     if isinstance(one, np.ndarray):
         return one.dtype != object and one.shape == other.shape and bool(np.array_equal(one, other))
     if isinstance(one, (tuple, list)):
-        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+        return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, Mapping):
-        keys = [key for key in one if key not in but]
-        return set(keys) == {key for key in other if key not in but} and all(same(one[key], other[key]) for key in keys)
+        keys = set(one) - {but}
+        return keys == set(other) - {but} and all(same(one[key], other[key]) for key in keys)
     return False
 
 
 def _different(term: Cost, place: int, what: str) -> ProblemError:
     return ProblemError(
-        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is not that of the first; only "
-        "weights, references and parameters may differ, solve them one by one"
+        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is not "
+        "that of problem 0; only weights, references and parameters may differ, solve them apart"
     )
-
-
-def _contacts_at_the_start(term: Cost) -> str:
-    return "contacts (those on the ground at the start)" if isinstance(term, ContactCost) else "residual"
 
 
 def _short(value: Any) -> str:

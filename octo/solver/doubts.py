@@ -45,7 +45,11 @@ def warnings(solution: Solution) -> tuple[str, ...]:
     said = []
     largest = largest_step(solution)
     if largest is not None and largest["change"] > LEAP:
-        many = f"{largest['leaps']} steps change a coordinate" if largest["leaps"] > 1 else "one step changes a coordinate"
+        many = (
+            f"{largest['leaps']} steps change a coordinate"
+            if largest["leaps"] > 1
+            else "one step changes a coordinate"
+        )
         said.append(
             f"{many} by more than {LEAP:g} rad or m ({largest['coordinate']} by {largest['change']:.3g} {largest['unit']} at "
             f"{largest['time']:.3g} s): between two nodes no law of physics is looked at, take a smaller dt"

@@ -61,7 +61,8 @@ class SqpOptions:
             positive(name, getattr(self, name))
         for name in TOLERANCES:
             if getattr(self, name) > LOOSEST:
-                raise ValueRangeError(f"{name} is {getattr(self, name)!r}, must be at most {LOOSEST:g}: everything would converge")
+                value = getattr(self, name)
+                raise ValueRangeError(f"{name} is {value!r}, must be at most {LOOSEST:g}: everything would converge")
         if self.time_limit != np.inf:
             positive("time_limit", self.time_limit, "s")
         if not 0.0 <= number("plateau_change", self.plateau_change) < 1.0:
