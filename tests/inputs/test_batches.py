@@ -96,7 +96,9 @@ def test_a_term_between_hermite_controls_is_compared_too():
 def test_other_feet_at_the_start_are_refused():
     """Contacts "feet" are those on the ground: of a robot in the air none."""
     feet = [problem(octo.LoadSharing(contacts="feet"), x0=lifted(by)) for by in (0.0, 0.3)]
-    with pytest.raises(ProblemError, match="LoadSharing.contacts .those on the ground at the start"):
+    with pytest.raises(
+        ProblemError, match="LoadSharing.contacts .those on the ground at the start"
+    ):
         octo.solve(feet, **QUICK)
 
 
@@ -126,7 +128,8 @@ SAME = {
     "references": [octo.CenterOfMassVelocity((0.1 * k, 0.0, 0.0), weight=1.0 + k) for k in (1, 2)],
     "lists made twice": [octo.Slip(contacts=("front_left",)) for _ in range(2)],
     "contacts in two ways": [
-        octo.Slip(contacts=name) for name in ("feet", ("front_left", "front_right", "hind_left", "hind_right"))
+        octo.Slip(contacts=name)
+        for name in ("feet", ("front_left", "front_right", "hind_left", "hind_right"))
     ],
     "function of equal text": [octo.CustomCost(lambda step, p: step.x_next) for _ in range(2)],
     "values": [octo.CustomCost(lambda s, p: p["a"] * s.u, {"a": a}) for a in (1.0, 2.0)],
