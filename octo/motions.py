@@ -21,6 +21,7 @@ from octo.checks import number, positive
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
 from octo.errors import MirrorError, ProblemError, StaticPoseError
+from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
 from octo.problem import presets
@@ -63,17 +64,20 @@ def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options:
     ------
     OctoError: in one line that names the field; nothing was computed.
     """
-    return _journey(robot, (number("speed", speed), 0.0), 0.0, seconds, options).solve()
+    goal = Goal("walk", number("speed", speed))
+    return goal.said(_journey(robot, (goal.speed, 0.0), 0.0, seconds, options).solve())
 
 
 def stride(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
     """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as :func:`walk`."""
-    return _journey(robot, (0.0, number("speed", speed)), 0.0, seconds, options).solve()
+    goal = Goal("stride", number("speed", speed))
+    return goal.said(_journey(robot, (0.0, goal.speed), 0.0, seconds, options).solve())
 
 
 def turn(robot: Character, rate: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
     """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise as :func:`walk`."""
-    return _journey(robot, (0.0, 0.0), number("rate", rate), seconds, options).solve()
+    goal = Goal("turn", number("rate", rate))
+    return goal.said(_journey(robot, (0.0, 0.0), goal.speed, seconds, options).solve())
 
 
 def _journey(robot: Character, velocity: tuple[float, float], rate: float, seconds: float, options: dict[str, Any]) -> Journey:

@@ -46,6 +46,8 @@ class OutputFolder:
     def write(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
         """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever reason, is left out.
 
+        An earlier picture of that name goes: beside new numbers it would show other ones.
+
         Returns
         -------
         the pictures left out, and why.
@@ -68,6 +70,8 @@ class OutputFolder:
                 for name in writers:
                     if name not in failed:
                         os.replace(Path(scratch) / name, self.path / name)
+                    elif len(failed) < len(writers):
+                        (self.path / name).unlink(missing_ok=True)
         except OSError as error:
             raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {error.strerror or error}") from error
         return failed

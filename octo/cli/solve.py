@@ -85,9 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
         solution = from_rest_to_rest(robot, goal, arguments, began)
     else:
         solution = as_one_problem(described(robot, goal, steps, arguments), goal, start, arguments, began)
+    solution = goal.said(solution)
     write(folder, solution, report(solution, goal))
     print(solution)
-    print(f"  {goal.verdict(solution)}")
+    if goal.met(solution):
+        print(f"  {goal.verdict(solution)}")
     print(f"written to {folder.path}")
     if solution.status is Status.INTERRUPTED:
         return 130

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from octo.checks import ending
 from octo.errors import ModelError, OutputError
 from octo.model.character import Array, Body, Character, Joint
 from octo.model.kinematics import body_poses
@@ -50,8 +50,8 @@ def export_mjcf(
     ModelError: what MJCF cannot say: two elements of one name, unequal armature or damping of a free base, an inertia
         that no mass distribution has. OutputError: the file cannot be written.
     """
+    target = ending("path", path, (".xml", ".mjcf"))
     text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
-    target = Path(path)
     beside = target.with_name(f".{target.name}.{os.getpid()}")
     try:
         beside.write_text(text, encoding="utf-8")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.errors import OutputError
 from octo.model.character import Character
 from octo.model.convention import Convention
@@ -249,8 +250,9 @@ class Log:
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
+        target = ending("path", path, (".npz",))
         try:
-            with Path(path).open("wb") as file:
+            with target.open("wb") as file:
                 arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
                 np.savez_compressed(file, **arrays)
         except OSError as error:

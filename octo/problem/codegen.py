@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import slots
-from octo.dynamics.codegen import integers, numbers_table
-from octo.dynamics.emit import function_in_lanes, function_of_numbers
+from octo.dynamics.codegen import integers, lanes_text, numbers_table
+from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.long import COSTLY, check_length
 from octo.errors import ProblemError
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
@@ -61,7 +62,7 @@ def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, 
     """Residuals and first derivatives of all terms; ``between_controls`` leaves those over neighbouring controls out."""
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    function, jacobian, sparsity, rows = _state_functions(dynamics, references, setting, p, q, between_controls)
+    function, jacobian, sparsity, rows = _state_functions(dynamics, references, p, q, between_controls)
     return CostFunctions(references, function, jacobian, sparsity, rows, _contact_functions(dynamics, references, setting))
 
 
@@ -74,12 +75,16 @@ def _contact_functions(dynamics: Dynamics, references: References, setting: Sett
     return contact_functions(dynamics, references, setting, touching(dynamics, setting))
 
 
-def _state_functions(
-    dynamics: Dynamics, references: References, setting: Setting, p: ca.SX, q: ca.SX, between_controls: bool
-) -> Any:
+def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
+    """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
     n = dynamics.nx
     x_next, x, x_prev, u = (ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu)))
-    step = StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, setting.character)
+    robot = dynamics.character if isinstance(dynamics, RobotDynamics) else None
+    return [x_next, x, x_prev, u], StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot)
+
+
+def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX, between_controls: bool) -> Any:
+    (x_next, x, x_prev, u), step = step_symbols(dynamics, p)
     residuals, rows = [ca.SX(0, 1)], []
     for k, term in enumerate(references.terms):
         if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
@@ -92,9 +97,19 @@ def _state_functions(
     jac = ca.jacobian(r, ca.vertcat(x_next, x, x_prev, u))
     inputs = [x_next, x, x_prev, u, p, q]
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
+    length = ca.Function("length", inputs, [r, nonzeros]).n_instructions()
+    if length >= COSTLY:
+        check_length("terms of E", length, f"the longest is {_longest(residuals[1:], references, inputs)}, write it in fewer")
     function = ca.Function("octo_state_cost", inputs, [r], {"cse": True})
     jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
     return function, jacobian, jac.sparsity(), tuple(rows)
+
+
+def _longest(residuals: Sequence[ca.SX], references: References, inputs: Sequence[ca.SX]) -> str:
+    """The label of the longest term over a step."""
+    sizes = [ca.Function("length", list(inputs), [residual]).n_instructions() for residual in residuals]
+    alone = [term for term in references.terms if not isinstance(term, ContactCost)]
+    return alone[int(np.argmax(sizes))].label if sizes else "none"
 
 
 def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:
@@ -116,10 +131,10 @@ def touching_names(problem: Problem) -> tuple[str, ...]:
 
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the dynamics' text in lanes."""
-    text = [function_in_lanes(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
+    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
-        text += [function_in_lanes(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
+        text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
     sparsity = functions.state_sparsity
     tables = _tables(functions, dynamics, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int))
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):

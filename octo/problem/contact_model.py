@@ -79,6 +79,17 @@ class _Weightless:
         return ca.SX.zeros(3)
 
 
+def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], ContactSymbols]:
+    """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of them."""
+    columns, sphere, place = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4), ca.SX.sym("place", 12)
+    next_, now, previous = (_pose(column) for column in columns)
+    symbols = ContactSymbols(
+        (next_, now, previous), ((place[:3], place[3:6]), (place[6:9], place[9:])), sphere[3], dynamics.law, dynamics.terrain,
+        dynamics.layout.view(p), dynamics.character.mass * GRAVITY,
+    )  # fmt: skip
+    return [*columns, sphere, place], symbols
+
+
 def contact_functions(dynamics: RobotDynamics, references: References, setting: Setting, feet: list[int]) -> ContactFunctions:
     """Of the terms that are over contacts; ``feet`` are the contacts that touch the ground at the start."""
     robot, made = dynamics.character, _Residuals(dynamics, references)
@@ -116,16 +127,11 @@ class _Residuals:
     """
 
     def __init__(self, dynamics: RobotDynamics, references: References):
-        self.columns, self.sphere = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4)
         self.p, self.q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-        self.place, poses, view = ca.SX.sym("place", 12), [_pose(column) for column in self.columns], dynamics.layout.view(self.p)
-        sphere, ground = (self.sphere[:3], self.sphere[3]), dynamics.terrain
-        steps = [contact_places(*sphere, one, before, ground, view) for one, before in pairwise(poses)]
+        (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, self.p)
+        view, sphere = dynamics.layout.view(self.p), (self.sphere[:3], self.sphere[3])
+        steps = [contact_places(*sphere, one, before, dynamics.terrain, view) for one, before in pairwise(symbols.poses)]
         self.places = ca.vertcat(*steps[0], *steps[1])
-        symbols = ContactSymbols(
-            (poses[0], poses[1], poses[2]), ((self.place[:3], self.place[3:6]), (self.place[6:9], self.place[9:])),
-            self.sphere[3], dynamics.law, dynamics.terrain, view, dynamics.character.mass * GRAVITY,
-        )  # fmt: skip
         unloaded = replace(symbols, law=_Weightless(dynamics.law))
         residuals: list[ca.SX] = []
         self.terms: list[int] = []

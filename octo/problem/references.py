@@ -54,7 +54,10 @@ class References:
                 raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
             on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
             q[:, k] = weight * on / term.scale(setting)
-            for name, rows in _references(term, setting).items():
+            found = _references(term, setting)
+            if set(found) != set(self.places[k]):
+                raise ProblemError(f"{term.label} has the references {list(found)}, must have {list(self.places[k])}")
+            for name, rows in found.items():
                 place = self.places[k][name]
                 allowed = ((), (place.stop - place.start,), (steps, place.stop - place.start))
                 if rows.shape not in allowed:

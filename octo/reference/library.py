@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.long import brisk
 from octo.errors import DeviceError
 from octo.problem.compiled import CompiledProblem
 from octo.reference.costs import ExactCosts, exact_costs, patterns
@@ -22,7 +23,6 @@ from octo.reference.program import parameter_vector
 
 Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
-LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
 class Library:
@@ -63,6 +63,10 @@ class Library:
     def begin(self, tolerance: float, change: float, plateau: int) -> None:
         """Start the clock, and the rule by which octo_watch stops."""
         self.handle.octo_watch_set(tolerance, change, plateau)
+
+    def stop(self, stopped: bool = True) -> None:
+        """Make every evaluation fail, so that the solver ends; or no longer."""
+        self.handle.octo_stop(int(stopped))
 
     @property
     def settled(self) -> bool:
@@ -123,9 +127,7 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
     made = [*costs.step, *costs.contact]
     for function in made:
         generator.add(function)
-    generated = str(generator.dump())
-    if max(function.n_instructions() for function in made) > LONG:
-        generated = f'#pragma GCC push_options\n#pragma GCC optimize ("O1")\n{generated}\n#pragma GCC pop_options\n'
+    generated = brisk(str(generator.dump()), max(function.n_instructions() for function in made))
     names = ("CASADI_CODEGEN_PREFIX", "CASADI_PREFIX", "CASADI_NAMESPACE_CONCAT", "_CASADI_NAMESPACE_CONCAT")
     return "\n".join(
         [

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.errors import OutputError, ProblemError, UnknownNameError
 from octo.model.character import Character
 from octo.model.kinematics import axis_rotation, body_poses
@@ -71,6 +71,7 @@ def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     Time, coordinates, the torques from this row to the next (none after the last), the contact forces in world axes
     (none at x_0). What does not exist is nan.
     """
+    target = ending("path", path, (".csv",))
     robot = solution.character
     turns = [robot is not None and joint.kind == "hinge" for joint in robot.joints] if robot is not None else []
     places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
@@ -86,7 +87,7 @@ def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
     rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
     try:
-        np.savetxt(Path(path), rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
+        np.savetxt(target, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
 

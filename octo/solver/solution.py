@@ -16,11 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.errors import OutputError, RobotFileError
 from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
+from octo.problem.asked import Asked
 from octo.solver import export
+from octo.solver.doubts import largest_step, warnings
 from octo.solver.gait import Gait, measure_cycle, measure_gait
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
@@ -86,6 +89,7 @@ class Solution:
     processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an idle machine.
     cycle: what a cycle is carried on with; None of other motions.
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
+    asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
 
     name: str
@@ -123,6 +127,7 @@ class Solution:
     stages: dict[str, float] = field(default_factory=dict)
     passes: tuple[dict[str, Any], ...] = ()
     starts: tuple[dict[str, Any], ...] = ()
+    asked: tuple[Asked, ...] = ()
 
     # -- the motion -----------------------------------------------------------------------------------------------
 
@@ -249,6 +254,11 @@ class Solution:
         """How good the motion is, in figures; of a cycle, carried on for some strides. None for user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the motion is used, whatever its status: leaps from one node to the next, a dt too long."""
+        return warnings(self)
+
     # -- words and numbers ----------------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
@@ -266,6 +276,9 @@ class Solution:
             "factorizations": self.factorizations,
             "energy": self.energy,
             "terms": dict(self.terms),
+            "asked": [one.report() for one in self.asked],
+            "warnings": list(self.warnings),
+            "largest_step": largest_step(self),
             "violation": self.violation,
             "pointwise_residual": self.pointwise_residual,
             "weight": self.weight,
@@ -316,6 +329,8 @@ class Solution:
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
+        lines += [f"  {one}" for one in self.asked if not one.met]
+        lines += [f"  warning: {sentence}" for sentence in self.warnings]
         return "\n".join(lines)
 
     # -- other tools ----------------------------------------------------------------------------------------------
@@ -339,7 +354,7 @@ class Solution:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
-        target = Path(path)
+        target = ending("path", path, (".npz",))
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
         arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {f"history_{k}": v for k, v in self.history.items()}
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
@@ -349,6 +364,7 @@ class Solution:
             arrays |= {f"cycle_{name}": getattr(self.cycle, name) for name in STRIDE}
             plain["cycle"] = self.cycle.plain()
         plain["status"] = self.status.label
+        plain["asked"] = [one.plain() for one in self.asked]
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
         beside = target.with_name(f".{target.name}.{os.getpid()}")
@@ -383,6 +399,7 @@ class Solution:
                 plain["character"] = store.from_plain(plain["character"])
             for name in ("contact_names", "passes", "starts"):
                 plain[name] = tuple(plain[name])
+            plain["asked"] = tuple(Asked.from_plain(one) for one in plain.get("asked", ()))
             return Solution(**values, **plain)
         except FileNotFoundError as error:
             raise RobotFileError(f"solution file {path} does not exist") from error
