@@ -3,35 +3,138 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from octo.model.character import Array
 from octo.model.robot_file import RobotFile, import_mujoco
 
+PARALLEL = 1e-6  # sine or cosine of an angle below which two axes are parallel or perpendicular
 
-def joint_actuation(source: RobotFile, j: int) -> tuple[bool, float, float]:
-    """Of MuJoCo's joint ``j``: actuated, torque limit (N m or N, of |u|), gear (torque per unit of control)."""
+
+@dataclass(frozen=True)
+class Motor:
+    """What drives one coordinate."""
+
+    actuated: bool = False
+    limit: float = math.inf  # N m or N, of |u|
+    gear: float = 1.0  # torque per unit of control
+
+
+@dataclass(frozen=True, eq=False)
+class BallMotors:
+    """The three hinges of a ball joint, outermost first, and what drives each.
+
+    Attributes
+    ----------
+    axes: (3, 3) a row each, unit vectors of the body; the last, the middle and the first are right-handed in this order.
+    note: in what the motors of the file are not those of the hinges; empty where they are.
+    """
+
+    axes: Array
+    motors: tuple[Motor, ...]
+    note: str = ""
+
+
+def joint_motor(source: RobotFile, j: int) -> Motor:
+    """Of MuJoCo's hinge or slide ``j``: only the first number of an actuator's gear acts on it."""
     model = source.model
     if source.effort is not None:
-        name = model.joint(j).name
-        return True, source.effort[name], 1.0
+        return Motor(True, source.effort[model.joint(j).name])
     actuators = actuators_of(model, j)
     if not actuators:
-        return False, math.inf, 1.0
-    limit = sum(torque_limit(model, a) for a in actuators)
+        return Motor()
+    limit = sum(force_limit(model, a) * abs(float(model.actuator_gear[a, 0])) for a in actuators)
     if model.jnt_actfrclimited[j]:
         limit = min(limit, float(np.abs(model.jnt_actfrcrange[j]).max()))
-    return True, limit, gear(model, actuators[0])
+    first = actuators[0]
+    return Motor(True, limit, float(model.actuator_gear[first, 0]) * strength(model, first))
+
+
+def ball_motors(model: Any, j: int) -> BallMotors:
+    """Of MuJoCo's ball joint ``j``, whose motors turn it about their gear vectors, in the child's frame or in the parent's.
+
+    The innermost hinge turns about an axis of the child and the outermost about one of the parent: there a motor is exact in
+    every pose. Those of the other hinges are exact where the ball is not turned.
+    """
+    actuators = actuators_of(model, j)
+    if not actuators:
+        return BallMotors(np.eye(3)[::-1], (Motor(),) * 3)
+    vectors = model.actuator_gear[actuators, :3]
+    axes, exact = _hinge_axes(vectors, [_in_parent(model, a) for a in actuators])
+    parts = vectors @ axes.T  # (actuators, hinges)
+    driving = np.abs(parts) > PARALLEL * np.linalg.norm(vectors, axis=1, keepdims=True)
+    motors = []
+    for hinge in range(3):
+        mine = np.flatnonzero(driving[:, hinge])
+        if not len(mine):
+            motors.append(Motor())
+            continue
+        limit = sum(force_limit(model, actuators[k]) * abs(float(parts[k, hinge])) for k in mine)
+        first = int(mine[0])
+        motors.append(Motor(True, limit, float(parts[first, hinge]) * strength(model, actuators[first])))
+    notes = []
+    if not exact:
+        notes.append("its motors pull about oblique axes: one torque about each hinge, with the sum of their parts as its limit")
+    elif len(actuators) > driving.any(axis=0).sum():
+        notes.append("its motors about one axis are one torque, with the sum of their limits")
+    if driving.any(axis=0).sum() > 1:
+        notes.append("the axes of its motors turn with the hinges")
+    return BallMotors(axes, tuple(motors), "; ".join(notes))
+
+
+def _hinge_axes(vectors: Array, in_parent: list[bool]) -> tuple[Array, bool]:
+    """(3, 3) axes of hinges, outermost first, one along each of ``vectors`` (k, 3); False where that cannot be."""
+    directions: list[Array] = []
+    parents: list[bool] = []
+    for vector, parent in zip(vectors, in_parent, strict=True):
+        direction = vector / np.linalg.norm(vector)
+        direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
+        if all(np.linalg.norm(np.cross(direction, other)) > PARALLEL for other in directions):
+            directions.append(direction)
+            parents.append(parent)
+    found = np.array(directions)
+    if np.abs(found @ found.T - np.eye(len(found))).max() > PARALLEL:
+        return np.eye(3)[::-1], False
+    child = next((d for d, parent in zip(found, parents, strict=True) if not parent), None)
+    parent_axis = next((d for d, parent in zip(found, parents, strict=True) if parent), None)
+    if child is None:
+        assert parent_axis is not None
+        child = _across(parent_axis, found, 1)
+    outer = parent_axis if parent_axis is not None else _across(child, found, -1)
+    return np.array([outer, np.cross(outer, child), child]), True
+
+
+def _across(axis: Array, others: Array, turn: int) -> Array:
+    """A unit vector (3,) at right angles to ``axis``: of the next coordinate axis, but along or across all ``others``."""
+    near = np.eye(3)[(int(np.argmax(np.abs(axis))) + turn) % 3]
+    near = near - (near @ axis) * axis
+    choices = [near / np.linalg.norm(near), *others, *(np.cross(axis, other) for other in others)]
+    for choice in choices:
+        along = np.abs(others @ choice)
+        if abs(float(choice @ axis)) < PARALLEL < np.linalg.norm(choice) and np.minimum(along, 1.0 - along).max() < PARALLEL:
+            return np.asarray(choice)
+    return np.asarray(choices[0])
 
 
 def actuators_of(model: Any, j: int) -> list[int]:
-    return [a for a in range(model.nactuator) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+    """Actuators that drive joint ``j``; one whose gear is zero does not."""
+    mine = [a for a in range(model.nactuator) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+    return [a for a in mine if model.actuator_gear[a, : gears(model, j)].any()]
+
+
+def gears(model: Any, j: int) -> int:
+    """How many numbers of an actuator's gear act on joint ``j``."""
+    kinds = import_mujoco().mjtJoint
+    return {int(kinds.mjJNT_FREE): 6, int(kinds.mjJNT_BALL): 3}.get(int(model.jnt_type[j]), 1)
 
 
 def reflected(model: Any, j: int, field: Any) -> float:
-    """What a property of its actuators (inertia, damping) is at joint ``j``: times the square of the gear."""
-    return sum(_transmission(model, a) ** 2 * float(field[a]) for a in actuators_of(model, j))
+    """What a property of its actuators (inertia, damping) is at joint ``j``: MuJoCo takes the first number of the gear, also of
+    a ball joint."""
+    return sum(float(model.actuator_gear[a, 0]) ** 2 * float(field[a]) for a in actuators_of(model, j))
 
 
 def control_index(model: Any, a: int) -> int:
@@ -44,6 +147,10 @@ def drives_joint(model: Any, a: int) -> bool:
     return int(model.actuator_trntype[a]) in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
 
 
+def _in_parent(model: Any, a: int) -> bool:
+    return int(model.actuator_trntype[a]) == int(import_mujoco().mjtTrn.mjTRN_JOINTINPARENT)
+
+
 def is_motor(model: Any, a: int) -> bool:
     """Whether the actuator's force is a constant times its control."""
     mujoco = import_mujoco()
@@ -52,25 +159,17 @@ def is_motor(model: Any, a: int) -> bool:
     return [int(kind) for kind in kinds] == [int(kind) for kind in plain]
 
 
-def gear(model: Any, a: int) -> float:
-    """Joint torque per unit of control of a motor; of force for any other actuator."""
-    strength = float(model.actuator_gainprm[a, 0]) if is_motor(model, a) else 1.0
-    return _transmission(model, a) * strength
+def strength(model: Any, a: int) -> float:
+    """Force before the gear per unit of control of a motor; per unit of force, which is 1, of any other actuator."""
+    return float(model.actuator_gainprm[a, 0]) if is_motor(model, a) else 1.0
 
 
-def torque_limit(model: Any, a: int) -> float:
-    """N m or N: the tighter of control range (of a motor) and force range, through the gear."""
+def force_limit(model: Any, a: int) -> float:
+    """The tighter of force range and control range (of a motor), before the gear; infinite where there is none."""
     force = math.inf
     if model.actuator_forcelimited[a]:
         force = float(np.abs(model.actuator_forcerange[a]).max())
     control = control_index(model, a)
     if is_motor(model, a) and model.actuator_ctrllimited[control]:
-        strength = abs(float(model.actuator_gainprm[a, 0]))
-        force = min(force, strength * float(np.abs(model.actuator_ctrlrange[control]).max()))
-    return abs(_transmission(model, a)) * force if math.isfinite(force) else math.inf
-
-
-def _transmission(model: Any, a: int) -> float:
-    """Signed ratio of a hinge or slide; the length of the torque axis of a ball joint."""
-    six = model.actuator_gear[a]
-    return float(six[0]) if not six[1:].any() else float(np.linalg.norm(six))
+        force = min(force, abs(strength(model, a)) * float(np.abs(model.actuator_ctrlrange[control]).max()))
+    return force

@@ -1,4 +1,4 @@
-"""MJCF files: compiled by MuJoCo; which tree is the robot, which base it has, what octo leaves out."""
+"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves out."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     spec, model = _compiled(path, notes)
     if model.nbody == 1:
         raise RobotFileError(f"{path.name}: has no <body>, must have one at least")
-    free, others = _robot_tree(model, notes)
+    free, others = _robot_tree(path, model, notes)
     if base == "fixed":
         free = None
     elif base == "floating" and free is None:
@@ -62,15 +62,19 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
         spec.delete(mesh)
 
 
-def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:
-    """The body that floats (None: none does) and the bodies of further floating trees, which are left out.
+def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:
+    """The body that floats (None: none does) and the bodies that are not the robot, which are left out.
 
-    Of several trees the robot is the one with most actuators, then most degrees of freedom.
+    Of several trees the robot is the one with most actuators, then most degrees of freedom. What has no joints is fixed to the
+    world and is world: tables, targets, mocap bodies. Beside a robot that floats so is what hangs on the world by joints of its
+    own, as a door; beside one that stands on the world itself such trees are the robot's. Nodes of deformable bodies and
+    further floating trees never are.
     """
     mujoco = import_mujoco()
     trees: dict[int, list[int]] = {}
     for b in range(1, model.nbody):
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
+    soft = _without_soft_bodies(path, model, trees, notes)
     driven = np.zeros(model.nbody, dtype=int)
     for a in range(model.nactuator):
         if drives_joint(model, a):
@@ -80,13 +84,59 @@ def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int
     def floats(root: int) -> bool:
         return bool(model.body_jntnum[root]) and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
 
-    others: set[int] = set()
+    others, standing = set(soft), []
+    moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
     for root, members in trees.items():
-        if floats(root) and root != robot:
+        still = not moves[root]
+        mass = float(model.body_subtreemass[root])
+        which = f"{name_of(model, 'body', root)} ({mass:.3g} kg)"
+        if root == robot or not moves[robot]:
+            continue
+        if floats(root):
+            notes.append(f"free body {which}: octo models one floating tree")
+        elif still and mass > 0.0:
+            notes.append(f"body {which} is fixed to the world: it is world, not robot")
+        elif not still and floats(robot):
+            notes.append(f"body {which} hangs on the world by joints of its own: octo models the floating tree alone")
+        elif not still:
+            standing.append(which)
+        if still or floats(root) or floats(robot):
             others.update(members)
-            mass = float(model.body_subtreemass[root])
-            notes.append(f"free body {name_of(model, 'body', root)} ({mass:.3g} kg): octo models one floating tree")
+    if standing:
+        notes.append(f"several trees stand on the world and all are the robot's, also those of bodies {', '.join(standing)}")
     return robot if floats(robot) else None, frozenset(others)
+
+
+def _without_soft_bodies(path: Path, model: Any, trees: dict[int, list[int]], notes: list[str]) -> set[int]:
+    """Take the trees of the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid shape.
+
+    Raises
+    ------
+    UnsupportedFeatureError: a deformable body is all there is, or part of a tree that has something else.
+    """
+    soft: set[int] = set()
+    for f in range(model.nflex):
+        if model.flex_rigid[f]:
+            continue
+        name, nodes = name_of(model, "flex", f), _nodes(model, f)
+        tied = [b for root in {int(model.body_rootid[b]) for b in nodes} for b in trees.get(root, []) if b not in nodes]
+        if tied:
+            what = f"deformable body (flex) {name!r} moves with body {name_of(model, 'body', tied[0])!r}"
+            raise UnsupportedFeatureError(f"{path.name}: {what}; octo models rigid bodies, take it out")
+        notes.append(f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies")
+        soft.update(nodes)
+    for root in [root for root in trees if root in soft]:
+        del trees[root]
+    if not trees:
+        raise UnsupportedFeatureError(f"{path.name}: all that moves is a deformable body (flex); octo models rigid bodies")
+    return soft
+
+
+def _nodes(model: Any, f: int) -> set[int]:
+    """Bodies that move with the vertices or the nodes of flex ``f``; what hangs on the world is not one."""
+    vertices = model.flex_vertbodyid[model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]]
+    nodes = model.flex_nodebodyid[model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]]
+    return {int(b) for b in (*vertices, *nodes) if b > 0}
 
 
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:

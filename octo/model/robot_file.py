@@ -93,5 +93,10 @@ def one_line(error: Exception) -> str:
 
 
 def name_of(model: Any, kind: str, index: int) -> str:
-    """The file's name of an element, or its kind and number."""
-    return getattr(model, kind)(index).name or f"{kind}{index}"
+    """The file's name of an element, or its kind and number, with underscores before it where another has that name."""
+    mujoco = import_mujoco()
+    element = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+    name = mujoco.mj_id2name(model, element, index) or f"{kind}{index}"
+    while mujoco.mj_name2id(model, element, name) not in (-1, index):
+        name = f"_{name}"
+    return str(name)
