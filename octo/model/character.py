@@ -71,8 +71,8 @@ def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool
         number = math.inf
     negative = "not negative" in rule and number < 0.0 or "positive" in rule and number <= 0.0
     if math.isnan(number) or negative or (not unlimited and abs(number) > LARGEST):
-        most = f" and at most {LARGEST:.0e}" if math.isfinite(number) and abs(number) > LARGEST else ""
-        raise ModelError(f"{what} is {number}, must be {rule}{most}")
+        large = not negative and math.isfinite(number)
+        raise ModelError(f"{what} is {number}, must be {f'at most {LARGEST:.0e}' if large else rule}")
     return number
 
 

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.errors import ModelError, RobotFileError
+from octo.errors import RobotFileError
 from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
-from octo.model.character import Array, Body, Character, Joint, floating_base
+from octo.model.character import LARGEST, Array, Body, Character, Joint, floating_base
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quaternions import rotation_of
-from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of
+from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
 BALL_CHART = "zyx"  # of the hinges of a ball joint, the innermost axis as x: the body's own axes unless its motors ask for others
@@ -36,25 +36,47 @@ class Tree:
 def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
     """The character of a compiled model: links welded together become one body, masses are kept exactly."""
     model, notes = source.model, list(dropped)
+    _check_numbers(source)
     tree = Tree()
     if source.free_body is not None:
         tree.chart = _least_singular_chart(rotation_of(model.body_quat[source.free_body]))
-    for b in _body_order(source):
-        _add_body(tree, source, b, notes)
+    with named(source.file):
+        for b in _body_order(source):
+            _add_body(tree, source, b, notes)
     if tree.fused:
         notes.append(f"links welded to their parents are fused into them: {', '.join(f'{a} into {b}' for a, b in tree.fused)}")
-    bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
     base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
-    try:
+    with named(source.file):
+        bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
         plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=configuration(tree, source, model.qpos0))
-    except ModelError as error:
-        raise ModelError(f"{source.file}: {error}") from None
     if plain.nx == 0:
         raise RobotFileError(f"{source.file}: has no joints and nothing moves; base='floating' makes its body free")
     check_mass_matrix(plain, source.file)
-    contacts = contact_spheres(plain, source, tree.carriers, notes)
-    character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
+    with named(source.file):
+        contacts = contact_spheres(plain, source, tree.carriers, notes)
+        character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
     return replace(character, pairs=self_collision_pairs(character))
+
+
+def _check_numbers(source: RobotFile) -> None:
+    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before anything is made of them."""
+    fields = {"body": ("pos", "quat", "ipos", "mass", "inertia"), "jnt": ("pos", "axis"), "geom": ("pos", "quat", "size")}
+    for kind, names in fields.items():
+        for name in names:
+            values = getattr(source.model, f"{kind}_{name}")
+            values = values[:, None] if values.ndim == 1 else values
+            bad = np.argwhere(~(np.abs(values) <= LARGEST))
+            if kind == "geom" and len(bad):
+                bad = bad[source.model.geom_type[bad[:, 0]] != import_mujoco().mjtGeom.mjGEOM_PLANE]
+            if len(bad):
+                index, column = (int(k) for k in bad[0])
+                element = {"jnt": "joint"}.get(kind, kind)
+                which = f"{element} {name_of(source.model, element, index)!r}"
+                if kind == "geom":
+                    which += f" of body {name_of(source.model, 'body', int(source.model.geom_bodyid[index]))!r}"
+                words = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}.get(name, name)
+                what = f"{words} has the entry {values[index, column]}, must be finite and at most {LARGEST:.0e}"
+                raise RobotFileError(f"{source.file}: {which}: {what}")
 
 
 def _body_order(source: RobotFile) -> list[int]:
@@ -146,6 +168,8 @@ def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Jo
         )
     address = model.jnt_qposadr[j]
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+    if source.ranges is not None:
+        lower, upper = source.ranges[name]
     return (
         Joint(
             name,
