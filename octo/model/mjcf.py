@@ -51,14 +51,18 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     missing = {
         mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()
     }
+    bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
             mesh = Path(missing[geom.meshname].file).name
             what = f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
             raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
+        if geom.contype or geom.conaffinity:
+            bare.setdefault(geom.meshname, []).append(geom.parent.name or "without a name")
         spec.delete(geom)
-    for mesh in missing.values():
-        notes.append(f"mesh {Path(mesh.file).name}: the file is missing")
+    for name, mesh in missing.items():
+        of = f"collision mesh of bodies {', '.join(bare[name])}, " if name in bare else ""
+        notes.append(f"{of}mesh {Path(mesh.file).name}: the file is missing")
         spec.delete(mesh)
 
 
