@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from octo.errors import ModelError
 from octo.model.character import Array
-from octo.model.robot_file import RobotFile, import_mujoco
+from octo.model.robot_file import RobotFile, import_mujoco, name_of
 
 PARALLEL = 1e-6  # sine or cosine of an angle below which two axes are parallel or perpendicular
 
@@ -30,7 +31,7 @@ class BallMotors:
     Attributes
     ----------
     axes: (3, 3) a row each, unit vectors of the body; the last, the middle and the first are right-handed in this order.
-    note: in what the motors of the file are not those of the hinges; empty where they are.
+    note: in what the motors of the file are not those of the hinges; empty without motors.
     """
 
     axes: Array
@@ -54,16 +55,16 @@ def joint_motor(source: RobotFile, j: int) -> Motor:
 
 
 def ball_motors(model: Any, j: int) -> BallMotors:
-    """Of MuJoCo's ball joint ``j``, whose motors turn it about their gear vectors, in the child's frame or in the parent's.
+    """Of MuJoCo's ball joint ``j``, whose motors turn it about their gear vectors.
 
-    The innermost hinge turns about an axis of the child and the outermost about one of the parent: there a motor is exact in
-    every pose. Those of the other hinges are exact where the ball is not turned.
+    A gear vector keeps its direction in the child (or in the parent), the axes of the hinges turn with one another: a torque of
+    the hinges is that of the motors where the ball is not turned.
     """
     actuators = actuators_of(model, j)
     if not actuators:
         return BallMotors(np.eye(3)[::-1], (Motor(),) * 3)
     vectors = model.actuator_gear[actuators, :3]
-    axes, exact = _hinge_axes(vectors, [_in_parent(model, a) for a in actuators])
+    axes, apart = _hinge_axes(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
     parts = vectors @ axes.T  # (actuators, hinges)
     driving = np.abs(parts) > PARALLEL * np.linalg.norm(vectors, axis=1, keepdims=True)
     motors = []
@@ -75,53 +76,44 @@ def ball_motors(model: Any, j: int) -> BallMotors:
         limit = sum(force_limit(model, actuators[k]) * abs(float(parts[k, hinge])) for k in mine)
         first = int(mine[0])
         motors.append(Motor(True, limit, float(parts[first, hinge]) * strength(model, actuators[first])))
-    notes = []
-    if not exact:
-        notes.append("its motors pull about oblique axes: one torque about each hinge, with the sum of their parts as its limit")
+    notes = ["its motors act about the hinges, which is about their own axes where it is not turned"]
+    if not apart:
+        notes.append("they pull about oblique axes: one torque about each hinge, with the sum of their parts as its limit")
     elif len(actuators) > driving.any(axis=0).sum():
-        notes.append("its motors about one axis are one torque, with the sum of their limits")
-    if driving.any(axis=0).sum() > 1:
-        notes.append("the axes of its motors turn with the hinges")
+        notes.append("those about one axis are one torque, with the sum of their limits")
     return BallMotors(axes, tuple(motors), "; ".join(notes))
 
 
-def _hinge_axes(vectors: Array, in_parent: list[bool]) -> tuple[Array, bool]:
-    """(3, 3) axes of hinges, outermost first, one along each of ``vectors`` (k, 3); False where that cannot be."""
-    directions: list[Array] = []
-    parents: list[bool] = []
-    for vector, parent in zip(vectors, in_parent, strict=True):
-        direction = vector / np.linalg.norm(vector)
-        direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
-        if all(np.linalg.norm(np.cross(direction, other)) > PARALLEL for other in directions):
-            directions.append(direction)
-            parents.append(parent)
-    found = np.array(directions)
+def _hinge_axes(directions: Array) -> tuple[Array, bool]:
+    """(3, 3) axes of hinges, outermost first, one along each of the unit vectors (k, 3); False where no three are so.
+
+    The body's z, y and x where these will do.
+    """
+    usual = np.eye(3)[::-1]
+    distinct: list[Array] = []
+    for direction in directions:
+        if all(np.linalg.norm(np.cross(direction, other)) > PARALLEL for other in distinct):
+            distinct.append(direction)
+    found = np.array(distinct)
+    if np.abs(np.abs(found).max(axis=1) - 1.0).max() < PARALLEL**2:
+        return usual, True
     if np.abs(found @ found.T - np.eye(len(found))).max() > PARALLEL:
-        return np.eye(3)[::-1], False
-    child = next((d for d, parent in zip(found, parents, strict=True) if not parent), None)
-    parent_axis = next((d for d, parent in zip(found, parents, strict=True) if parent), None)
-    if child is None:
-        assert parent_axis is not None
-        child = _across(parent_axis, found, 1)
-    outer = parent_axis if parent_axis is not None else _across(child, found, -1)
-    return np.array([outer, np.cross(outer, child), child]), True
-
-
-def _across(axis: Array, others: Array, turn: int) -> Array:
-    """A unit vector (3,) at right angles to ``axis``: of the next coordinate axis, but along or across all ``others``."""
-    near = np.eye(3)[(int(np.argmax(np.abs(axis))) + turn) % 3]
-    near = near - (near @ axis) * axis
-    choices = [near / np.linalg.norm(near), *others, *(np.cross(axis, other) for other in others)]
-    for choice in choices:
-        along = np.abs(others @ choice)
-        if abs(float(choice @ axis)) < PARALLEL < np.linalg.norm(choice) and np.minimum(along, 1.0 - along).max() < PARALLEL:
-            return np.asarray(choice)
-    return np.asarray(choices[0])
+        return usual, False
+    inner = found[0]
+    if len(found) > 1:
+        middle = found[1]
+    else:
+        away = np.eye(3)[int(np.argmin(np.abs(inner)))]
+        middle = (away - (away @ inner) * inner) / np.linalg.norm(away - (away @ inner) * inner)
+    return np.array([np.cross(inner, middle), middle, inner]), True
 
 
 def actuators_of(model: Any, j: int) -> list[int]:
     """Actuators that drive joint ``j``; one whose gear is zero does not."""
     mine = [a for a in range(model.nactuator) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+    for a in mine:
+        if not np.isfinite(model.actuator_gear[a]).all():
+            raise ModelError(f"actuator {name_of(model, 'actuator', a)!r}: gear is {model.actuator_gear[a]}, must be finite")
     return [a for a in mine if model.actuator_gear[a, : gears(model, j)].any()]
 
 
@@ -145,10 +137,6 @@ def control_index(model: Any, a: int) -> int:
 def drives_joint(model: Any, a: int) -> bool:
     kinds = import_mujoco().mjtTrn
     return int(model.actuator_trntype[a]) in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
-
-
-def _in_parent(model: Any, a: int) -> bool:
-    return int(model.actuator_trntype[a]) == int(import_mujoco().mjtTrn.mjTRN_JOINTINPARENT)
 
 
 def is_motor(model: Any, a: int) -> bool:

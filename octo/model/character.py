@@ -223,6 +223,7 @@ class Character:
                 raise ModelError(f"character {self.name!r}: two {kind} are named {twice!r}, names must differ")
         if self.mass <= 0.0:
             raise ModelError(f"character {self.name!r}: total mass is {self.mass}, must be positive")
+        self._check_base()
         for contact in self.contacts:
             if not 0 <= contact.body < len(self.bodies):
                 raise ModelError(f"contact {contact.name!r}: body index {contact.body} is not in 0…{len(self.bodies) - 1}")
@@ -248,6 +249,16 @@ class Character:
             keep(self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs))
         except (TypeError, ValueError):
             raise ModelError(f"{which}: pairs is {_shown(self.pairs)}, must be pairs of indices of contact spheres") from None
+
+    def _check_base(self) -> None:
+        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing moves may have none."""
+        if self.base == "fixed" or not self.joints:
+            return
+        body = self.bodies[self.base_body]
+        six = [joint.kind for joint in body.joints[:6] if not joint.actuated]
+        if six != 3 * ["slide"] + 3 * ["hinge"]:
+            what = f"base is 'floating', but body {body.name!r}, the first that moves, does not begin with"
+            raise ModelError(f"character {self.name!r}: {what} three slides and three hinges that nothing drives")
 
     def _check_poses(self) -> None:
         poses = dict(self.poses)

@@ -18,7 +18,7 @@ from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
-BALL_CHART = "zyx"  # of the hinges of a ball joint, the innermost axis as x: the body's own axes unless its motors ask for others
+BALL_CHART = "zyx"  # of the hinges of a ball joint; the body's own axes unless its motors pull about others
 
 
 @dataclass
@@ -158,13 +158,12 @@ def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Jo
     }
     if kind == mujoco.mjtJoint.mjJNT_BALL:
         ball = ball_motors(model, j)
-        letters = _letters(ball.axes)
-        notes.append(_ball_note(model, j, name, letters, ball))
+        notes.append(_ball_note(model, j, name, ball))
         tree.balls[j] = ball.axes
-        prefix = _free_prefix(model, name, [f"_{c}" for c in letters])
+        prefix = _free_prefix(model, name, [f"_{c}" for c in BALL_CHART])
         return tuple(
             Joint(f"{prefix}_{c}", "hinge", axis, **_driven(motor), **common)
-            for c, axis, motor in zip(letters, ball.axes, ball.motors, strict=True)
+            for c, axis, motor in zip(BALL_CHART, ball.axes, ball.motors, strict=True)
         )
     address = model.jnt_qposadr[j]
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
@@ -190,21 +189,16 @@ def _driven(motor: Motor) -> dict[str, Any]:
     return {"actuated": motor.actuated, "torque_limit": motor.limit, "gear": motor.gear}
 
 
-def _letters(axes: Array) -> str:
-    """The names of three hinges: of the body's axes where they are these, else as if they were."""
-    return "".join("xyz"[int(np.argmax(axis))] for axis in axes) if np.isclose(axes.max(axis=1), 1.0).all() else BALL_CHART
-
-
-def _ball_note(model: Any, j: int, name: str, letters: str, ball: BallMotors) -> str:
+def _ball_note(model: Any, j: int, name: str, ball: BallMotors) -> str:
     extra = [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"] if model.jnt_limited[j] else []
     dof = model.jnt_dofadr[j]
     if model.dof_armature[dof] or model.dof_damping[dof] or model.jnt_stiffness[j]:
         extra.append("armature, damping and spring act about each hinge")
     extra += [ball.note] if ball.note else []
-    about = ", ".join(letters)
-    if not np.isclose(ball.axes.max(axis=1), 1.0).all():
-        about += f", its motor's axis {' '.join(f'{value:.3g}' for value in ball.axes[2])} as x"
-    return "; ".join([f"ball joint {name} is three hinges about {about} (singular at {letters[1]} = ±90°)", *extra])
+    about = "about z, y, x"
+    if not np.array_equal(ball.axes, np.eye(3)[::-1]):
+        about += " of axes in which x is its motor's"
+    return "; ".join([f"ball joint {name} is three hinges {about} (singular at y = ±90°)", *extra])
 
 
 def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:

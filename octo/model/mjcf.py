@@ -112,35 +112,46 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
 
 
 def _without_soft_bodies(path: Path, model: Any, trees: dict[int, list[int]], notes: list[str]) -> set[int]:
-    """Take the trees of the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid shape.
+    """Take the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid shape.
 
     Raises
     ------
-    UnsupportedFeatureError: a deformable body is all there is, or part of a tree that has something else.
+    UnsupportedFeatureError: a deformable body is all that moves, or is tied to something else that does.
     """
     soft: set[int] = set()
     for f in range(model.nflex):
         if model.flex_rigid[f]:
             continue
-        name, nodes = name_of(model, "flex", f), _nodes(model, f)
-        tied = [b for root in {int(model.body_rootid[b]) for b in nodes} for b in trees.get(root, []) if b not in nodes]
-        if tied:
-            what = f"deformable body (flex) {name!r} moves with body {name_of(model, 'body', tied[0])!r}"
-            raise UnsupportedFeatureError(f"{path.name}: {what}; octo models rigid bodies, take it out")
+        name, bodies = name_of(model, "flex", f), _flex_bodies(model, f)
+        nodes = {b for b in bodies if _is_node(model, b)}
+        for root in {int(model.body_rootid[b]) for b in bodies}:
+            rest = [b for b in trees.get(root, []) if b not in nodes]
+            moving = [b for b in rest if model.body_dofnum[b]]
+            if moving:
+                what = f"deformable body (flex) {name!r} moves with body {name_of(model, 'body', moving[0])!r}"
+                raise UnsupportedFeatureError(f"{path.name}: {what}; octo models rigid bodies, take it out")
+            trees[root] = rest
         notes.append(f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies")
         soft.update(nodes)
-    for root in [root for root in trees if root in soft]:
+    for root in [root for root, members in trees.items() if not members]:
         del trees[root]
-    if not trees:
+    if soft and not any(model.body_dofnum[members].any() for members in trees.values()):
         raise UnsupportedFeatureError(f"{path.name}: all that moves is a deformable body (flex); octo models rigid bodies")
     return soft
 
 
-def _nodes(model: Any, f: int) -> set[int]:
-    """Bodies that move with the vertices or the nodes of flex ``f``; what hangs on the world is not one."""
+def _flex_bodies(model: Any, f: int) -> set[int]:
+    """Bodies that carry the vertices or the nodes of flex ``f``."""
     vertices = model.flex_vertbodyid[model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]]
     nodes = model.flex_nodebodyid[model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]]
     return {int(b) for b in (*vertices, *nodes) if b > 0}
+
+
+def _is_node(model: Any, b: int) -> bool:
+    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is of a body that has more."""
+    joints = model.jnt_type[model.body_jntadr[b] : model.body_jntadr[b] + model.body_jntnum[b]]
+    slide = import_mujoco().mjtJoint.mjJNT_SLIDE
+    return bool(len(joints) and (joints == slide).all() and not model.body_geomnum[b])
 
 
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from octo.solver.solution import Solution
 
 Array = NDArray[np.float64]
-BALL_ORDERS = ("zyx", "xzy", "yxz")  # letters of the hinges of a ball joint, outermost first
 
 
 def to_mujoco(solution: Solution) -> tuple[Array, Array]:
@@ -135,8 +134,8 @@ def _parts(solution: Solution) -> list[_Part]:
 def _ball(robot: Character, j: int, end: int) -> str:
     """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on; "" where there is none."""
     hinges = robot.joints[j : min(j + 3, end)]
-    prefix = hinges[0].name[:-2]
-    if [hinge.name for hinge in hinges] not in [[f"{prefix}_{c}" for c in order] for order in BALL_ORDERS]:
+    prefix = hinges[0].name.removesuffix("_z")
+    if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
         return ""
     alike = all(
         hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.anchor, hinges[0].anchor) for hinge in hinges
