@@ -1,4 +1,4 @@
-"""MuJoCo's actuators -> which joints are actuated, by how much at most, and what they add to the joint."""
+"""MuJoCo's actuators -> which joints are actuated, by how much at most, what else they add."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BallMotors:
 
     Attributes
     ----------
-    axes: (3, 3) a row each, unit vectors of the body; the last, the middle and the first are right-handed in this order.
+    axes: (3, 3) a row each, unit vectors of the body; last, middle and first are right-handed.
     note: in what the motors of the file are not those of the hinges; empty without motors.
     """
 
@@ -57,8 +57,8 @@ def joint_motor(source: RobotFile, j: int) -> Motor:
 def ball_motors(model: Any, j: int) -> BallMotors:
     """Of MuJoCo's ball joint ``j``, whose motors turn it about their gear vectors.
 
-    A gear vector keeps its direction in the child (or in the parent), the axes of the hinges turn with one another: a torque of
-    the hinges is that of the motors where the ball is not turned.
+    A gear vector keeps its direction in the child (or in the parent), the axes of the hinges turn
+    with one another: a torque of the hinges is that of the motors where the ball is not turned.
     """
     actuators = actuators_of(model, j)
     if not actuators:
@@ -75,19 +75,25 @@ def ball_motors(model: Any, j: int) -> BallMotors:
             continue
         limit = sum(force_limit(model, actuators[k]) * abs(float(parts[k, hinge])) for k in mine)
         first = int(mine[0])
-        motors.append(Motor(True, limit, float(parts[first, hinge]) * strength(model, actuators[first])))
-    notes = ["its motors act about the hinges, which is about their own axes where it is not turned"]
+        motors.append(
+            Motor(True, limit, float(parts[first, hinge]) * strength(model, actuators[first]))
+        )
+    notes = [
+        "its motors act about the hinges, which is about their own axes where it is not turned"
+    ]
     if not apart:
-        notes.append("they pull about oblique axes: one torque about each hinge, with the sum of their parts as its limit")
+        notes.append(
+            "they pull about oblique axes: one torque about each hinge, with the sum of their limits"
+        )
     elif len(actuators) > driving.any(axis=0).sum():
         notes.append("those about one axis are one torque, with the sum of their limits")
     return BallMotors(axes, tuple(motors), "; ".join(notes))
 
 
 def _hinge_axes(directions: Array) -> tuple[Array, bool]:
-    """(3, 3) axes of hinges, outermost first, one along each of the unit vectors (k, 3); False where no three are so.
+    """(3, 3) axes of hinges, outermost first, one along each of the unit vectors (k, 3).
 
-    The body's z, y and x where these will do.
+    The body's z, y and x where these will do, or where there are none (then False).
     """
     usual = np.eye(3)[::-1]
     distinct: list[Array] = []
@@ -110,10 +116,16 @@ def _hinge_axes(directions: Array) -> tuple[Array, bool]:
 
 def actuators_of(model: Any, j: int) -> list[int]:
     """Actuators that drive joint ``j``; one whose gear is zero does not."""
-    mine = [a for a in range(model.nactuator) if drives_joint(model, a) and model.actuator_trnid[a, 0] == j]
+    mine = [
+        a
+        for a in range(model.nactuator)
+        if drives_joint(model, a) and model.actuator_trnid[a, 0] == j
+    ]
     for a in mine:
-        if not np.isfinite(model.actuator_gear[a]).all():
-            raise ModelError(f"actuator {name_of(model, 'actuator', a)!r}: gear is {model.actuator_gear[a]}, must be finite")
+        gear = model.actuator_gear[a]
+        if not np.isfinite(gear).all():
+            name = name_of(model, "actuator", a)
+            raise ModelError(f"actuator {name!r}: gear is {gear}, must be finite")
     return [a for a in mine if model.actuator_gear[a, : gears(model, j)].any()]
 
 
@@ -124,9 +136,13 @@ def gears(model: Any, j: int) -> int:
 
 
 def reflected(model: Any, j: int, field: Any) -> float:
-    """What a property of its actuators (inertia, damping) is at joint ``j``: MuJoCo takes the first number of the gear, also of
-    a ball joint."""
-    return sum(float(model.actuator_gear[a, 0]) ** 2 * float(field[a]) for a in actuators_of(model, j))
+    """What a property of its actuators (inertia, damping) is at joint ``j``.
+
+    MuJoCo takes the first number of the gear, also of a ball joint.
+    """
+    return sum(
+        float(model.actuator_gear[a, 0]) ** 2 * float(field[a]) for a in actuators_of(model, j)
+    )
 
 
 def control_index(model: Any, a: int) -> int:
@@ -136,7 +152,10 @@ def control_index(model: Any, a: int) -> int:
 
 def drives_joint(model: Any, a: int) -> bool:
     kinds = import_mujoco().mjtTrn
-    return int(model.actuator_trntype[a]) in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    return int(model.actuator_trntype[a]) in (
+        int(kinds.mjTRN_JOINT),
+        int(kinds.mjTRN_JOINTINPARENT),
+    )
 
 
 def is_motor(model: Any, a: int) -> bool:
@@ -148,16 +167,18 @@ def is_motor(model: Any, a: int) -> bool:
 
 
 def strength(model: Any, a: int) -> float:
-    """Force before the gear per unit of control of a motor; per unit of force, which is 1, of any other actuator."""
+    """Force before the gear per unit of control of a motor; 1 of any other actuator."""
     return float(model.actuator_gainprm[a, 0]) if is_motor(model, a) else 1.0
 
 
 def force_limit(model: Any, a: int) -> float:
-    """The tighter of force range and control range (of a motor), before the gear; infinite where there is none."""
+    """The tighter of force and control range (of a motor), before the gear; infinite if none."""
     force = math.inf
     if model.actuator_forcelimited[a]:
         force = float(np.abs(model.actuator_forcerange[a]).max())
     control = control_index(model, a)
     if is_motor(model, a) and model.actuator_ctrllimited[control]:
-        force = min(force, abs(strength(model, a)) * float(np.abs(model.actuator_ctrlrange[control]).max()))
+        force = min(
+            force, abs(strength(model, a)) * float(np.abs(model.actuator_ctrlrange[control]).max())
+        )
     return force

@@ -1,4 +1,4 @@
-"""The limits of a URDF's joints: a missing bound is 0, an infinite one is none, and what is only a placeholder is said."""
+"""The limits of a URDF's joints: missing bounds are 0, infinite ones none, placeholders said."""
 
 from __future__ import annotations
 
@@ -33,27 +33,36 @@ def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, Limit
         attributes = {} if found is None else found.attrib
         effort = _size(file, name, "effort", attributes, notes)
         velocity = _size(file, name, "velocity", attributes, notes)
-        limits[name] = Limit(*_range(file, name, str(joint.get("type")), attributes, notes), effort, velocity)
+        limits[name] = Limit(
+            *_range(file, name, str(joint.get("type")), attributes, notes), effort, velocity
+        )
         for written in joint.findall("limit"):
             joint.remove(written)
         if joint.get("type") == "revolute":
             joint.set("type", "continuous")  # MuJoCo wants a range of every other
-    dropped += [note.format(f"joint{'s' * (len(names) > 1)} {', '.join(names)}") for note, names in notes.items()]
+    dropped += [
+        note.format(f"joint{'s' * (len(names) > 1)} {', '.join(names)}")
+        for note, names in notes.items()
+    ]
     return limits
 
 
 def _range(
     file: str, joint: str, kind: str, attributes: dict[str, str], notes: dict[str, list[str]]
 ) -> tuple[float, float]:
-    """Lower and upper limit (rad or m) of a joint. Unlimited where none is written, or nothing but zeros."""
-    lower, upper = (_number(file, joint, f"limit {end}", attributes.get(end, "0")) for end in ("lower", "upper"))
+    """Lower and upper limit (rad or m); none where none is written, or nothing but zeros."""
+    lower, upper = (
+        _number(file, joint, f"limit {end}", attributes.get(end, "0")) for end in ("lower", "upper")
+    )
     if lower > upper or (lower == upper and math.isinf(lower)):
         missing = "" if {"lower", "upper"} <= set(attributes) else " (one that is missing is 0)"
         what = f"lower limit is {lower}, must not be above the upper limit {upper}{missing}"
         raise RobotFileError(f"{file}: joint {joint!r}: {what}")
     if kind == "continuous":
         if math.isfinite(lower) and math.isfinite(upper) and lower < upper:
-            notes.setdefault("{}: continuous, the range in <limit> does not count", []).append(joint)
+            notes.setdefault("{}: continuous, the range in <limit> does not count", []).append(
+                joint
+            )
         return ENDLESS
     written = [attributes[end] for end in ("lower", "upper") if end in attributes]
     held = any(float(attributes.get(key, "0")) != 0.0 for key in ("effort", "velocity"))
@@ -61,13 +70,19 @@ def _range(
         notes.setdefault("{}: no range in <limit>, taken as unlimited", []).append(joint)
         return ENDLESS
     if lower == upper:
-        notes.setdefault("{}: the lower limit is the upper limit, it is held there", []).append(joint)
+        notes.setdefault("{}: the lower limit is the upper limit, it is held there", []).append(
+            joint
+        )
     return lower, upper
 
 
-def _size(file: str, joint: str, key: str, attributes: dict[str, str], notes: dict[str, list[str]]) -> float:
+def _size(
+    file: str, joint: str, key: str, attributes: dict[str, str], notes: dict[str, list[str]]
+) -> float:
     """The size of a limit; infinite for an infinite one, for zero and for none."""
-    bound = _number(file, joint, "velocity limit" if key == "velocity" else key, attributes.get(key, "inf"))
+    bound = _number(
+        file, joint, "velocity limit" if key == "velocity" else key, attributes.get(key, "inf")
+    )
     word = "speed" if key == "velocity" else key
     if bound == 0.0:
         notes.setdefault(f"{{}}: {word} 0 in <limit>, taken as unlimited", []).append(joint)

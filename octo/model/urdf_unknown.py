@@ -1,4 +1,4 @@
-"""What a URDF holds that is no URDF: unexpanded macros and links out of their place are refused, the rest is said."""
+"""What a URDF holds that is no URDF: macros and links out of place are refused, the rest said."""
 
 from __future__ import annotations
 
@@ -9,15 +9,31 @@ from xml.etree.ElementTree import Element
 from octo.errors import RobotFileError, UnsupportedFeatureError
 
 PARTS = ("link", "joint")
-EXTENSIONS = ("gazebo", "transmission", "ros2_control", "sensor")  # of simulators and controllers: they name links and joints
+EXTENSIONS = (
+    "gazebo",
+    "transmission",
+    "ros2_control",
+    "sensor",
+)  # of simulators and controllers: they name links and joints
 KNOWN = {
     "robot": {*PARTS, *EXTENSIONS, "material"},
     "link": {"inertial", "visual", "collision"},
-    "joint": {"parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
+    "joint": {
+        "parent",
+        "child",
+        "origin",
+        "axis",
+        "limit",
+        "dynamics",
+        "mimic",
+        "safety_controller",
+        "calibration",
+    },
     "inertial": {"origin", "mass", "inertia"},
     "collision": {"origin", "geometry", "material"},
 }
 SHAPES = {"box", "cylinder", "sphere", "mesh", "capsule"}
+ADVICE = "run xacro on the file"
 EXPRESSIONS = ("${", "$(")
 
 
@@ -26,23 +42,28 @@ def check_elements(file: str, tree: Element) -> list[str]:
 
     Raises
     ------
-    UnsupportedFeatureError: macros or expressions of xacro that were not expanded. RobotFileError: a link or a joint that is
-        no child of <robot>: it would be lost.
+    UnsupportedFeatureError: macros or expressions of xacro that were not expanded.
+    RobotFileError: a link or a joint that is no child of <robot>: it would be lost.
     """
     for element in tree.iter():
         if not isinstance(element.tag, str):
             continue  # a comment or an instruction
         if "xacro" in element.tag:
-            raise UnsupportedFeatureError(f"{file}: {_shown(element)}: macros of xacro are not expanded, run xacro on the file")
+            raise UnsupportedFeatureError(
+                f"{file}: {_shown(element)}: macros of xacro are not expanded, {ADVICE}"
+            )
     _check_expressions(file, tree)
     for child in tree:
         if not isinstance(child.tag, str):
             continue
         if child.tag not in PARTS and _local(child) in PARTS:
-            raise RobotFileError(f"{file}: {_shown(child)} is no element of a URDF, must be <{_local(child)}>")
+            raise RobotFileError(
+                f"{file}: {_shown(child)} is no element of a URDF, must be <{_local(child)}>"
+            )
         for inner in _descendants(child):
             if _local(inner) in PARTS and (child.tag not in EXTENSIONS or _is_part(inner)):
-                raise RobotFileError(f"{file}: {_shown(inner)} is inside of {_shown(child)}, must be a child of <robot>")
+                where = f"is inside of {_shown(child)}, must be a child of <robot>"
+                raise RobotFileError(f"{file}: {_shown(inner)} {where}")
     return _unknown(tree)
 
 
@@ -54,16 +75,16 @@ def _check_expressions(file: str, tree: Element) -> None:
             for key, value in element.attrib.items():
                 if id(element) not in looks and any(mark in value for mark in EXPRESSIONS):
                     where = _shown(part) if element is part else f"{_shown(part)}, <{element.tag}>"
-                    what = f"{where}: {key} is {value!r}: expressions of xacro are not evaluated, run xacro on the file"
-                    raise UnsupportedFeatureError(f"{file}: {what}")
+                    what = f"{where}: {key} is {value!r}: expressions of xacro are not evaluated"
+                    raise UnsupportedFeatureError(f"{file}: {what}, {ADVICE}")
 
 
 def _is_part(element: Element) -> bool:
-    """Whether an element inside of an extension is a link or joint as URDF writes it; SDF has texts in place of attributes."""
+    """Whether an element inside of an extension is one of URDF; SDF has texts for attributes."""
     if _local(element) == "joint":
         return any("link" in end.attrib for end in element if end.tag in ("parent", "child"))
     mass = element.find("inertial/mass")
-    return (mass is not None and "value" in mass.attrib) or element.find("collision") is not None
+    return mass is not None and "value" in mass.attrib
 
 
 def _unknown(tree: Element) -> list[str]:
@@ -81,7 +102,7 @@ def _unknown(tree: Element) -> list[str]:
 
 
 def _descendants(element: Element) -> Iterator[Element]:
-    return (inner for inner in element.iter() if inner is not element and isinstance(inner.tag, str))
+    return (e for e in element.iter() if e is not element and isinstance(e.tag, str))
 
 
 def _local(element: Element) -> str:

@@ -20,7 +20,9 @@ BODY = '<body name="a"><joint name="j" type="ball"{}/><geom type="capsule" size=
 
 def written(tmp_path, actuators, joint=""):
     path = tmp_path / "ball.xml"
-    path.write_text(f"<mujoco><worldbody>{BODY.format(joint)}</worldbody><actuator>{actuators}</actuator></mujoco>")
+    path.write_text(
+        f"<mujoco><worldbody>{BODY.format(joint)}</worldbody><actuator>{actuators}</actuator></mujoco>"
+    )
     return path
 
 
@@ -41,7 +43,10 @@ def difference(path: Path, x: Array, share: float = 1.0) -> tuple[float, Charact
     mujoco.mju_mat2Quat(data.qpos, turn.ravel())
     data.ctrl[:] = share * model.actuator_ctrlrange[:, 1]
     mujoco.mj_forward(model, data)
-    torque = [np.sign(joint.gear) * share * joint.torque_limit if joint.actuated else 0.0 for joint in robot.joints]
+    torque = [
+        np.sign(joint.gear) * share * joint.torque_limit if joint.actuated else 0.0
+        for joint in robot.joints
+    ]
     return float(np.abs(rates.T @ data.qfrc_actuator - torque).max()), robot
 
 
@@ -85,7 +90,9 @@ SEVERAL = {
 
 @pytest.mark.parametrize("gears", SEVERAL)
 def test_several_axes(tmp_path, gears):
-    motors = "".join(f'<motor joint="j" gear="{gear}" ctrlrange="-5 5"/>' for gear in SEVERAL[gears])
+    motors = "".join(
+        f'<motor joint="j" gear="{gear}" ctrlrange="-5 5"/>' for gear in SEVERAL[gears]
+    )
     error, robot = difference(written(tmp_path, motors), np.zeros(3))
     assert error < 1e-12
     assert robot.nu == len(SEVERAL[gears])
@@ -114,7 +121,9 @@ def test_a_motor_without_a_limit_or_a_gear(tmp_path):
     assert free.torque_limit.tolist() == [math.inf]
     idle = load(written(tmp_path, '<motor name="m" joint="j" gear="0 0 0" ctrlrange="-5 5"/>'))
     assert idle.nu == 0
-    assert any("gear is zero of actuators, which then drive nothing: m" in note for note in idle.dropped)
+    assert any(
+        "gear is zero of actuators, which then drive nothing: m" in note for note in idle.dropped
+    )
     with pytest.raises(ModelError, match=r"ball.xml: actuator 'm': gear is .*nan"):
         load(written(tmp_path, '<motor name="m" joint="j" gear="0 nan 0" ctrlrange="-5 5"/>'))
 
@@ -143,7 +152,9 @@ def test_poses_and_motions_are_mujocos(tmp_path, motor):
     quat = np.array([0.8, 0.3, -0.4, 0.2]) / np.linalg.norm([0.8, 0.3, -0.4, 0.2])
     path = tmp_path / "ball.xml"
     key = f'<keyframe><key name="bent" qpos="{" ".join(map(repr, quat.tolist()))}"/></keyframe>'
-    path.write_text(f"<mujoco><worldbody>{BODY.format('')}</worldbody><actuator>{motor}</actuator>{key}</mujoco>")
+    path.write_text(
+        f"<mujoco><worldbody>{BODY.format('')}</worldbody><actuator>{motor}</actuator>{key}</mujoco>"
+    )
     robot = load(path)
     turn, expected = turn_of(robot, robot.poses["bent"])[0], np.zeros(9)
     mujoco.mju_quat2Mat(expected, quat)

@@ -33,7 +33,9 @@ PAIR = link("a") + link("b")
 
 def written(tmp_path, inside, name="tiny.urdf"):
     path = tmp_path / name
-    path.write_text(f'<robot name="tiny" xmlns:xacro="http://www.ros.org/wiki/xacro">{inside}</robot>')
+    path.write_text(
+        f'<robot name="tiny" xmlns:xacro="http://www.ros.org/wiki/xacro">{inside}</robot>'
+    )
     return path
 
 
@@ -41,16 +43,79 @@ def written(tmp_path, inside, name="tiny.urdf"):
 LIMITS = {
     "upper alone": ('upper="0.04" effort="3" velocity="1"', 0.0, 0.04, 3.0, 1.0, ""),
     "lower alone": ('lower="-1.5" effort="3" velocity="1"', -1.5, 0.0, 3.0, 1.0, ""),
-    "held": ('lower=".3" upper=".3" effort="3" velocity="1"', 0.3, 0.3, 3.0, 1.0, "the lower limit is the upper limit"),
-    "held at zero": ('lower="0" upper="0" effort="3" velocity="1"', 0.0, 0.0, 3.0, 1.0, "the lower limit is the upper limit"),
-    "all zero": ('lower="0" upper="0" effort="0" velocity="0"', -NONE, NONE, NONE, NONE, "joint j: no range in <limit>"),
+    "held": (
+        'lower=".3" upper=".3" effort="3" velocity="1"',
+        0.3,
+        0.3,
+        3.0,
+        1.0,
+        "the lower limit is the upper limit",
+    ),
+    "held at zero": (
+        'lower="0" upper="0" effort="3" velocity="1"',
+        0.0,
+        0.0,
+        3.0,
+        1.0,
+        "the lower limit is the upper limit",
+    ),
+    "all zero": (
+        'lower="0" upper="0" effort="0" velocity="0"',
+        -NONE,
+        NONE,
+        NONE,
+        NONE,
+        "joint j: no range in <limit>",
+    ),
     "no range": ('effort="3" velocity="1"', -NONE, NONE, 3.0, 1.0, "joint j: no range in <limit>"),
-    "no effort": ('lower="-1" upper="1" effort="0" velocity="2"', -1.0, 1.0, NONE, 2.0, "joint j: effort 0 in <limit>"),
-    "no speed": ('lower="-1" upper="1" effort="5" velocity="0"', -1.0, 1.0, 5.0, NONE, "joint j: speed 0 in <limit>"),
-    "negative": ('lower="-1" upper="1" effort="-5" velocity="-2"', -1.0, 1.0, 5.0, 2.0, "negative effort in <limit>"),
-    "infinite": ('lower="-inf" upper="Infinity" effort="inf" velocity="1e400"', -NONE, NONE, NONE, NONE, ""),
-    "infinite below": ('lower="-1e400" upper=".5" effort="-inf" velocity="-Infinity"', -NONE, 0.5, NONE, NONE, ""),
-    "infinite above": ('lower=".2" upper="1e999" effort="1e308" velocity="+inf"', 0.2, NONE, 1e308, NONE, ""),
+    "no effort": (
+        'lower="-1" upper="1" effort="0" velocity="2"',
+        -1.0,
+        1.0,
+        NONE,
+        2.0,
+        "joint j: effort 0 in <limit>",
+    ),
+    "no speed": (
+        'lower="-1" upper="1" effort="5" velocity="0"',
+        -1.0,
+        1.0,
+        5.0,
+        NONE,
+        "joint j: speed 0 in <limit>",
+    ),
+    "negative": (
+        'lower="-1" upper="1" effort="-5" velocity="-2"',
+        -1.0,
+        1.0,
+        5.0,
+        2.0,
+        "negative effort in <limit>",
+    ),
+    "infinite": (
+        'lower="-inf" upper="Infinity" effort="inf" velocity="1e400"',
+        -NONE,
+        NONE,
+        NONE,
+        NONE,
+        "",
+    ),
+    "infinite below": (
+        'lower="-1e400" upper=".5" effort="-inf" velocity="-Infinity"',
+        -NONE,
+        0.5,
+        NONE,
+        NONE,
+        "",
+    ),
+    "infinite above": (
+        'lower=".2" upper="1e999" effort="1e308" velocity="+inf"',
+        0.2,
+        NONE,
+        1e308,
+        NONE,
+        "",
+    ),
 }
 
 
@@ -60,7 +125,12 @@ def test_limits(tmp_path, case, kind):
     attributes, lower, upper, effort, velocity, said = LIMITS[case]
     robot = load(written(tmp_path, PAIR + joint(f"<limit {attributes}/>", kind)), "fixed")
     found = robot.joints[0]
-    assert (found.lower, found.upper, found.torque_limit, found.velocity_limit) == (lower, upper, effort, velocity)
+    assert (found.lower, found.upper, found.torque_limit, found.velocity_limit) == (
+        lower,
+        upper,
+        effort,
+        velocity,
+    )
     assert found.actuated
     if said:
         assert any(said in note for note in robot.dropped)
@@ -69,9 +139,17 @@ def test_limits(tmp_path, case, kind):
 
 
 def test_a_continuous_joint_has_no_range(tmp_path):
-    robot = load(written(tmp_path, PAIR + joint('<limit lower="-1" upper="1" effort="2" velocity="3"/>', "continuous")), "fixed")
+    robot = load(
+        written(
+            tmp_path,
+            PAIR + joint('<limit lower="-1" upper="1" effort="2" velocity="3"/>', "continuous"),
+        ),
+        "fixed",
+    )
     assert (robot.lower[0], robot.upper[0], robot.torque_limit[0]) == (-NONE, NONE, 2.0)
-    assert any("joint j: continuous, the range in <limit> does not count" in note for note in robot.dropped)
+    assert any(
+        "joint j: continuous, the range in <limit> does not count" in note for note in robot.dropped
+    )
 
 
 def test_the_case_of_one_limit():
@@ -82,7 +160,10 @@ def test_the_case_of_one_limit():
 def test_a_joint_that_is_held_stays_there(tmp_path):
     """Its limit acts in the dynamics, in the pose of a start and in a file for MuJoCo."""
     mujoco = pytest.importorskip("mujoco")
-    robot = load(written(tmp_path, PAIR + joint('<limit lower=".3" upper=".3" effort="9" velocity="1"/>')), "fixed")
+    robot = load(
+        written(tmp_path, PAIR + joint('<limit lower=".3" upper=".3" effort="9" velocity="1"/>')),
+        "fixed",
+    )
     problem = octo.Problem(robot, steps=10, dt=0.02, costs=[octo.Effort()])
     assert problem.start.tolist() == [0.3]
     octo.export_mjcf(robot, tmp_path / "held.xml")
@@ -92,12 +173,24 @@ def test_a_joint_that_is_held_stays_there(tmp_path):
 
 
 LIMITS_REFUSED = {
-    "a lower one above the upper": ('lower="1" upper="-1"', "joint 'j': lower limit is 1.0, must not be above"),
-    "a lower one above the missing": ('lower=".5"', r"joint 'j': lower limit is 0.5, .* 0.0 \(one that is missing is 0\)"),
-    "an upper one below the missing": ('upper="-.5"', r"joint 'j': lower limit is 0.0, .* -0.5 \(one that is missing is 0\)"),
+    "a lower one above the upper": (
+        'lower="1" upper="-1"',
+        "joint 'j': lower limit is 1.0, must not be above",
+    ),
+    "a lower one above the missing": (
+        'lower=".5"',
+        r"joint 'j': lower limit is 0.5, .* 0.0 \(one that is missing is 0\)",
+    ),
+    "an upper one below the missing": (
+        'upper="-.5"',
+        r"joint 'j': lower limit is 0.0, .* -0.5 \(one that is missing is 0\)",
+    ),
     "no number": ('lower="nan" upper="1"', "joint 'j': limit lower is 'nan', must be a number"),
     "words": ('lower="-1" upper="one"', "joint 'j': limit upper is 'one', must be a number"),
-    "two numbers": ('lower="-1" upper="1" effort="1 2"', "joint 'j': effort is '1 2', must be a number"),
+    "two numbers": (
+        'lower="-1" upper="1" effort="1 2"',
+        "joint 'j': effort is '1 2', must be a number",
+    ),
     "both endless": ('lower="inf" upper="inf"', "joint 'j': lower limit is inf"),
 }
 
@@ -146,7 +239,8 @@ def test_a_macro_without_its_namespace(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("unexpanded_xacro", "<xacro:leg>"), ("link_in_a_group", "<link> 'a' is inside of <group>")]
+    ("name", "message"),
+    [("unexpanded_xacro", "<xacro:leg>"), ("link_in_a_group", "<link> 'a' is inside of <group>")],
 )
 def test_the_cases_of_lost_parts(name, message):
     with pytest.raises(RobotFileError, match=f"{name}.urdf: {message}"):
@@ -157,7 +251,10 @@ SAID = {
     "a misspelt inertia": (link("a", "<inertail/>"), "<inertail> in 1 <link>"),
     "a misspelt shape": (link("a", "<colision/>") + link("b") + joint(), "<colision> in 1 <link>"),
     "a sensor of a link": (link("a", "<camera/>"), "<camera> in 1 <link>"),
-    "two of a kind": (link("a", "<magnet/>") + link("b", "<magnet/>") + joint(), "<magnet> in 2 <link>"),
+    "two of a kind": (
+        link("a", "<magnet/>") + link("b", "<magnet/>") + joint(),
+        "<magnet> in 2 <link>",
+    ),
     "of a joint": (PAIR + joint("<backlash/>"), "<backlash> in 1 <joint>"),
     "of a robot": (link("a") + "<muscle/>", "<muscle> in 1 <robot>"),
 }
@@ -213,7 +310,10 @@ MJCF = {
     "stiffness": ('stiffness="-5"', "joint 'hip': stiffness is -5.0"),
     "armature": ('armature="-.1"', "joint 'hip': armature is -0.1"),
     "endless damping": ('damping="inf"', "joint 'hip': damping is inf"),
-    "large stiffness": ('stiffness="1e300"', r"joint 'hip': stiffness is 1e\+300, must be at most 1e\+12"),
+    "large stiffness": (
+        'stiffness="1e300"',
+        r"joint 'hip': stiffness is 1e\+300, must be at most 1e\+12",
+    ),
     "anchor": ('pos="0 nan 0"', "joint 'hip': position has the entry nan"),
     "reference": ('ref="inf"', "joint 'hip': reference is inf"),
 }
@@ -224,7 +324,9 @@ def test_numbers_of_an_mjcf(tmp_path, case):
     attributes, message = MJCF[case]
     path = tmp_path / "tiny.xml"
     hip = f'<joint name="hip" {attributes}/>'
-    path.write_text(f'<mujoco><worldbody><body name="a">{hip}<geom size=".1"/></body></worldbody></mujoco>')
+    path.write_text(
+        f'<mujoco><worldbody><body name="a">{hip}<geom size=".1"/></body></worldbody></mujoco>'
+    )
     with pytest.raises(ModelError, match=f"^tiny.xml: .*{message}"):
         load(path)
 
@@ -233,7 +335,9 @@ def test_endless_ranges_of_an_mjcf(tmp_path):
     path = tmp_path / "tiny.xml"
     hip = '<joint name="hip" range="-inf 90"/>'
     motor = '<actuator><motor joint="hip" ctrlrange="-inf inf"/></actuator>'
-    path.write_text(f'<mujoco><worldbody><body name="a">{hip}<geom size=".1"/></body></worldbody>{motor}</mujoco>')
+    path.write_text(
+        f'<mujoco><worldbody><body name="a">{hip}<geom size=".1"/></body></worldbody>{motor}</mujoco>'
+    )
     robot = load(path)
     assert (robot.lower[0], robot.torque_limit[0]) == (-NONE, NONE)
     assert robot.upper[0] == pytest.approx(math.pi / 2)
@@ -244,7 +348,9 @@ def dog(tmp_path, foot, trunk=""):
     for name, x, y in (("fl", 0.2, 0.1), ("fr", 0.2, -0.1), ("hl", -0.2, 0.1), ("hr", -0.2, -0.1)):
         mesh = f'<collision><geometry><mesh filename="{foot.format(name)}"/></geometry></collision>'
         hip = joint('<limit lower="-1" upper="1" effort="9" velocity="9"/>', origin=f"{x} {y} 0")
-        legs += link(f"{name}_foot", mesh) + hip.replace('"j"', f'"{name}_hip"').replace('"b"', f'"{name}_foot"')
+        legs += link(f"{name}_foot", mesh) + hip.replace('"j"', f'"{name}_hip"').replace(
+            '"b"', f'"{name}_foot"'
+        )
     return written(tmp_path, link("a", trunk) + legs, "dog.urdf")
 
 
@@ -270,7 +376,9 @@ def test_octo_solve_says_which_feet_are_missing(tmp_path, capsys):
     path = dog(tmp_path, "package://dog/{}.dae")
     assert main(["solve", str(path), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert said.count("fl.dae of links fl_foot: octo reads .stl, .obj, .msh") == 2  # as it is read, and as it does not stand
+    assert (
+        said.count("fl.dae of links fl_foot: octo reads .stl, .obj, .msh") == 2
+    )  # as it is read, and as it does not stand
     assert "does not stand" in said
     assert "--pose" not in said
 

@@ -131,7 +131,9 @@ def test_refused_where_it_is_made(case):
 
 
 ALLOWED: dict[str, Callable[[], Any]] = {
-    "no limits": joint(lower=-math.inf, upper=math.inf, torque_limit=math.inf, velocity_limit=math.inf),
+    "no limits": joint(
+        lower=-math.inf, upper=math.inf, torque_limit=math.inf, velocity_limit=math.inf
+    ),
     "a limit in words of Python": joint(lower=float("-inf"), upper=float("1e400")),
     "limits that hold": joint(lower=0.3, upper=0.3),
     "large limits": joint(lower=-1e300, upper=1e16, torque_limit=1e308),
@@ -161,7 +163,9 @@ def test_fields_are_numbers_of_the_objects_own():
     assert made.joints[0].axis.tolist() == [0.0, 1.0, 0.0]
     assert made.com.tolist() == [0.0, 0.0, 0.0]
     assert isinstance(made.mass, float)
-    assert np.linalg.norm(replace(HINGE, axis=(0.0, 0.7071, 0.7071)).axis) == pytest.approx(1.0, abs=1e-15)
+    assert np.linalg.norm(replace(HINGE, axis=(0.0, 0.7071, 0.7071)).axis) == pytest.approx(
+        1.0, abs=1e-15
+    )
 
 
 @pytest.mark.parametrize("name", ["chain", "biped", "bird", "mammal", "spider", "humanoid"])

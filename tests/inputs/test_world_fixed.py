@@ -36,7 +36,9 @@ HUNG = {
     "puck": '<body name="puck"><joint name="x" type="slide"/><joint name="y" type="slide" axis="0 1 0"/><geom size=".2"/></body>',
     "cloth": CLOTH.format(""),
     "pinned cloth": CLOTH.format('<pin id="0"/>'),
-    "cloth on a table": '<body name="table"><geom size=".2" mass="4"/>' + CLOTH.format('<pin id="0"/>') + "</body>",
+    "cloth on a table": '<body name="table"><geom size=".2" mass="4"/>'
+    + CLOTH.format('<pin id="0"/>')
+    + "</body>",
 }
 
 
@@ -60,7 +62,9 @@ def test_the_case_of_the_table():
     mujoco.mj_forward(model, data)
     trunk = model.body("trunk").id
     assert robot.mass == pytest.approx(5.6) == pytest.approx(model.body_subtreemass[trunk])
-    np.testing.assert_allclose(center_of_mass(robot, robot.default_pose), data.subtree_com[trunk], atol=1e-12)
+    np.testing.assert_allclose(
+        center_of_mass(robot, robot.default_pose), data.subtree_com[trunk], atol=1e-12
+    )
     assert any("table (50 kg) is fixed to the world" in note for note in robot.dropped)
     assert "table" not in [body.name for body in robot.bodies]
 
@@ -83,14 +87,19 @@ def test_beside_an_arm(tmp_path, thing):
 @pytest.mark.parametrize("thing", STILL)
 def test_the_base_may_be_chosen(tmp_path, thing):
     for base, world in (("fixed", WALKER), ("floating", ARM)):
-        alike(load(written(tmp_path, STILL[thing] + world), base), load(written(tmp_path, world), base))
+        alike(
+            load(written(tmp_path, STILL[thing] + world), base),
+            load(written(tmp_path, world), base),
+        )
 
 
 def test_several_arms_are_one_robot_and_said(tmp_path):
     other = ARM.replace('"trunk"', '"post"').replace('"leg"', '"beam"').replace('"hip"', '"pivot"')
     robot = load(written(tmp_path, ARM + other))
     assert robot.nx == 2
-    assert any("several trees stand on the world" in note and "post" in note for note in robot.dropped)
+    assert any(
+        "several trees stand on the world" in note and "post" in note for note in robot.dropped
+    )
 
 
 def test_a_pedestal_is_the_arms(tmp_path):
@@ -101,15 +110,21 @@ def test_a_pedestal_is_the_arms(tmp_path):
 
 
 def test_deformable_bodies_alone_are_refused(tmp_path):
-    with pytest.raises(UnsupportedFeatureError, match="scene.xml: all that moves is a deformable body"):
+    with pytest.raises(
+        UnsupportedFeatureError, match="scene.xml: all that moves is a deformable body"
+    ):
         load(written(tmp_path, CLOTH.format("")))
 
 
 def test_a_deformable_body_of_the_robot_is_refused(tmp_path):
     rope = 'type="grid" count="3 1 1" spacing=".1 .1 .1" radius=".01" mass="1" dim="1"'
     soft = f'<flexcomp name="skin" {rope}><pin id="0"/></flexcomp>'
-    with pytest.raises(UnsupportedFeatureError, match="deformable body .flex. 'skin' moves with body 'trunk'"):
-        load(written(tmp_path, '<body name="trunk"><freejoint/><geom size=".1"/>' + soft + "</body>"))
+    with pytest.raises(
+        UnsupportedFeatureError, match="deformable body .flex. 'skin' moves with body 'trunk'"
+    ):
+        load(
+            written(tmp_path, '<body name="trunk"><freejoint/><geom size=".1"/>' + soft + "</body>")
+        )
 
 
 def test_bodies_of_ones_own():
