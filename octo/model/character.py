@@ -50,9 +50,12 @@ def _shown(value: object) -> str:
 def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
     """A copy of ``value`` as finite numbers of this shape that fit into the arithmetic."""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ModelError(f"{what} is {_shown(value)}, must be numbers") from None
+        array = np.array(value)
+    except ValueError:  # lists of unequal lengths
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise ModelError(f"{what} is {_shown(value)}, must be numbers")
+    array = array.astype(float)
     if array.shape != shape:
         raise ModelError(f"{what} has shape {array.shape}, must have {shape}")
     if not (np.abs(array) <= LARGEST).all():
@@ -64,7 +67,7 @@ def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
 def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool = False) -> float:
     """``value`` as a number that is finite; with ``unlimited``, as a limit, which may also be infinite. Never NaN."""
     try:
-        number = float(value)  # type: ignore[arg-type]
+        number = float(operator.pos(value))  # type: ignore[arg-type]  # a text has no sign
     except (TypeError, ValueError):
         raise ModelError(f"{what} is {_shown(value)}, must be a number") from None
     except OverflowError:
