@@ -328,9 +328,10 @@ class Character:
 
     @cached_property
     def masses(self) -> Array:
-        """(bodies,) kg; zero of what is fixed to the world and therefore is world.
+        """(bodies,) kg; zero of what is world and not robot.
 
-        The robot is what the floating base carries; on a fixed base, what moves and what it stands on.
+        The robot is what the floating base carries. On a fixed base it is the trees that are driven (or, where none is, that
+        move), with what they stand on: a door beside an arm moves, but its weight is not the arm's.
         """
         root: list[int] = []
         for b, body in enumerate(self.bodies):
@@ -338,7 +339,9 @@ class Character:
         if self.base == "floating":
             kept = {root[self.base_body]} if self.bodies else set()
         else:
-            kept = {root[b] for b, body in enumerate(self.bodies) if body.joints} or set(root)
+            moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
+            driven = {root[b] for b, body in enumerate(self.bodies) if any(joint.actuated for joint in body.joints)}
+            kept = driven or moving or set(root)
         return np.array([body.mass if root[b] in kept else 0.0 for b, body in enumerate(self.bodies)])
 
     @cached_property

@@ -71,8 +71,8 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
 
     Of several trees the robot is the one with most actuators, then most degrees of freedom. What has no joints is fixed to the
     world and is world: tables, targets, mocap bodies. Beside a robot that floats so is what hangs on the world by joints of its
-    own, as a door; beside one that stands on the world itself such trees are the robot's. Nodes of deformable bodies and
-    further floating trees never are.
+    own, as a door; beside one that stands on the world itself such trees are kept, but count as the robot's mass only where they
+    are driven. Nodes of deformable bodies and further floating trees are always left out.
     """
     mujoco = import_mujoco()
     trees: dict[int, list[int]] = {}
@@ -88,7 +88,7 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
     def floats(root: int) -> bool:
         return bool(model.body_jntnum[root]) and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
 
-    others, standing = set(soft), []
+    others, standing, robot_bodies = set(soft), [], trees[robot]
     moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
     for root, members in trees.items():
         still = not moves[root]
@@ -102,6 +102,8 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
             notes.append(f"body {which} is fixed to the world: it is world, not robot")
         elif not still and floats(robot):
             notes.append(f"body {which} hangs on the world by joints of its own: octo models the floating tree alone")
+        elif not still and driven[robot_bodies].any() and not driven[members].any():
+            notes.append(f"body {which} hangs on the world and nothing drives it: it moves, but its mass is not the robot's")
         elif not still:
             standing.append(which)
         if still or floats(root) or floats(robot):

@@ -93,13 +93,31 @@ def test_the_base_may_be_chosen(tmp_path, thing):
         )
 
 
-def test_several_arms_are_one_robot_and_said(tmp_path):
+HINGED = [thing for thing in HUNG if "cloth" not in thing]
+
+
+@pytest.mark.parametrize("thing", HINGED)
+def test_things_hinged_to_the_world_beside_an_arm(tmp_path, thing):
+    """They move, as an arm may push them, but their mass is not the arm's."""
+    alone = load(written(tmp_path, ARM, MOTOR))
+    found = load(written(tmp_path, HUNG[thing] + ARM, MOTOR))
+    assert found.mass == pytest.approx(alone.mass, rel=1e-12)
+    assert any("nothing drives it: it moves, but its mass is not the robot's" in note for note in found.dropped)
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, found.nx)
+    own = x[[found.joint_index(joint.name) for joint in alone.joints]]
+    np.testing.assert_allclose(center_of_mass(found, x), center_of_mass(alone, own), atol=1e-12)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    assert sum(body.mass for body in found.bodies) == pytest.approx(model.body_mass.sum())
+
+
+@pytest.mark.parametrize("motors", ["", MOTOR.replace("</", '<motor joint="pivot"/></')])
+def test_several_arms_are_one_robot_and_said(tmp_path, motors):
     other = ARM.replace('"trunk"', '"post"').replace('"leg"', '"beam"').replace('"hip"', '"pivot"')
-    robot = load(written(tmp_path, ARM + other))
+    robot = load(written(tmp_path, ARM + other, motors))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
     assert robot.nx == 2
-    assert any(
-        "several trees stand on the world" in note and "post" in note for note in robot.dropped
-    )
+    assert robot.mass == pytest.approx(model.body_mass.sum())
+    assert any("several trees stand on the world" in note and "post" in note for note in robot.dropped)
 
 
 def test_a_pedestal_is_the_arms(tmp_path):
