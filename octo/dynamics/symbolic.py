@@ -50,9 +50,9 @@ def body_poses(character: Character, x: ca.SX) -> list[Pose]:
 def center_of_mass(character: Character, x: ca.SX) -> ca.SX:
     """World position (3,) m of the centre of mass of the whole character."""
     poses = body_poses(character, x)
-    moment = sum(
-        ((R @ ca.SX(b.com) + t) * b.mass for b, (R, t) in zip(character.bodies, poses, strict=True)), ca.SX.zeros(3)
-    )
+    moment = ca.SX.zeros(3)
+    for body, mass, (R, t) in zip(character.bodies, character.masses, poses, strict=True):
+        moment += (R @ ca.SX(body.com) + t) * mass
     return moment / character.mass
 
 

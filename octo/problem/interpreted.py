@@ -140,7 +140,7 @@ class Interpreted:
         full = np.zeros((owner.batch, steps, n))
         full[..., owner.dynamics.actuated] = np.einsum("kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :])
         if lam is not None:
-            rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, -1, owner.m))
+            rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, len(owner._test_matrix), owner.m))
             full[..., owner.dynamics.unactuated] = rows * owner.row_scale[:, None]
         fd, fd_jac, hess = owner.dynamics.evaluate(at.nodes, owner.p, full, 1 if lam is None else 2)
         assert fd_jac is not None

@@ -164,7 +164,7 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
         numbers = {
             "touch_sphere": [v for sphere in spheres for v in (*sphere.position, sphere.radius)],
             "touch_use": () if functions.contact is None else functions.contact.use.astype(float).ravel(),
-            "body_mass": [body.mass for body in robot.bodies],
+            "body_mass": robot.masses,
             "body_com": [v for body in robot.bodies for v in body.com],
         }
         sizes_of_mass = f"static const double octo_mass = {float(robot.mass).hex()};"
