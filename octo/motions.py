@@ -39,7 +39,7 @@ STARTS = 3  # of the cycle, for each period
 PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
-RISES = 0.4  # ℓ: a stride whose trunk is so much higher or lower is that of another pose (docs/notes/cycles.md)
+RISES = 0.4  # ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by 0.3 at most
 KEEPS = 0.2  # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
@@ -149,6 +149,10 @@ class Journey:
         grain = 2 if self.mirrored else 1
         return sorted({max(8, grain * round(positive("period", value, "s") / self.dt / grain)) for value in wanted})
 
+    def counts(self) -> list[int]:
+        """Those of them that fit between rest and rest."""
+        return [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
+
     def ends(self, count: int) -> int:
         """Steps in which a stride of ``count`` steps is entered."""
         return max(count, round(ENDS * np.sqrt(self.whole.length / self.whole.gravity) / self.dt))
@@ -171,7 +175,7 @@ class Journey:
         return self._solved(time.perf_counter())
 
     def _solved(self, began: float) -> Solution:
-        counts = [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
+        counts = self.counts()
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
         try:
@@ -185,15 +189,15 @@ class Journey:
             doing = f"a stride of {problem.steps * problem.dt * (2 if self.mirrored else 1):.3g} s"
             found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began, doing))
             stopped = any(made.status is Status.INTERRUPTED for made in found)
-            pose = None if stopped else self._other_pose(_good(found))
-            if stopped or pose is not None:
+            other = None if stopped else self._standing_as(_good(found))
+            if stopped or other is not None:
                 break
         records = tuple(made.report() for made in found)
         if stopped:
             best = min(found, key=lambda made: (not made.converged, made.energy))
             return replace(best, status=Status.INTERRUPTED, starts=records)
-        if pose is not None:  # length, periods and terms are those of a robot that stands so
-            motion = replace(self, pose=pose)._solved(began)
+        if other is not None:
+            motion = other._solved(began)
             return replace(motion, starts=records + motion.starts)
         good = _good(found)
         if not good:
@@ -229,8 +233,11 @@ class Journey:
             return pieces
         return min(pieces, other, key=lambda one: one.rank)
 
-    def _other_pose(self, strides: Sequence[Solution]) -> Array | None:
-        """(nx,) a pose that stands as the best of these strides does, if its trunk is far above or below that at rest."""
+    def _standing_as(self, strides: Sequence[Solution]) -> Journey | None:
+        """This motion of a robot that stands as the best of these strides does, with its length, periods and terms.
+
+        None where the robot at rest stands about as high, where a pose was given, and where that motion has no stride.
+        """
         if self.pose is not None or not strides:
             return None
         best, normal = min(strides, key=_quality), plane_normal(self.whole)
@@ -238,7 +245,11 @@ class Journey:
         away = best.x[1:, first : first + 3] - self.whole.start[first : first + 3]
         if abs(float((away @ normal).mean())) <= RISES * self.whole.length * float(np.linalg.norm(normal)):
             return None
-        return self._mean_pose(best)
+        other = replace(self, pose=self._mean_pose(best))
+        try:
+            return other if other.counts() else None
+        except StaticPoseError:
+            return None
 
     def _mean_pose(self, stride: Solution) -> Array:
         """(nx,) the joints of the stride in the mean, over the feet."""
