@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import ShapeError, ValueRangeError
+from octo.errors import OutputError, ShapeError, ValueRangeError
 
 Array = NDArray[np.float64]
+STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
+LONGEST_STEP = 1.0  # s, of a robot's motion
 
 
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -46,6 +49,55 @@ def positive(field: str, value: Any, unit: str = "") -> float:
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
         raise ValueRangeError(f"{field} is {value!r}{unit and ' '}{unit}, must be positive and finite")
+    return found
+
+
+def time_step(value: Any) -> float:
+    """dt (s) of a robot's motion.
+
+    Raises
+    ------
+    ValueRangeError: not positive, or so long that a robot falls metres within it.
+    """
+    dt = positive("dt", value, "s")
+    if dt > LONGEST_STEP:
+        raise ValueRangeError(f"dt is {value!r} s, must be at most {LONGEST_STEP:g} s: within one step a robot falls over unseen")
+    return dt
+
+
+def vectors(field: str, value: Any, size: int) -> Array:
+    """``value`` as ``size`` finite numbers, or as a row of them for each step: (size,) or (N, size)."""
+    array = numbers(field, value)
+    if array.ndim not in (1, 2) or array.shape[-1] != size:
+        raise ShapeError(field, array.shape, f"({size},) or (N, {size})")
+    return array
+
+
+def shares(field: str, value: Any, size: int) -> Array:
+    """Weights of ``size`` things, as one number for all, (size,) or (N, size): finite, none negative."""
+    array = numbers(field, value)
+    if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
+        raise ShapeError(field, array.shape, f"(), ({size},) or (N, {size})")
+    if (array < 0.0).any():
+        raise ValueRangeError(f"{field} has the negative weight {array.min():g}, must not be negative")
+    return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
+
+
+def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
+    """A file's path with one of the endings that say what will be in it.
+
+    Raises
+    ------
+    OutputError: another ending, or none.
+    """
+    try:
+        found = Path(path)
+    except TypeError:
+        raise OutputError(f"{field} is a {type(path).__name__}, must be a file's path") from None
+    if found.suffix.lower() not in allowed:
+        *others, last = allowed
+        words = f"{', '.join(others)} or {last}" if others else last
+        raise OutputError(f"{field} is {str(found)!r}, must end in {words}")
     return found
 
 

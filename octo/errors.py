@@ -31,14 +31,14 @@ class UnsupportedFeatureError(RobotFileError):
 
 
 class UnknownNameError(OctoError):
-    """A name (robot, body, joint, goal, option) that does not exist; lists the nearest valid ones."""
+    """A name (robot, body, joint, goal, option) that does not exist; lists the nearest valid ones, or says ``hint``."""
 
-    def __init__(self, kind: str, name: object, valid: Iterable[str]):
+    def __init__(self, kind: str, name: object, valid: Iterable[str], hint: str = ""):
         names = sorted(str(v) for v in valid)
         begun = [valid_name for valid_name in names if str(name) and valid_name.startswith(str(name))]
         near = begun or difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
-        super().__init__(f"{kind} {name!r} is not known; {hint}")
+        nearest = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
+        super().__init__(f"{kind} {name!r} is not known; {hint or nearest}")
 
 
 class ShapeError(OctoError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -10,14 +10,13 @@ import numpy as np
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
+from octo.problem.asked import Asked
 from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, Effort
 from octo.problem.problem import Array
 from octo.solver.solution import Solution
 
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]
 Preset = Literal["natural", "paper", "robot"]
-MET = 0.1  # of what was asked: a goal is met when the motion is that near to it
-FLOOR = 0.1  # m/s, rad/s or m: no denominator of a goal's error is smaller
 
 
 @dataclass(frozen=True)
@@ -81,46 +80,32 @@ class Goal:
             terms = [turn, CenterOfMassVelocity(weight=0.01), Effort()]
         return terms
 
+    def asked(self, solution: Solution) -> Asked:
+        """What the motion does and what was asked: mean yaw rate, distance and height of the top, or mean velocity (x, y)."""
+        duration, name = solution.steps * solution.dt, f"goal {self.kind}"
+        if self.kind == "turn":
+            rate = (solution.yaw[-1] - solution.yaw[0]) / duration
+            return Asked.of(name, "the base turns at", rate, self.speed, "rad/s")
+        moved = solution.com - solution.com[0]
+        if self.kind == "jump":
+            what = "the centre of mass ends ahead of its start and rises at its top by"
+            reached = (moved[-1, 0], moved[:, 2].max())
+            return Asked.of(name, what, reached, (self.distance, self.height), "m", each=True)
+        axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
+        return Asked.of(name, "the centre of mass moves at", moved[-1, :axes] / duration, self.velocity[:axes], "m/s")
+
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""
-        found, wanted = self._compared(solution)
-        return float(np.linalg.norm(found - wanted)) / self._size(wanted)
+        return self.asked(solution).error
 
     def met(self, solution: Solution) -> bool:
         """Whether the motion misses the goal by a tenth of it at most."""
-        return self.error(solution) <= MET
+        return self.asked(solution).met
 
     def verdict(self, solution: Solution) -> str:
         """One line: whether the goal was met, what was asked, what came out, by how much it was missed."""
-        found, wanted = self._compared(solution)
-        unit = {"turn": "rad/s", "jump": "m"}.get(self.kind, "m/s")
-        what = {
-            "turn": "the base turns at",
-            "jump": "the centre of mass ends ahead of its start and rises at its top by",
-        }.get(self.kind, "the centre of mass moves at")
-        outcome = "met" if self.met(solution) else "missed"
-        return (
-            f"goal {self.kind} {outcome}: {what} {_numbers(found)} {unit}, asked for was {_numbers(wanted)}; "
-            f"off by {np.linalg.norm(found - wanted):.2g} {unit}, {MET * self._size(wanted):.2g} is allowed"
-        )
+        return str(self.asked(solution))
 
-    def _compared(self, solution: Solution) -> tuple[Array, Array]:
-        """What the motion does and what was asked for: mean yaw rate, distance and height of the top, or mean velocity (x, y)."""
-        duration = solution.steps * solution.dt
-        if self.kind == "turn":
-            return np.array([(solution.yaw[-1] - solution.yaw[0]) / duration]), np.array([self.speed])
-        moved = solution.com - solution.com[0]
-        if self.kind == "jump":
-            return np.array([moved[-1, 0], moved[:, 2].max()]), np.array([self.distance, self.height])
-        axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
-        return moved[-1, :axes] / duration, np.array(self.velocity[:axes])
-
-    @staticmethod
-    def _size(wanted: Array) -> float:
-        return max(float(np.linalg.norm(wanted)), FLOOR)
-
-
-def _numbers(values: Array) -> str:
-    """One number, or several in brackets, without the sign of a zero."""
-    words = [f"{value:.2f}".replace("-0.00", "0.00") for value in values]
-    return words[0] if len(words) == 1 else f"({', '.join(words)})"
+    def said(self, solution: Solution) -> Solution:
+        """The solution with this goal in place of what its terms ask for."""
+        return replace(solution, asked=(self.asked(solution),))

@@ -17,6 +17,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
 from octo.errors import ProblemError, ValueRangeError
+from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
@@ -82,7 +83,8 @@ def jump(
     problem = jump_problem(
         robot, height, distance, seconds=seconds, dt=dt, terrain=terrain, law=law, pose=pose
     )
-    return solve_jump(problem, seeds=seeds, seed=seed, **options)
+    goal = Goal("jump", distance=distance, height=height)
+    return goal.said(solve_jump(problem, seeds=seeds, seed=seed, **options))
 
 
 def jump_problem(

@@ -74,11 +74,6 @@ def ratios(problem: Problem) -> tuple[float | None, ...]:
     return (friction.w_par / law.w_perp if isinstance(friction, Viscous) else None,) * len(RATIOS)
 
 
-def same_friction(one: Problem, other: Problem) -> bool:
-    """Whether the passes of one problem, the depth of its feet too, may be those of another."""
-    return growable(one) == growable(other) and ratios(one) == ratios(other)
-
-
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     """The passes of a problem; [None] solves it with the parameters it has.
 

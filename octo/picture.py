@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import whole
+from octo.checks import STILLS, ending, whole
 from octo.errors import MissingExtraError, ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
@@ -93,8 +93,10 @@ def filmstrip(
     Raises
     ------
     MissingExtraError: matplotlib is not installed. ModelError: the dynamics are the user's own, there is no character.
-    ValueRangeError: ``moments`` or ``between`` is not possible.
+    ValueRangeError: ``moments`` or ``between`` is not possible. OutputError: the file's ending is not .png, .pdf or .svg.
     """
+    if path is not None:
+        path = ending("path", path, STILLS)
     try:
         from matplotlib.figure import Figure
     except ImportError:

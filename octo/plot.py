@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import STILLS, ending
 from octo.errors import MissingExtraError
 from octo.solver.solution import Solution
 
@@ -48,8 +49,10 @@ def plot(solution: Solution, path: str | os.PathLike[str] | None = None) -> Figu
 
     Raises
     ------
-    MissingExtraError: matplotlib is not installed.
+    MissingExtraError: matplotlib is not installed. OutputError: the file's ending is none of these.
     """
+    if path is not None:
+        path = ending("path", path, STILLS)
     try:
         import matplotlib
         from matplotlib.figure import Figure

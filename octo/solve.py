@@ -20,11 +20,12 @@ from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
-from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, same_friction, schedule
+from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
 from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
+from octo.problem.structure import check_alike
 from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.gait import flaws
@@ -154,11 +155,13 @@ def _solve(
     run = _Run(settings, int(threads), backend_of(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]
-    plan = schedule(problems[0], passes)
-    if any(not same_friction(problems[0], problem) for problem in problems[1:]):
-        raise ProblemError("the contact laws of the problems differ in stiffness or friction: solve them one by one")
+    check_alike(problems)  # before the seeds, so that a message counts what the caller gave
+    own = [schedule(problem, passes) for problem in problems]
+    if any([stage is None for stage in plan] != [stage is None for stage in own[0]] for plan in own[1:]):
+        raise ProblemError("the contact laws of the problems differ, a fixed stiffness and one that grows: solve them one by one")
+    plans = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
-    current = [_for_pass(problem, plan[0]) for problem in batch]
+    current = [_for_pass(problem, plan[0]) for problem, plan in zip(batch, plans, strict=True)]
     compiled = CompiledProblem(current, run.threads)
     starts = _each(start, problems, seeds)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
@@ -166,7 +169,7 @@ def _solve(
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress(progress if isinstance(progress, str) else "") if progress else None)
     try:
-        members = _passes(run, compiled, nodes, plan, monitor, numbers, starts)
+        members = _passes(run, compiled, nodes, plans, monitor, numbers, starts)
     finally:
         run.backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
@@ -214,19 +217,20 @@ def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
 
 
 def _passes(
-    run: _Run, compiled: CompiledProblem, nodes: Array, plan: list[Pass | None], monitor: Monitor, numbers: list[int],
+    run: _Run, compiled: CompiledProblem, nodes: Array, plans: list[list[Pass | None]], monitor: Monitor, numbers: list[int],
     starts: Sequence[Solution | Array | None],
 ) -> list[Solution]:  # fmt: skip
-    """Pass after pass; a member goes on from a converged pass only, and keeps the last one it was in."""
+    """Pass after pass, each member by its own plan; it goes on from a converged pass only, and keeps the last one it was in."""
     done: dict[int, Solution] = {}
-    alive = list(range(compiled.batch))
+    alive, count = list(range(compiled.batch)), len(plans[0])
     lam = _first_multipliers(starts, compiled)
     number = 0
     try:
-        for number in range(1, len(plan) + 1):
-            monitor.begin(number, len(plan))
+        for number in range(1, count + 1):
+            monitor.begin(number, count)
             if number > 1:
-                compiled, nodes, result = _climb(run, compiled, nodes, lam, monitor, (plan[number - 2], plan[number - 1]))
+                ends = [(plans[k][number - 2], plans[k][number - 1]) for k in alive]
+                compiled, nodes, result = _climb(run, compiled, nodes, lam, monitor, ends)
             else:
                 result = _pass(run, compiled, nodes, lam, monitor, run.options.max_iterations)
             made = [_solution(run, compiled, result, place, numbers[k], number, done.get(k)) for place, k in enumerate(alive)]
@@ -240,8 +244,8 @@ def _passes(
     except KeyboardInterrupt:  # between two passes
         if not done:
             raise
-        monitor.stopped, number = True, min(number, len(plan) - 1)
-    if monitor.stopped and number < len(plan):
+        monitor.stopped, number = True, min(number, count - 1)
+    if monitor.stopped and number < count:
         done.update({k: replace(done[k], status=Status.INTERRUPTED) for k in alive})
     monitor.end()
     return [done[k] for k in sorted(done)]
@@ -249,17 +253,17 @@ def _passes(
 
 def _climb(
     run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor,
-    ends: tuple[Pass | None, Pass | None],
+    ends: Sequence[tuple[Pass | None, Pass | None]],
 ) -> tuple[CompiledProblem, Array, sqp.Result]:  # fmt: skip
-    """From one converged pass to the end of the next, over the stiffnesses between them."""
-    before, after = ends
-    assert before is not None and after is not None
+    """From one converged pass to the end of the next, over the stiffnesses between each member's two."""
+    ways = [(*between(before, after), after) for before, after in ends if before is not None and after is not None]
     way: list[sqp.Result] = []
-    for part in (*between(before, after), after):
-        compiled, nodes = _stiffer(run, compiled, nodes, part)
-        way.append(_pass(run, compiled, nodes, lam, monitor, run.options.max_iterations if part is after else RAMP_ITERATIONS))
+    for stages in zip(*ways, strict=True):
+        last = len(way) + 1 == len(ways[0])
+        compiled, nodes = _stiffer(run, compiled, nodes, stages)
+        way.append(_pass(run, compiled, nodes, lam, monitor, run.options.max_iterations if last else RAMP_ITERATIONS))
         nodes, lam = way[-1].at.nodes, way[-1].lam
-        if monitor.stopped and part is not after:
+        if monitor.stopped and not last:
             way[-1].status = [Status.INTERRUPTED] * compiled.batch
             break
     result = way.pop()
@@ -286,10 +290,10 @@ def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None,
     return result
 
 
-def _stiffer(run: _Run, compiled: CompiledProblem, nodes: Array, stage: Pass) -> tuple[CompiledProblem, Array]:
-    """The same problems with a stiffer contact law, and the nodes shifted to their new starts."""
+def _stiffer(run: _Run, compiled: CompiledProblem, nodes: Array, stages: Sequence[Pass]) -> tuple[CompiledProblem, Array]:
+    """The same problems with stiffer contact laws, and the nodes shifted to their new starts."""
     began = time.perf_counter()
-    problems = [_for_pass(problem, stage) for problem in compiled.problems]
+    problems = [_for_pass(problem, stage) for problem, stage in zip(compiled.problems, stages, strict=True)]
     shifted = np.stack([moved(x, old, new) for x, old, new in zip(nodes, compiled.problems, problems, strict=True)])
     stiffer = CompiledProblem(problems, run.threads, like=compiled)
     run.setup_seconds += time.perf_counter() - began
@@ -431,6 +435,17 @@ def _say_cpu(reason: str) -> None:
     print(f"octo: using the CPU: {reason}", file=sys.stderr)
 
 
+def check_device_name(device: object) -> None:
+    """Refuse what is no device. The nearest name would be a bad guess: that of "gpu" is "cpu".
+
+    Raises
+    ------
+    UnknownNameError: says which there are.
+    """
+    if device not in DEVICES:
+        raise UnknownNameError("device", device, DEVICES, "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)")
+
+
 def resolve_device(device: str) -> str:
     """ "cuda", or "cpu", for "auto" with one line that says why.
 
@@ -438,8 +453,7 @@ def resolve_device(device: str) -> str:
     ------
     DeviceError: "cuda" was asked for and cannot be used. UnknownNameError: no such device.
     """
-    if device not in DEVICES:
-        raise UnknownNameError("device", device, DEVICES)
+    check_device_name(device)
     if device == "cpu":
         return "cpu"
     reason = cuda.reason()

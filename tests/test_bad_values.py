@@ -89,7 +89,7 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "law by name": (lambda: problem(law="coulomb"), "law is 'coulomb', must be one of octo.laws"),
     "a wall": (lambda: octo.Plane(slope=2.0), "slope is 2.0 rad, must be between"),
     "a plane at no height": (lambda: octo.Plane(height=np.nan), "terrain height is not finite"),
-    "reference of two numbers": (lambda: packed(COM(velocity=(1, 0))), r"velocity \(2,\).*3x1"),
+    "reference of two numbers": (lambda: packed(COM(velocity=(1, 0))), r"velocity has shape \(2,\), expected \(3,\) or"),
     "reference not finite": (
         lambda: packed(COM(velocity=(1, 0, np.nan))),
         "velocity is not finite at index 2",
@@ -114,7 +114,7 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     "no function": (lambda: packed(octo.CustomCost()), r"CustomCost.function is missing: give function\(step, p\)"),
     "a function that fails": (lambda: packed(octo.CustomCost(function=lambda step, p: p["a"])), "CustomCost.*KeyError: 'a'"),
     "a function of nothing": (lambda: packed(octo.CustomCost(function=lambda step, p: None)), "CustomCost.*cannot be built"),
-    "a length of zero": (lambda: packed(octo.Slip(length=0.0)), "Slip.*ZeroDivisionError"),
+    "a length of zero": (lambda: packed(octo.Slip(length=0.0)), "Slip.length is 0.0 m, must be positive"),
     "FD of one row": (lambda: double_integrator(lambda a, b, c, p: a[0]), "returns 1 entries, must be nx = 2"),
     "FD that fails": (lambda: double_integrator(lambda a, b, c, p: a * p["mass"]), "FD cannot be built: KeyError: 'mass'"),
     "a joint that is not there": (

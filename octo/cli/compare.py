@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from octo.cli.arguments import law_of, number, pose_of, positive, terrain_of
+from octo.checks import ending
+from octo.cli.arguments import law_of, number, pose_of, positive, robot_of, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.load import load
 from octo.problem import presets
 from octo.problem.costs import Effort
 from octo.problem.cycle import TIME_STEP, Cycle
@@ -54,11 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
         goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
-    path = None if arguments.json is None else Path(arguments.json)
+    path = None if arguments.json is None else ending("json", arguments.json, (".json",))
     if path is not None:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     start = None if arguments.start is None else Solution.load(arguments.start)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     if goal is not None:
         goal.check(robot)
     from octo.bench.contest import Contest, Entry  # after the checks: it takes longer to import than they take
@@ -83,7 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
         interrupted = True
     for line in summary(entries, others, len(contest.plan)):
         print(line)
-    if path is not None:
+    finished = any(entry.solution.status is not Status.INTERRUPTED for entry in entries)
+    if path is not None and not finished and (path.exists() or not entries):  # an earlier file stays
+        print("octo: interrupted before a solver was done, nothing was written", file=sys.stderr)
+    elif path is not None:
         write(path, entries, [record(entry, goal, options) for entry in entries])
     return 130 if interrupted else 0
 
@@ -193,10 +197,9 @@ def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]])
     """The list, and the plot beside it where matplotlib is."""
     text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
-    if entries:
-        s = entries[0].solution
-        title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
-        writers[f"{path.stem}.png"] = lambda scratch: _draw(entries, title, scratch)
+    s = entries[0].solution
+    title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
+    writers[f"{path.stem}.png"] = lambda scratch: _draw(entries, title, scratch)
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from octo.checks import STILLS, ending
 from octo.errors import MissingExtraError
 from octo.mpc.log import Log
 from octo.plot import COLORS, STYLE
@@ -22,8 +23,10 @@ def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
 
     Raises
     ------
-    MissingExtraError: matplotlib is not installed.
+    MissingExtraError: matplotlib is not installed. OutputError: the file's ending is not .png, .pdf or .svg.
     """
+    if path is not None:
+        path = ending("path", path, STILLS)
     try:
         import matplotlib
         from matplotlib.figure import Figure

@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from octo.checks import STILLS
 from octo.cli.output import OutputFolder
 from octo.errors import OctoError, OutputError
 from octo.solver.solution import Solution
-
-PLOTS = (".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
-    if out.suffix not in (".html", ".csv", *PLOTS):
-        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving), {', '.join(PLOTS)} (plots) or .csv (numbers)")
+    if out.suffix.lower() not in (".html", ".csv", *STILLS):
+        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving), {', '.join(STILLS)} (plots) or .csv (numbers)")
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
     solution = Solution.load(arguments.solution)
@@ -39,4 +38,4 @@ def picture(solution: Solution, path: Path) -> None:
     from octo.viewer import view
 
     writers: dict[str, Callable[[Solution, Path], object]] = {".html": view, ".csv": Solution.to_csv}
-    writers.get(path.suffix, plot)(solution, path)
+    writers.get(path.suffix.lower(), plot)(solution, path)

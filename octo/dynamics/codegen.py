@@ -7,7 +7,7 @@ as C and, unchanged, under NVRTC.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import resources
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from octo.dynamics import slots, stages
 from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.laws import ContactLaw
+from octo.dynamics.long import MOST, brisk, check_length
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
 from octo.model.character import Character
@@ -33,7 +34,7 @@ HEAD = """#ifndef __CUDACC_RTC__
 #define INFINITY __longlong_as_double(0x7ff0000000000000LL)
 #endif
 """
-LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
+HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
 
 def source(name: str) -> str:
@@ -49,14 +50,16 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
             stages.contact(order, layout, law, terrain),
             stages.joint(order, layout),
         ]
+    length = sum(function.n_instructions() for function in functions)
+    check_length("contact law and terrain", length, "write them in fewer operations")
     sizes, tables = _tables(character)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]
     if not lanes:
-        plain = _brisk("\n".join(map(function_of_numbers, functions)), functions)
+        plain = "\n".join(brisk(function_of_numbers(function), function.n_instructions()) for function in functions)
         return "\n".join([HEAD, plain, _macros(sizes), *tables, *common, source("phases.c")])
     shared = [stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")] for function in functions]
-    made = [function_in_lanes(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
+    made = [lanes_text(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
@@ -66,13 +69,18 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
 
 def function_text(fd: ca.Function, lanes: bool = False) -> str:
     """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,), for one time step or for one in every lane."""
+    if fd.n_instructions() > MOST:
+        check_length("these user-written dynamics", fd.n_instructions(), HINT)
     n, size = int(fd.size1_in(0)), int(fd.numel_in(3))
     z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", size), ca.SX.sym("lam", n)
     x_next, x, x_prev = z[:n], z[n : 2 * n], z[2 * n :]
     value = ca.densify(fd(x_next, x, x_prev, p))
     inputs = [*(ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")), p, lam]
     jac = ca.jacobian(value, z)
-    hess = ca.triu2symm(ca.triu(ca.jacobian(ca.mtimes(jac.T, lam), z)))
+    gradient = ca.mtimes(jac.T, lam)
+    _check_length(z, p, lam, gradient)
+    hess = ca.triu2symm(ca.triu(ca.jacobian(gradient, z)))
+    check_length("these user-written dynamics", ca.Function("curvature", [z, p, lam], [hess]).n_instructions(), HINT)
     blocks = [hess[a * n : (a + 1) * n, b * n : (b + 1) * n] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))]
     outputs = [value, ca.vec(ca.densify(jac.T)), ca.veccat(*(ca.densify(block.T) for block in blocks))]
     outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
@@ -83,7 +91,7 @@ def function_text(fd: ca.Function, lanes: bool = False) -> str:
     }  # fmt: skip
     if not lanes:
         return "\n".join([HEAD, _generated(functions), _macros(sizes), source("custom.c")])
-    made = _brisk("\n".join(function_in_lanes(function, (3,)) for function in functions), functions)
+    made = "\n".join(lanes_text(function, (3,)) for function in functions)
     dense = [np.arange(1, 1 + count) for count in (3 * n * n, len(blocks) * n * n)]
     steps = [source("custom_lanes.c"), source("lanes_group.c")]
     return "\n".join([HEAD, source("lanes.c"), made, _macros(sizes), slots.table(*dense), *steps])
@@ -95,15 +103,25 @@ def _generated(functions: Sequence[ca.Function]) -> str:
     generator = ca.CodeGenerator("octo_dynamics.c", options)
     for function in functions:
         generator.add(function)
-    return _brisk(str(generator.dump()), functions)
+    return brisk(str(generator.dump()), max(function.n_instructions() for function in functions))
 
 
-def _brisk(text: str, functions: Sequence[ca.Function]) -> str:
-    """Functions longer than LONG are compiled at -O1."""
-    if max(function.n_instructions() for function in functions) < LONG:
-        return text
-    level = "#ifdef __OPTIMIZE__\n#pragma GCC {}\n#endif\n"
-    return level.format('push_options\n#pragma GCC optimize ("O1")') + text + level.format("pop_options")
+def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
+    """Refuse a curvature that would take too long to write down: its columns each cost about as much as the gradient.
+
+    Measured: a dense one of 3n columns has 0.6 · 3n times the gradient's instructions.
+    """
+    function = ca.Function("gradient", [z, p, lam], [gradient])
+    pattern = ca.Sparsity(function.jac_sparsity(0, 0))
+    columns = max(np.diff(pattern.colind()), default=0)
+    expected = int(0.6 * columns * function.n_instructions())
+    if expected > 2 * MOST or function.n_instructions() > MOST:
+        check_length("these user-written dynamics", max(expected, function.n_instructions()), HINT)
+
+
+def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
+    """C text of a function with a time step in every lane, compiled as hard as its length allows."""
+    return brisk(function_in_lanes(function, shared), function.n_instructions())
 
 
 def _macros(sizes: dict[str, int]) -> str:
@@ -116,7 +134,8 @@ def integers(name: str, values: ArrayLike) -> str:
     return f"static const int octo_{name}[] = {{{entries}}};"
 
 
-def _numbers(name: str, values: ArrayLike) -> str:
+def numbers_table(name: str, values: ArrayLike) -> str:
+    """A table of numbers in C."""
     flat = np.asarray(values, dtype=float).ravel()
     entries = ", ".join(_literal(float(v)) for v in flat) or "0.0"
     return f"static const double octo_{name}[] = {{{entries}}};"
@@ -139,13 +158,13 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
     tables += [
-        _numbers("joint_table", [
+        numbers_table("joint_table", [
             [joint.armature, joint.damping, joint.stiffness, joint.rest, joint.lower, joint.upper]
             for joint in character.joints
         ]),
         integers("contact_body", [sphere.body for sphere in spheres]),
         integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
-        _numbers("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
+        numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]  # fmt: skip
     return sizes, tables + _pair_tables(character, sizes)
 
@@ -155,12 +174,12 @@ def _kinematic_tables(character: Character) -> list[str]:
     return [
         integers("body_parent", [body.parent for body in character.bodies]),
         integers("body_level", _levels(character)),
-        _numbers("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
+        numbers_table("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
         integers("body_first", [*character.first_joint, character.nx]),
         integers("joint_slides", [joint.kind == "slide" for joint in joints]),
-        _numbers("joint_axis", [joint.axis for joint in joints]),
-        _numbers("joint_anchor", [joint.anchor for joint in joints]),
-        _numbers("joint_reference", [joint.reference for joint in joints]),
+        numbers_table("joint_axis", [joint.axis for joint in joints]),
+        numbers_table("joint_anchor", [joint.anchor for joint in joints]),
+        numbers_table("joint_reference", [joint.reference for joint in joints]),
     ]
 
 
@@ -208,7 +227,7 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
         start.append(len(dofs))
     sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
     return [
-        integers("pair_body", bodies), _numbers("pair_spheres", spheres), integers("loop_dof", dofs),
+        integers("pair_body", bodies), numbers_table("pair_spheres", spheres), integers("loop_dof", dofs),
         integers("loop_start", start), integers("loop_split", split),
     ]  # fmt: skip
 
@@ -270,5 +289,5 @@ class _Links:
             integers("link_last", [self.character.path[b][-1] for b in self.first]),
             integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
             integers("link_slot", used),
-            _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
+            numbers_table("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
         ]

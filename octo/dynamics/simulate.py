@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import positive, time_step
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
@@ -261,8 +262,7 @@ def simulate(
         dynamics = RobotDynamics(model, law, terrain)
     else:
         raise ProblemError(f"model is a {type(model).__name__}, must be a Character or a Dynamics")
-    if not (np.isfinite(dt) and dt > 0.0):
-        raise ValueRangeError(f"dt is {dt} s, must be positive")
+    dt = time_step(dt) if isinstance(dynamics, RobotDynamics) else positive("dt", dt, "s")
     p = _parameters(dynamics, dt, parameters or {})
     x0 = _checked("x0", x0, (dynamics.nx,))
     v0 = np.zeros(dynamics.nx) if v0 is None else _checked("v0", v0, (dynamics.nx,))

@@ -88,6 +88,13 @@ class Archive:
             raise ValueRangeError(f"{name} must hold words only")
         return tuple(_printable(word) for word in found)
 
+    def vector(self, name: str) -> tuple[float, ...]:
+        """A list of numbers, which of a motion that is not finite are not either."""
+        found = self._plain(name, list, "a list")
+        if not all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in found):
+            raise ValueRangeError(f"{name} must hold numbers only")
+        return tuple(float(value) for value in found)
+
     def numbers(self, name: str, *, finite: bool = True) -> dict[str, float]:
         """Numbers by name."""
         found = self._plain(name, dict, "numbers by name")

@@ -20,7 +20,9 @@ from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gai
 from octo.mpc.measurement import check_device, checked, checked_time, measured, plausible, time_of
 from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
+from octo.problem.costs import Cost
 from octo.problem.problem import Problem
+from octo.problem.structure import Reader, same
 from octo.solver.receding import PAST, RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
 from octo.solver.solution import Solution
@@ -34,6 +36,8 @@ SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
+FROZEN = 0.02  # rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of it or less
+FINE = 3  # readings of which no velocity repeats: these sensors do not count in steps
 SLACK = 1.0  # s, that a measurement may be older than the last one, or newer than the plan's end, by the same clock
 
 
@@ -97,6 +101,8 @@ class Controller:
         names = problem.dynamics.layout.names
         self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
         fast = self.compiled.library is not None
+        self._setting, self._reader = problem.setting, Reader(problem)
+        self._scales = [term.scale(self._setting) for term in problem.costs]
         self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
@@ -145,24 +151,41 @@ class Controller:
 
         Raises
         ------
-        UnknownNameError: no such term or field. ShapeError, ValueRangeError: what the term refuses.
+        UnknownNameError: no such term or field. ProblemError: a field that is compiled into the controller, such as a body, a
+        function or contacts, or one that only scales E. ShapeError, ValueRangeError: what the term refuses.
         """
         k, places = self._place(label)
-        term = self.problem.costs[k]
-        fields = [f.name for f in dataclasses.fields(term) if f.name not in ("name", "steps", "contacts")]
+        term, setting, q = self.problem.costs[k], self._setting, self.compiled.q[0]
+        fields = [f.name for f in dataclasses.fields(term) if f.init]
         for name in values:
             if name not in fields:
                 raise UnknownNameError(f"field of {label}", name, fields)
-        changed = dataclasses.replace(term, **values)
-        rows, q = self.problem.steps, self.compiled.q[0]
+        changed = self._changed(k, values)
         scratch = dataclasses.replace(self.compiled.functions.references, terms=(changed,), places=(places,))
-        packed = scratch.pack([changed], self.problem.setting)
+        packed = scratch.pack([changed], setting)
         for place in places.values():
             q[:, place] = packed[:, place]
         if "weight" in values:
-            on = np.full(rows, 1.0 / rows) if term.steps == "all" else np.eye(rows)[-1]
-            q[:, k] = np.asarray(values["weight"], dtype=float) * on / term.scale(self.problem.setting)
+            on = np.full(setting.steps, 1.0 / setting.steps) if term.steps == "all" else np.eye(setting.steps)[-1]
+            q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
         self.problem = self.problem.replace(costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]])
+
+    def _changed(self, k: int, values: Mapping[str, Any]) -> Cost:
+        """A term with other numbers; what is more than a number is refused."""
+        term, setting = self.problem.costs[k], self._setting
+        changed = dataclasses.replace(term, **values)
+        fixed = self._reader.fixed_fields(term, values)
+        if not fixed and self._reader.read(changed) != self._reader.read(term):
+            fixed = sorted(values)
+        if fixed:
+            raise ProblemError(
+                f"{term.label}.{' and '.join(fixed)} cannot be updated: it is compiled into the controller, make a new Controller"
+            )
+        for name, value in values.items():
+            alone = dataclasses.replace(term, **{name: value})
+            if alone.scale(setting) != term.scale(setting) and same(alone.references(setting), term.references(setting)):
+                raise ProblemError(f"{term.label}.{name} cannot be updated: it only scales E, change weight")
+        return changed
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1, "contact.mu": 0.5}``; not dt."""
@@ -208,7 +231,8 @@ class Controller:
 
     def _forget(self, x: Array) -> None:
         self._iteration.forget()
-        self._last_time, self._jump, self._tick = -np.inf, np.nan, self.dt
+        self._last_time, self._jump, self._tick, self._since = -np.inf, np.nan, self.dt, np.inf
+        self._readings, self._in_steps = 0, False
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
@@ -285,7 +309,7 @@ class Controller:
         """What is wrong with a measurement."""
         if not (np.isfinite(t) and plausible(q, v, self.convention)):
             return CommandStatus.INVALID
-        if (q == self._last_q).all() and (v == self._last_v).all() and np.any(v):  # frozen
+        if self._frozen(t, q, v):
             return CommandStatus.STALE
         ahead, behind = t > max(self._plan.end, self._last_time) + SLACK, t < self._last_time - SLACK
         if np.isfinite(self._last_time) and (ahead or behind):
@@ -297,12 +321,27 @@ class Controller:
         self._jump = np.nan
         return CommandStatus.STALE if t <= self._last_time else None
 
+    def _frozen(self, t: float, q: Array, v: Array) -> bool:
+        """Whether a sensor has stopped: all readings are the last ones, though by their own velocity they should have changed.
+
+        Equal readings alone are no fault where sensors count in steps: a robot that hardly moves then reads the same twice.
+        What such sensors are known by is that single velocities repeat, and they are given the time to move by FROZEN.
+        """
+        if not ((q == self._last_q).all() and (v == self._last_v).all() and v.any()):
+            return False
+        return (self._readings >= FINE and not self._in_steps) or float(np.abs(v).max()) * (t - self._since) > FROZEN
+
     def _feedback(self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None) -> Command:
         done = 0
         if status is None:
             late = t > self._plan.end
             self._tick = min(max(t - self._last_time, 1e-6), self.dt) if np.isfinite(self._last_time) else self.dt
             self._last_time = t
+            repeated = v == self._last_v
+            self._in_steps = self._in_steps or bool(repeated[v != 0.0].any())
+            self._readings += 1
+            if not (repeated.all() and (q == self._last_q).all() and t >= self._since):
+                self._since = t
             self._last_q[:], self._last_v[:] = q, v
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x

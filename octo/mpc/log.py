@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.files import replacing
 from octo.model.character import Character
 from octo.model.convention import Convention
@@ -249,7 +250,7 @@ class Log:
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        with replacing(path) as beside, beside.open("wb") as file:
+        with replacing(ending("path", path, (".npz",))) as beside, beside.open("wb") as file:
             arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
             np.savez_compressed(file, **arrays)
 

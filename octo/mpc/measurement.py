@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number
-from octo.errors import DeviceError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import DeviceError, ShapeError, ValueRangeError
 from octo.model.convention import Convention
-from octo.solve import DEVICES
+from octo.solve import check_device_name
 
 Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
@@ -71,9 +71,8 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
 
 
 def check_device(device: str) -> None:
-    """Raises DeviceError for "cuda", UnknownNameError for no device."""
-    if device not in DEVICES:
-        raise UnknownNameError("device", device, DEVICES)
+    """Raises DeviceError for "cuda", UnknownNameError for what is no device."""
+    check_device_name(device)
     if device == "cuda":
         raise DeviceError("device is 'cuda': this version has no control loop on a GPU, use device 'cpu'")
     if device == "auto":

@@ -27,6 +27,7 @@ from octo.problem.basis import Folded, Hermite, Stencil, node_values
 from octo.problem.costs import NeighbourCost
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.problem import Problem
+from octo.problem.structure import check_alike
 
 Array = NDArray[np.float64]
 HOSTED = frozenset(("numbers", "unit_sizes"))  # what an Evaluation keeps on the host once it was asked for
@@ -149,9 +150,8 @@ class CompiledProblem:
         first = problems[0]
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
-        for problem in problems[1:]:
-            _check_alike(first, problem)
         if like is None:
+            check_alike(problems)
             between = isinstance(self.basis, Hermite)
             self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
         else:
@@ -273,7 +273,7 @@ class CompiledProblem:
         return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
-        """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
+        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC, torque and contact terms."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
@@ -414,21 +414,6 @@ def task_of(sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[
     ``values`` p, q and the scale of the rows."""
     at, given = [a.ctypes.data for a in tables], [a.ctypes.data for a in values]
     return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data, None)
-
-
-def _check_alike(first: Problem, other: Problem) -> None:
-    """Refuse what one generated code cannot serve: it knows the model and the terms, and sizes everything for them."""
-    a, b = first.dynamics, other.dynamics
-    same_text = a is b or a.lanes_text() == b.lanes_text()
-    alike = {
-        "model": same_text and a.layout.names == b.layout.names,
-        "steps": first.steps == other.steps,
-        "basis": first.basis_object == other.basis_object,
-        "terms": [(type(t), t.label, t.steps) for t in first.costs] == [(type(t), t.label, t.steps) for t in other.costs],
-    }
-    for name, same in alike.items():
-        if not same:
-            raise ProblemError(f"{name} differ between problems of one batch: they must share model, terms, basis and steps")
 
 
 class _Task(ctypes.Structure):

@@ -16,8 +16,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import numbers, owned
+from octo.checks import number, numbers, owned, positive, shares, vectors
 from octo.errors import ProblemError, ShapeError
+from octo.problem.asked import Asked, Motion
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Steps = Literal["all", "last"]
 FREE = 1e6  # rad or m, in place of a limit that is none
+SMALL_SINE = 1e-16  # added to a squared sine: its root has derivatives also at zero; the angle changes by less than 1e-16
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -59,6 +61,11 @@ class Cost:
         """The residual of one time step, from its symbols and this term's references."""
         raise NotImplementedError(type(self).__name__)
 
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        """What the term asks of a motion as a whole, and what came of it; None of a term that asks for nothing special."""
+        del motion, setting
+        return None
+
 
 def _each(field: str, values: Any, count: int) -> Array:
     """One number for each of ``count`` coordinates, or one for all; or a row of them per step."""
@@ -66,6 +73,10 @@ def _each(field: str, values: Any, count: int) -> Array:
     if array.ndim > 2 or (array.ndim and array.shape[-1] != count):
         raise ShapeError(field, array.shape, f"(), ({count},) or (N, {count})")
     return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
+
+
+def _margin(term: Cost, value: Any) -> dict[str, Array]:
+    return {"margin": np.array([number(f"{term.label}.margin", value)])}
 
 
 def _last_row(values: Any) -> Array:
@@ -79,13 +90,21 @@ class CenterOfMassVelocity(Cost):
     velocity: Any = (0.0, 0.0, 0.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"velocity": self.velocity}
+        return {"velocity": vectors(f"{self.label}.velocity", self.velocity, 3)}
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com_velocity - p["velocity"]
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        wanted = motion.mean(np.asarray(self.velocity, dtype=float))
+        if not wanted.any():  # that nothing moves is no goal
+            return None
+        axes = 3 if wanted[2] else 2  # how far a walk rises is the ground's affair
+        found = motion.mean(np.diff(motion.com, axis=0) / motion.dt)
+        return Asked.of(self.label, "the centre of mass moves at", found[:axes], wanted[:axes], "m/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +115,18 @@ class CenterOfMassPosition(Cost):
     steps: Steps = field(default="last", kw_only=True)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"target": self.target}
+        return {"target": vectors(f"{self.label}.target", self.target, 3)}
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.sum((_last_row(self.target) - setting.com) ** 2)), FLOOR)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com - p["target"]
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        found, wanted = motion.com[motion.last], motion.row(self.target)
+        way = float(np.linalg.norm(wanted - setting.com))
+        return Asked.of(self.label, "the centre of mass gets to", found, wanted, "m", way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +136,7 @@ class CenterOfMassDisplacement(Cost):
     displacement: Any = (0.0, 0.0, 0.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"target": setting.com + np.asarray(self.displacement, dtype=float)}
+        return {"target": setting.com + vectors(f"{self.label}.displacement", self.displacement, 3)}
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.sum(_last_row(self.displacement) ** 2)), FLOOR)
@@ -120,12 +144,17 @@ class CenterOfMassDisplacement(Cost):
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com - p["target"]
 
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        moved = motion.com[motion.last] - setting.com
+        return Asked.of(self.label, "the centre of mass is moved by", moved, motion.row(self.displacement), "m")
+
 
 @dataclass(frozen=True, eq=False)
 class BaseOrientation(Cost):
     """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the reference's x, y, z.
 
-    The residual is the axis of R_referenceᵀ R times the sine of its angle: it does not wind up with yaw.
+    The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it does not wind up with yaw,
+    and pulls back from everywhere, upside down too.
     """
 
     roll_pitch_yaw: Any = (0.0, 0.0, 0.0)
@@ -133,11 +162,12 @@ class BaseOrientation(Cost):
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"roll_pitch_yaw": self.roll_pitch_yaw, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+        angles = vectors(f"{self.label}.roll_pitch_yaw", self.roll_pitch_yaw, 3)
+        return {"roll_pitch_yaw": angles, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
-        return p["axes"] * _vee(error)
+        return p["axes"] * rotation_vector(error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +192,12 @@ class BaseHeight(Cost):
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        start = setting.point(self.body, np.zeros(3))[2:]
-        return {"height": start if self.height is None else np.asarray(self.height, dtype=float)[..., None]}
+        if self.height is None:
+            return {"height": setting.point(self.body, np.zeros(3))[2:]}
+        height = numbers(f"{self.label}.height", self.height)
+        if height.ndim > 1:
+            raise ShapeError(f"{self.label}.height", height.shape, "() or (N,)")
+        return {"height": height[..., None]}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.pose(self.body)[1][2] - p["height"]
@@ -178,7 +212,8 @@ class BaseAngularVelocity(Cost):
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"velocity": self.velocity, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+        velocity = vectors(f"{self.label}.velocity", self.velocity, 3)
+        return {"velocity": velocity, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
@@ -186,6 +221,17 @@ class BaseAngularVelocity(Cost):
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         turned = step.pose(self.body)[0] @ step.pose_before(self.body)[0].T
         return p["axes"] * (_vee(turned) / step.dt - p["velocity"])
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        chosen = np.broadcast_to(_last_row(self.axes), (3,)) > 0.0
+        wanted = motion.mean(np.asarray(self.velocity, dtype=float))[chosen]
+        if not wanted.any():
+            return None
+        rotation = motion.pose(self.body)[0]
+        turned = rotation[1:] @ rotation[:-1].swapaxes(1, 2)
+        vector = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], axis=1)
+        found = motion.mean(vector / motion.dt)[chosen]
+        return Asked.of(self.label, f"{motion.called(self.body)} turns at", found, wanted, "rad/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,16 +244,24 @@ class PointPosition(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"point": self.point, "target": self.target, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+        point, target = (vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "target"))
+        return {"point": point, "target": target, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
 
     def scale(self, setting: Setting) -> float:
-        start = setting.point(self.body, np.asarray(self.point, dtype=float))
-        chosen = np.asarray(self.axes, dtype=float) > 0.0
+        start = setting.point(self.body, _last_row(self.point))
+        chosen = np.broadcast_to(_last_row(self.axes), (3,)) > 0.0
         return max(float(np.sum((_last_row(self.target) - start)[chosen] ** 2)), FLOOR)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         rotation, position = step.pose(self.body)
         return p["axes"] * (rotation @ p["point"] + position - p["target"])
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        chosen, point = np.broadcast_to(_last_row(self.axes), (3,)) > 0.0, motion.row(self.point)
+        rotation, position = (part[motion.last] for part in motion.pose(self.body))
+        found, wanted = (rotation @ point + position)[chosen], motion.row(self.target)[chosen]
+        way = float(np.linalg.norm(wanted - setting.point(self.body, point)[chosen]))
+        return Asked.of(self.label, f"the point of {motion.called(self.body)} gets to", found, wanted, "m", way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +274,8 @@ class PointVelocity(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"point": self.point, "velocity": self.velocity, "axes": np.sqrt(np.asarray(self.axes, dtype=float))}
+        point, velocity = (vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "velocity"))
+        return {"point": point, "velocity": velocity, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         (rotation, position), (rotation_before, position_before) = step.pose(self.body), step.pose_before(self.body)
@@ -236,10 +291,8 @@ class Posture(Cost):
     joints: Any = 1.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = setting.x0 if self.reference is None else np.asarray(self.reference, dtype=float)
-        if reference.shape[-1] != setting.nx:
-            raise ShapeError(f"{self.label}.reference", reference.shape, f"(..., {setting.nx})")
-        weights = _each(f"{self.label}.joints", self.joints, len(setting.actuated))
+        reference = setting.x0 if self.reference is None else vectors(f"{self.label}.reference", self.reference, setting.nx)
+        weights = shares(f"{self.label}.joints", self.joints, len(setting.actuated))
         return {"reference": reference[..., setting.actuated], "joints": np.sqrt(weights)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -275,7 +328,7 @@ class Effort(Cost):
     reference: float | None = None  # N m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = setting.torque_reference if self.reference is None else self.reference
+        reference = setting.torque_reference if self.reference is None else positive(f"{self.label}.reference", self.reference)
         return {"inverse_reference": np.array([1.0 / reference])}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -290,7 +343,7 @@ class TorqueLimit(Cost):
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         limits = setting.torque_limit
-        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), "margin": np.array([self.margin])}
+        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), **_margin(self, self.margin)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
@@ -307,7 +360,8 @@ class JointLimit(Cost):
         if robot is None:
             raise ProblemError(f"{self.label} is asked of user-written dynamics, which have no joint limits")
         lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
-        inside = np.minimum(self.margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
+        margin = _margin(self, self.margin)["margin"]
+        inside = np.minimum(margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
         return {
             "lower": np.where(np.isfinite(lower), lower + inside, -FREE),
             "upper": np.where(np.isfinite(upper), upper - inside, FREE),
@@ -329,7 +383,7 @@ class JointSpeedLimit(Cost):
         robot = setting.character
         limit = np.full(len(setting.actuated), np.inf) if robot is None else robot.velocity_limit[robot.actuated]
         limit = np.where(np.isfinite(limit), limit, self.otherwise)
-        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), "margin": np.array([self.margin])}
+        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), **_margin(self, self.margin)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
@@ -347,14 +401,20 @@ class PoseTarget(Cost):
     def references(self, setting: Setting) -> Mapping[str, Any]:
         if self.target is None:
             raise ProblemError(f"{self.label}.target is missing: give a configuration ({setting.nx},)")
-        weights = np.sqrt(_each(f"{self.label}.coordinates", self.coordinates, setting.nx))
-        return {"target": self.target, "coordinates": weights}
+        weights = np.sqrt(shares(f"{self.label}.coordinates", self.coordinates, setting.nx))
+        return {"target": vectors(f"{self.label}.target", self.target, setting.nx), "coordinates": weights}
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.sum((_last_row(self.target) - setting.x0) ** 2)), FLOOR)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return p["coordinates"] * (step.x_next - p["target"])
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        chosen = np.broadcast_to(_last_row(self.coordinates), (setting.nx,)) > 0.0
+        found, wanted = motion.x[motion.last][chosen], motion.row(self.target)[chosen]
+        way = float(np.linalg.norm(wanted - setting.x0[chosen]))
+        return Asked.of(self.label, "the configuration gets to", found, wanted, "rad and m", way)
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,6 +466,29 @@ class NeighbourCost(Cost):
         if self.function is None:
             raise ProblemError(f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX")
         return self.function(control, control_next, p)
+
+
+def rotation_vector(rotation: ca.SX) -> ca.SX:
+    """(3,) axis times angle, in [0, π], of a rotation matrix (3, 3).
+
+    From its quaternion q, as that of :func:`octo.model.quaternions.quaternions`: each column of 4 q qᵀ is made of sums of entries
+    of R, and a long one is taken, so that nothing is divided by zero at any angle. Half a turn about an axis is half a turn
+    about its opposite: there, and only there, the vector jumps.
+    """
+    R = rotation
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    wx, wy, wz = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    of_w = ca.vertcat(1.0 + trace, wx, wy, wz)
+    of_x = ca.vertcat(wx, 1.0 - trace + 2.0 * R[0, 0], xy, xz)
+    of_y = ca.vertcat(wy, xy, 1.0 - trace + 2.0 * R[1, 1], yz)
+    of_z = ca.vertcat(wz, xz, yz, 1.0 - trace + 2.0 * R[2, 2])
+    x_longest = ca.logic_and(R[0, 0] >= R[1, 1], R[0, 0] >= R[2, 2])
+    column = ca.if_else(trace > 0.0, of_w, ca.if_else(x_longest, of_x, ca.if_else(R[1, 1] >= R[2, 2], of_y, of_z)))
+    column *= ca.if_else(column[0] < 0.0, -1.0, 1.0) / ca.sqrt(ca.sumsqr(column))
+    real, imaginary = column[0], column[1:]
+    sine = ca.sqrt(ca.sumsqr(imaginary) + SMALL_SINE)  # of half the angle
+    return 2.0 * ca.atan2(sine, real) / sine * imaginary
 
 
 def _vee(rotation: ca.SX) -> ca.SX:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from octo.checks import numbers
+from octo.checks import number, numbers, shares
 from octo.dynamics.balance import GRAVITY
+from octo.errors import ShapeError
 from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
+from octo.problem.asked import Asked, Motion
 from octo.problem.contact_costs import (
     BodyLoad,
     Clearance,
@@ -51,9 +53,22 @@ BEGIN = 0.5  # s
 FASTEST = 12.0  # rad/s, of joints whose file says no limit
 
 
+def along(speed: float | Sequence[float]) -> Array:
+    """(3,) m/s: a speed along x, or a velocity as it is.
+
+    Raises
+    ------
+    ShapeError: another number of numbers.
+    """
+    found = numbers("speed", speed)
+    if found.shape not in ((), (3,)):
+        raise ShapeError("speed", found.shape, "() or (3,)")
+    return np.array([float(found), 0.0, 0.0]) if found.ndim == 0 else found
+
+
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
     """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
-    return [CenterOfMassVelocity(velocity=tuple(velocity)), Effort()]
+    return [CenterOfMassVelocity(velocity=tuple(numbers("velocity", velocity, (3,)))), Effort()]
 
 
 def natural(
@@ -95,10 +110,9 @@ def natural(
         JointLimit(weight=20.0),
     ]
     if speed is not None:
-        velocity = np.array([speed, 0.0, 0.0]) if np.isscalar(speed) else np.asarray(speed, dtype=float)
-        terms.insert(0, CenterOfMassVelocity(velocity=tuple(velocity)))
+        terms.insert(0, CenterOfMassVelocity(velocity=tuple(along(speed))))
     if yaw_rate is not None:
-        terms.insert(0, BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0)))
+        terms.insert(0, BaseAngularVelocity(velocity=(0.0, 0.0, number("yaw_rate", yaw_rate)), axes=(0.0, 0.0, 1.0)))
     return terms
 
 
@@ -121,7 +135,7 @@ def robot(
     length: m, ℓ, height of the base over the feet (``Problem.length``).
     times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over half a second.
     """
-    velocity = np.array([speed, 0.0, 0.0]) if np.isscalar(speed) else np.asarray(speed, dtype=float)
+    velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
     fast = GRAVITY * length  # m²/s²
     floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
     begun = np.ones(1) if times is None else np.clip(np.asarray(times, dtype=float) / BEGIN, 0.0, 1.0)
@@ -158,8 +172,16 @@ class LegPosture(Posture):
         pose = setting.x0 if self.reference is None else np.atleast_2d(numbers(f"{self.label}.reference", self.reference))[-1]
         heading = body_poses(robot, pose)[0][robot.base_body]
         sideways = np.abs(joint_twists(robot, pose)[robot.actuated, :3] @ heading[:, 1])
-        weights = np.asarray(self.joints, dtype=float) * np.where(sideways > 0.7, 0.09, 1.0)
+        weights = shares(f"{self.label}.joints", self.joints, robot.nu) * np.where(sideways > 0.7, 0.09, 1.0)
         return {**super().references(setting), "joints": np.sqrt(weights)}
+
+
+@dataclass(frozen=True, eq=False)
+class Leash(PointPosition):
+    """PointPosition that pulls towards its target and does not ask to get there."""
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        return None
 
 
 def locomotion(
@@ -173,7 +195,7 @@ def locomotion(
     ----------
     velocity: (3,) m/s, world. yaw_rate: rad/s. length: ℓ, m, height of the base over the ground.
     """
-    command = np.asarray(velocity, dtype=float)
+    command, yaw_rate = numbers("velocity", velocity, (3,)), number("yaw_rate", yaw_rate)
     speed, rate = GRAVITY * length, GRAVITY / length  # (m/s)², (rad/s)²
     slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)  # what the two terms divide by
     return [
@@ -181,7 +203,7 @@ def locomotion(
         BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(1.0 / 9.0, 1.0 / 9.0, 1.0), weight=135.0 * still / rate),
         BaseHeight(weight=5.5 / length**2),
         BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.36)),
-        PointPosition(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),
+        Leash(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),
         LegPosture(name="Posture", weight=0.5),
         JointVelocity(weight=0.0135 / rate),
         Effort(weight=0.04),

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, owned, positive, whole
+from octo.checks import number, numbers, owned, positive, time_step, whole
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
@@ -83,7 +83,10 @@ class Problem:
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps)
-        positive("dt", self.dt, "s")
+        if isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics):
+            positive("dt", self.dt, "s")  # in units of the user's own
+        else:
+            time_step(self.dt)
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         if not isinstance(self.terrain, (Plane, Terrain, NoneType)):

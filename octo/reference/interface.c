@@ -1,24 +1,32 @@
 /* CasADi's C interface to nlp.c, and the watch that stops IPOPT by octo's own rule. */
 
+/* Set by a signal handler's caller: every evaluation fails from then on, so that a solver without a call-back ends too. */
+static volatile int octo_stopped;
+void octo_stop(int stopped) { octo_stopped = stopped; }
+
 static void octo_copy(const double *from, int count, double *to) { if (to) memcpy(to, from, count * sizeof(double)); }
 
 int nlp(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point(arg[0], arg[1], 0);
   octo_copy(&at.f, 1, res[0]);
   octo_copy(at.g, T.rows, res[1]);
   return 0;
 }
 int nlp_f(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point(arg[0], arg[1], 0);
   octo_copy(&at.f, 1, res[0]);
   return 0;
 }
 int nlp_g(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point(arg[0], arg[1], 0);
   octo_copy(at.g, T.rows, res[0]);
   return 0;
 }
 int nlp_grad_f(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point(arg[0], arg[1], 1);
 #ifndef STAGEWISE
   octo_copy(&at.f, 1, res[0]);
@@ -28,6 +36,7 @@ int nlp_grad_f(const double **arg, double **res, octo_int *iw, double *w, int me
   return 0;
 }
 int nlp_jac_g(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point(arg[0], arg[1], 1);
 #ifdef STAGEWISE
   octo_note(at.f, octo_largest(at.g, T.rows));
@@ -40,6 +49,7 @@ int nlp_jac_g(const double **arg, double **res, octo_int *iw, double *w, int mem
   return 0;
 }
 int nlp_hess_l(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point_hessian(arg[0], arg[1], arg[2] ? arg[2][0] : 0.0, arg[3]);
 #ifdef STAGEWISE
   octo_copy(at.lagrangian, T.variables, res[0]);
@@ -51,6 +61,7 @@ int nlp_hess_l(const double **arg, double **res, octo_int *iw, double *w, int me
   return 0;
 }
 int nlp_grad(const double **arg, double **res, octo_int *iw, double *w, int mem) {
+  if (octo_stopped) return 1;
   octo_point_hessian(arg[0], arg[1], arg[2] ? arg[2][0] : 0.0, arg[3]);
   octo_copy(&at.f, 1, res[0]);
   octo_copy(at.g, T.rows, res[1]);
@@ -82,7 +93,7 @@ int octo_watch(const double **arg, double **res, octo_int *iw, double *w, int me
     low = e < low ? e : low; high = e > high ? e : high;
   }
   if (watch.count > watch.plateau && violation <= watch.tolerance && high - low <= watch.change * fabs(f)) watch.settled = 1;
-  if (res[0]) res[0][0] = watch.settled;
+  if (res[0]) res[0][0] = watch.settled || octo_stopped;
   return 0;
 }
 

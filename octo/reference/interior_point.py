@@ -15,7 +15,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import has_neighbours, multipliers_of, nlp, point_of, rows_of, start_nodes, unknowns_of
-from octo.reference.run import OPTIONS, Run, history, one_core, one_solve, prepare, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -78,7 +78,8 @@ class Ipopt:
             if self.library is not None:
                 self.library.activate()
                 self.library.begin(o.tolerance, o.plateau_change, o.plateau)
-            found = solver(**arguments)
+            with interruptible(self.library) as told:
+                found = solver(**arguments)
             seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
         stats = solver.stats()
         said = str(stats["return_status"])
@@ -86,7 +87,9 @@ class Ipopt:
         if said == "User_Requested_Stop" and self.library is not None and self.library.settled:
             said, status = "stopped by octo's rule of an acceptable point", Status.ACCEPTABLE
         columns = self._history(stats, seconds)
-        if not status.converged and settled(columns["energy"], columns["violation"] / compiled.weight, o):
+        if told.caught:
+            said, status = "stopped by Ctrl-C", Status.INTERRUPTED
+        elif not status.converged and settled(columns["energy"], columns["violation"] / compiled.weight, o):
             status = Status.ACCEPTABLE
         multipliers = multipliers_of(compiled, found["lam_g"])
         solution = solution_of(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.long import brisk
 from octo.errors import DeviceError
 from octo.problem.compiled import CompiledProblem
 from octo.reference.costs import ExactCosts, exact_costs, patterns
@@ -23,7 +24,6 @@ from octo.reference.program import parameter_vector
 Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
 _ACTIVE: dict[str, list[Any]] = {}  # by library, the arrays that its code points to
-LONG = 3000  # instructions of a function from which the compiler's -O3 takes minutes and gains nothing
 
 
 class Library:
@@ -66,6 +66,10 @@ class Library:
     def begin(self, tolerance: float, change: float, plateau: int) -> None:
         """Start the clock, and the rule by which octo_watch stops."""
         self.handle.octo_watch_set(tolerance, change, plateau)
+
+    def stop(self, stopped: bool = True) -> None:
+        """Make every evaluation fail, so that the solver ends; or no longer."""
+        self.handle.octo_stop(int(stopped))
 
     @property
     def settled(self) -> bool:
@@ -126,9 +130,7 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
     made = [*costs.step, *costs.contact]
     for function in made:
         generator.add(function)
-    generated = str(generator.dump())
-    if max(function.n_instructions() for function in made) > LONG:
-        generated = f'#pragma GCC push_options\n#pragma GCC optimize ("O1")\n{generated}\n#pragma GCC pop_options\n'
+    generated = brisk(str(generator.dump()), max(function.n_instructions() for function in made))
     names = ("CASADI_CODEGEN_PREFIX", "CASADI_PREFIX", "CASADI_NAMESPACE_CONCAT", "_CASADI_NAMESPACE_CONCAT")
     return "\n".join(
         [
@@ -149,7 +151,7 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
     sizes = {
         "NU": compiled.nu, "MU": compiled.m, "NQ": compiled.q.shape[2], "NTERM": len(functions.references.terms),
         "NCENTER": costs.centers, "NW": compiled.nu + costs.centers, "NZ": costs.sparsity.nnz(),
-        "NFC": len(functions.contact_spheres), "CR": len(functions.contact_terms),
+        "NFC": len(functions.contact_spheres), "CR": 0 if functions.contact is None else len(functions.contact.terms),
         "EXACT_W": max(f.sz_w() for f in made), "EXACT_IW": max(f.sz_iw() for f in made),
     }  # fmt: skip
     integers: dict[str, Any] = {
@@ -164,8 +166,8 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
         integers["touch_dof"] = [robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres]
         numbers = {
             "touch_sphere": [v for sphere in spheres for v in (*sphere.position, sphere.radius)],
-            "touch_use": functions.contact_use.astype(float).ravel(),
-            "body_mass": [body.mass for body in robot.bodies],
+            "touch_use": () if functions.contact is None else functions.contact.use.astype(float).ravel(),
+            "body_mass": robot.masses,
             "body_com": [v for body in robot.bodies for v in body.com],
         }
         sizes_of_mass = f"static const double octo_mass = {float(robot.mass).hex()};"

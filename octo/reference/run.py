@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import signal
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem
+from octo.reference.library import Library
 from octo.solver import blas, measure
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Solution, Status
@@ -19,6 +22,7 @@ from octo.solver.solution import HISTORY, Solution, Status
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
 _ALONE = threading.RLock()
+STOPS = (signal.SIGTERM, signal.SIGHUP)  # where they raise KeyboardInterrupt too, as in the command line
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
 
 
@@ -70,6 +74,40 @@ def one_core() -> Any:
         yield
 
 
+class Interruption:
+    """Whether Ctrl-C was pressed while another solver ran."""
+
+    caught = False
+
+
+@contextlib.contextmanager
+def interruptible(library: Library | None) -> Iterator[Interruption]:
+    """Ctrl-C, or what stops octo as Ctrl-C does, ends the solver inside and is noted: CasADi would swallow it and go on.
+
+    library: of the compiled functions, which are told to fail; without one CasADi is told by an exception.
+    """
+    told = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield told  # no signal comes here
+        return
+
+    def note(number: int, frame: Any) -> None:
+        told.caught = True
+        if library is None:
+            raise KeyboardInterrupt
+        library.stop()
+
+    like_it = [number for number in STOPS if signal.getsignal(number) is signal.default_int_handler]
+    before = {number: signal.signal(number, note) for number in {signal.SIGINT, *like_it}}
+    try:
+        yield told
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if library is not None:
+            library.stop(False)
+
+
 def prepare(compiled: CompiledProblem) -> None:
     """Have octo's own functions compiled, which measure every result: a missing compiler or folder is said before a solve."""
     compiled.evaluate(np.zeros((1, compiled.K, compiled.nc)))
@@ -95,7 +133,7 @@ def history(energies: Array, violations: Array, seconds: Array, **more: Array) -
 def solution_of(compiled: CompiledProblem, unknowns: Array, multipliers: Array, status: Status, **own: Any) -> Solution:
     """A Solution from octo's unknowns (1, K, nc) and multipliers (K, ma), evaluated by octo's own functions."""
     at = compiled.evaluate(np.ascontiguousarray(unknowns))
-    if not bool(at.finite[0]):
+    if not bool(at.finite[0]) and status is not Status.INTERRUPTED:
         status = Status.NOT_FINITE
     return Solution(
         **measure.measured(compiled, at, 0), multipliers=multipliers, status=status, factorizations=0, device="cpu", **own

@@ -17,7 +17,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
-from octo.reference.run import OPTIONS, Run, history, one_core, one_solve, prepare, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -88,9 +88,10 @@ class Fatrop:
             began, began_processor = time.perf_counter(), time.process_time()
             self.library.activate()
             self.library.begin(o.tolerance, o.plateau_change, o.plateau)
-            found = self.solver(
-                x0=np.clip(first.ravel(), lower, upper), p=parameter_vector(c), lbx=lower, ubx=upper, lbg=rows, ubg=rows
-            )
+            with interruptible(self.library) as told:
+                found = self.solver(
+                    x0=np.clip(first.ravel(), lower, upper), p=parameter_vector(c), lbx=lower, ubx=upper, lbg=rows, ubg=rows
+                )
             seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
         stats = self.solver.stats()
         iterations, log = int(stats["iter_count"]), self.library.log()
@@ -98,7 +99,9 @@ class Fatrop:
         status = Status.CONVERGED if stats["success"] else Status.STALLED
         if not stats["success"] and iterations >= o.max_iterations:
             status = Status.ITERATION_LIMIT
-        if not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
+        if told.caught:
+            status = Status.INTERRUPTED
+        elif not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
             status = Status.ACCEPTABLE
         x = np.asarray(found["x"]).reshape(c.steps, 3, c.n)
         unknowns = x[None, :, 2].copy()
@@ -108,7 +111,7 @@ class Fatrop:
             c, unknowns, np.asarray(found["lam_g"]).ravel()[at], status, iterations=iterations, history=columns,
             seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,
         )  # fmt: skip
-        said = f"return flag {stats['fatrop']['return_flag']}"
+        said = "stopped by Ctrl-C" if told.caught else f"return flag {stats['fatrop']['return_flag']}"
         return Run("fatrop", solution, said, True, dict(self.settings))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.errors import ProblemError, UnknownNameError
 from octo.files import replacing
 from octo.model.character import Character
@@ -71,6 +72,7 @@ def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     Time, coordinates, the torques from this row to the next (none after the last), the contact forces in world axes
     (none at x_0). What does not exist is nan.
     """
+    target = ending("path", path, (".csv",))
     robot = solution.character
     turns = [robot is not None and joint.kind == "hinge" for joint in robot.joints] if robot is not None else []
     places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
@@ -86,7 +88,7 @@ def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
     rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
-    with replacing(path) as beside:
+    with replacing(target) as beside:
         np.savetxt(beside, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
 
 
@@ -137,11 +139,10 @@ def _ball(robot: Character, j: int, end: int) -> str:
     if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
         return ""
     alike = all(
-        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.axis, axis)
-        and np.array_equal(hinge.anchor, hinges[0].anchor)
-        for hinge, axis in zip(hinges, np.eye(3)[::-1], strict=True)
-    )  # fmt: skip
-    return prefix if alike else ""
+        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.anchor, hinges[0].anchor) for hinge in hinges
+    )
+    outer, middle, inner = (hinge.axis for hinge in hinges)
+    return prefix if alike and np.allclose(np.cross(outer, inner), middle, atol=1e-9) else ""
 
 
 def _turn(robot: Character, x: Array, j: int) -> Array:

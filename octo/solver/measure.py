@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.model.character import Character
+from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.solver.stride import Stride
 
@@ -54,8 +55,20 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
         "parameters": {name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)},
+        "asked": asked(problem, at.nodes[member], member),
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
+
+
+def asked(problem: CompiledProblem, nodes: Array, member: int) -> tuple[Asked, ...]:
+    """What the terms of one member ask of its motion x_{-1} … x_N (N+2, n), and what came of it."""
+    described = problem.problems[member]
+    made = []
+    for k, term in enumerate(described.costs):
+        weights = problem.q[member][:, k]
+        if term is not described.anchor and weights.any():
+            made.append(term.asked(Motion(nodes[1:], float(described.dt), described.character, weights), described.setting))
+    return tuple(one for one in made if one is not None)
 
 
 def stride(problem: CompiledProblem, at: Evaluation, member: int) -> Stride | None:

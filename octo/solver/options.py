@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.checks import whole
+from octo.checks import number, positive, whole
 from octo.errors import UnknownNameError, ValueRangeError
 
 CHOICES = {
@@ -15,6 +15,8 @@ CHOICES = {
     "step": ("line_search", "trust_region"),
     "linear_solver": ("auto", "elimination", "cyclic_reduction"),
 }
+TOLERANCES = ("tolerance", "step_tolerance", "dual_tolerance")
+LOOSEST = 1.0  # of every tolerance: the weight, a radian, E of order one
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,7 @@ class SqpOptions:
 
     Attributes
     ----------
-    hessian: "exact" adds the curvature of lamᵀC and of the torque terms; "gauss_newton" is JᵀJ.
+    hessian: "exact" adds the curvature of lamᵀC, of the torque terms and of the terms over contacts; "gauss_newton" is JᵀJ.
     step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.
@@ -55,10 +57,16 @@ class SqpOptions:
         for name, values in CHOICES.items():
             if getattr(self, name) not in values:
                 raise UnknownNameError(name, getattr(self, name), values)
-        for name in ("tolerance", "step_tolerance", "dual_tolerance", "cap", "first_sigma", "c_max", "time_limit"):
-            value = getattr(self, name)
-            if not isinstance(value, (int, float, np.number)) or not value > 0.0:
-                raise ValueRangeError(f"{name} is {value!r}, must be positive")
+        for name in (*TOLERANCES, "cap", "first_sigma", "c_max"):
+            positive(name, getattr(self, name))
+        for name in TOLERANCES:
+            if getattr(self, name) > LOOSEST:
+                value = getattr(self, name)
+                raise ValueRangeError(f"{name} is {value!r}, must be at most {LOOSEST:g}: everything would converge")
+        if self.time_limit != np.inf:
+            positive("time_limit", self.time_limit, "s")
+        if not 0.0 <= number("plateau_change", self.plateau_change) < 1.0:
+            raise ValueRangeError(f"plateau_change is {self.plateau_change!r}, must be from 0 to less than 1")
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
 

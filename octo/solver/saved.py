@@ -10,10 +10,11 @@ from octo.errors import ShapeError, UnknownNameError, ValueRangeError
 from octo.model import store
 from octo.model.archive import Archive, Array
 from octo.model.character import Character
+from octo.problem.asked import Asked
 from octo.solver.stride import ARRAYS, Stride
 
 DEFAULTS: dict[str, Any] = {  # of fields that a file of an earlier version may lack
-    "processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}, "passes": [], "starts": [],
+    "processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}, "passes": [], "starts": [], "asked": [],
 }  # fmt: skip
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
 
@@ -46,6 +47,7 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         "contact_depth": file.array("contact_depth", (steps, contacts), finite=finite), "ground": _ground(file),
         "history": file.group("history_"), "parameters": file.numbers("parameters"), "stages": file.numbers("stages"),
         "terms": file.numbers("terms", finite=finite), "passes": file.records("passes"), "starts": file.records("starts"),
+        "asked": tuple(_asked(Archive({}, one)) for one in file.records("asked")),
     }  # fmt: skip
     values |= {name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS}
     values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
@@ -57,6 +59,18 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         if name not in values and name != "status":
             raise UnknownNameError("entry", name, values)
     return values
+
+
+def _asked(one: Archive) -> Asked:
+    """One thing that the motion was asked for."""
+    found, wanted = (one.vector(name) for name in ("found", "wanted"))
+    if len(found) != len(wanted):
+        raise ShapeError("found", (len(found),), (len(wanted),))
+    each = one.plain.get("each", False)
+    if not isinstance(each, bool):
+        raise ValueRangeError("each must be true or false")
+    words = {name: one.word(name) for name in ("name", "what", "unit")}
+    return Asked(**words, found=found, wanted=wanted, size=one.number("size", positive=True), each=each)
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:

@@ -14,12 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import ending
 from octo.errors import UnknownNameError
 from octo.files import replacing
 from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
+from octo.problem.asked import Asked
 from octo.solver import export, saved
+from octo.solver.doubts import largest_step, warnings
 from octo.solver.gait import Gait, measure_cycle, measure_gait
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
@@ -85,6 +88,7 @@ class Solution:
     processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an idle machine.
     cycle: what a cycle is carried on with; None of other motions.
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
+    asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
 
     name: str
@@ -122,6 +126,7 @@ class Solution:
     stages: dict[str, float] = field(default_factory=dict)
     passes: tuple[dict[str, Any], ...] = ()
     starts: tuple[dict[str, Any], ...] = ()
+    asked: tuple[Asked, ...] = ()
 
     # -- the motion -----------------------------------------------------------------------------------------------
 
@@ -248,6 +253,11 @@ class Solution:
         """How good the motion is, in figures; of a cycle, carried on for some strides. None for user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the motion is used, whatever its status: leaps from one node to the next, a dt too long."""
+        return warnings(self)
+
     # -- words and numbers ----------------------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
@@ -265,6 +275,9 @@ class Solution:
             "factorizations": self.factorizations,
             "energy": self.energy,
             "terms": dict(self.terms),
+            "asked": [one.report() for one in self.asked],
+            "warnings": list(self.warnings),
+            "largest_step": largest_step(self),
             "violation": self.violation,
             "pointwise_residual": self.pointwise_residual,
             "weight": self.weight,
@@ -315,6 +328,8 @@ class Solution:
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
+        lines += [f"  {one}" for one in self.asked if not one.met]
+        lines += [f"  warning: {sentence}" for sentence in self.warnings]
         return "\n".join(lines)
 
     # -- other tools ----------------------------------------------------------------------------------------------
@@ -338,6 +353,7 @@ class Solution:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
+        target = ending("path", path, (".npz",))
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
         arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {f"history_{k}": v for k, v in self.history.items()}
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
@@ -347,9 +363,10 @@ class Solution:
             arrays |= {f"cycle_{name}": getattr(self.cycle, name) for name in STRIDE}
             plain["cycle"] = self.cycle.plain()
         plain["status"] = self.status.label
+        plain["asked"] = [one.plain() for one in self.asked]
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
-        with replacing(path) as beside, beside.open("wb") as file:
+        with replacing(target) as beside, beside.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
     @staticmethod
@@ -362,7 +379,8 @@ class Solution:
         """
         with archive.opened(path, "solution") as file:
             status = _status(file.word("status"))
-            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
+            failed = status in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)  # which may hold what is not finite
+            return Solution(**saved.fields_of(file, failed), status=status)
 
 
 def _status(label: str) -> Status:

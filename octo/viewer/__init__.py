@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from octo.checks import ending
 from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
@@ -53,8 +54,9 @@ def view(
     ------
     MissingExtraError: viser, or what it needs, is not installed. ModelError: user-written dynamics
     have no bodies. ShapeError: no solution, or not a label for each. OutputError: the file cannot
-    be written.
+    be written, or its ending is not that of a page (a film in a video format is not made).
     """
+    target = ending("path", path, (".html", ".htm"))
     try:
         import viser
     except ImportError:
@@ -81,7 +83,7 @@ def view(
     shift = camera_path(actors[0], times, follow, scale, cycle)
     lap = cycle.on(grounds) if cycle is not None and follow else None
     text = wrap(scene, actors, nodes, grounds, names, times, shift, loop, lap)
-    _write(Path(path), text)
+    _write(target, text)
 
 
 def _labels(solutions: Sequence[Solution]) -> list[str]:

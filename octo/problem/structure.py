@@ -1,0 +1,237 @@
+"""What generated code knows of a model and of its terms: one batch shares it, and no update changes it.
+
+Weights, references and parameters are numbers of a run. Everything else that a residual was built from is structure: the
+model, the body, the contacts, a function, which contacts are feet at the start. Two terms have one structure where their
+residuals are the same expression, instruction by instruction, of references with the same names and sizes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.errors import OctoError, ProblemError
+from octo.problem.basis import Hermite
+from octo.problem.codegen import step_symbols, touching
+from octo.problem.contact_costs import ContactCost
+from octo.problem.contact_model import contact_symbols
+from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.references import References, blamed, sizes
+
+if TYPE_CHECKING:
+    from octo.problem.problem import Problem
+
+SHORT = 40  # characters of a value that a message may hold
+AT_THE_START = "contacts (those on the ground at the start)"
+
+
+class Structure(NamedTuple):
+    """Of one term."""
+
+    kind: tuple[type, str, str]  # class, label, steps
+    references: tuple[tuple[str, int], ...]  # names and sizes
+    residual: str  # the expression, serialised
+    contacts: frozenset[int]  # that it acts on
+
+
+class Reader:
+    """Reads the structure of the terms of one problem.
+
+    Parameters
+    ----------
+    problem: whose model, start and basis the terms are read with.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem, self.dynamics = problem, problem.dynamics
+        self.between = isinstance(problem.basis_object, Hermite)
+
+    @cached_property
+    def _p(self) -> ca.SX:
+        return ca.SX.sym("p", self.dynamics.layout.size)
+
+    @cached_property
+    def _step(self) -> Any:
+        return step_symbols(self.dynamics, self._p)
+
+    @cached_property
+    def _contact(self) -> Any:
+        if not isinstance(self.dynamics, RobotDynamics):
+            raise ProblemError("user-written dynamics have no contacts")
+        return contact_symbols(self.dynamics, self._p)
+
+    @cached_property
+    def _feet(self) -> list[int]:
+        assert isinstance(self.dynamics, RobotDynamics)
+        return touching(self.dynamics, self.problem.setting)
+
+    def read(self, term: Cost) -> Structure:
+        """The structure of a term.
+
+        Raises
+        ------
+        OctoError: the term's residual or its references cannot be formed.
+        """
+        table = References.of([term], self.problem.setting)
+        q = ca.SX.sym("q", max(table.size, 1))
+        view = table.view(q, 0)
+        with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
+            if isinstance(term, ContactCost):
+                inputs, symbols = self._contact
+                value = term.contact_residual(symbols, view)
+            elif self.between and isinstance(term, NeighbourCost):
+                inputs = [ca.SX.sym(name, 2 * self.dynamics.nx) for name in ("c", "c_next")]
+                value = term.between(inputs[0], inputs[1], view)
+            else:
+                inputs, step = self._step
+                value = term.residual(step, view)
+            function = ca.Function("residual", [*inputs, self._p, q], [ca.vec(ca.SX(value))])
+        named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
+        kind = (type(term), term.label, term.steps)
+        return Structure(kind, named, function.serialize(), self.contacts(term))
+
+    def contacts(self, term: Cost) -> frozenset[int]:
+        """The contacts that a term acts on, as indices into the robot's."""
+        if not isinstance(term, ContactCost) or not isinstance(self.dynamics, RobotDynamics):
+            return frozenset()
+        return frozenset(term.chosen(self.dynamics.character, self._feet))
+
+    def fixed_fields(self, term: Cost, values: Mapping[str, Any]) -> list[str]:
+        """Which of new ``values`` of a term's fields, each on its own, change its structure."""
+        own = self.read(term)
+        new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
+        return [name for name, changed in new.items() if self.read(changed) != own]
+
+
+def check_alike(problems: Sequence[Problem]) -> None:
+    """Refuse a batch whose problems differ in more than numbers.
+
+    Raises
+    ------
+    ProblemError: names what differs, and in which problem, counted from 0.
+    """
+    first = Reader(problems[0])
+    read: dict[int, Structure] = {}  # of the first problem's terms, by place
+    for place, problem in enumerate(problems):
+        if problem is not problems[0]:
+            _check_frame(problems[0], problem, place)
+            _check_terms(first, Reader(problem), place, read)
+
+
+def _check_frame(first: Problem, other: Problem, place: int) -> None:
+    """Model, steps, basis and the list of terms."""
+    lists = [[(type(t), t.label, t.steps) for t in p.costs] for p in (first, other)]
+    alike = {
+        "model": _same_model(first.dynamics, other.dynamics),
+        "steps": first.steps == other.steps,
+        "basis": first.basis_object == other.basis_object,
+        "terms": lists[0] == lists[1],
+    }
+    for name, same in alike.items():
+        if not same:
+            raise ProblemError(
+                f"{name} differ between problems of one batch, 0 and {place}: they must share "
+                "model, terms, basis and steps"
+            )
+
+
+def _same_model(one: Dynamics, other: Dynamics) -> bool:
+    """Whether one generated code and one table of numbers serve both."""
+    if one is other:
+        return True
+    if type(one) is not type(other) or one.layout.names != other.layout.names:
+        return False
+    if not np.array_equal(one.actuated, other.actuated):
+        return False
+    if isinstance(one, RobotDynamics) and isinstance(other, RobotDynamics):
+        a, b = one.character, other.character
+        if a is b and _equal(one.law, other.law) and _equal(one.terrain, other.terrain):
+            return True
+        if a.mass != b.mass or a.terrain_contacts != b.terrain_contacts:
+            return False
+    return one.lanes_text() == other.lanes_text()
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two objects say that they are equal; those that cannot say are not."""
+    try:
+        return one is other or bool(one == other)
+    except Exception:  # a user's class may raise anything
+        return False
+
+
+def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Structure]) -> None:
+    """The terms of a problem against those of the first."""
+    robots = _same_robot(first.dynamics, other.dynamics)
+    stands = robots and np.array_equal(first.problem.start, other.problem.start)
+    for k, (a, b) in enumerate(zip(first.problem.costs, other.problem.costs, strict=True)):
+        if robots and same(vars(a), vars(b), but="weight"):
+            if not stands and first.contacts(a) != other.contacts(b):
+                raise _different(b, place, AT_THE_START)
+            continue
+        if k not in read:
+            read[k] = first.read(a)
+        made = other.read(b)
+        if made != read[k]:
+            what = AT_THE_START if made.contacts != read[k].contacts else "residual"
+            raise _different(b, place, _fields(first, a, b) or what)
+
+
+def _fields(first: Reader, a: Cost, b: Cost) -> str:
+    """The fields of ``b`` that are to blame, with their values, in words; empty where it is none."""
+    names = [f.name for f in dataclasses.fields(a) if f.init and f.name in vars(b)]
+    given = {name: vars(b)[name] for name in names if not same(vars(a).get(name), vars(b)[name])}
+    try:
+        blame = first.fixed_fields(a, given)
+    except OctoError:  # what stands in the other may mean nothing here
+        blame = sorted(given)
+    return " and ".join(f"{name} ({_short(given[name])})" for name in blame)
+
+
+def _same_robot(one: Dynamics, other: Dynamics) -> bool:
+    """Whether names of bodies and contacts mean the same."""
+    if not isinstance(one, RobotDynamics) or not isinstance(other, RobotDynamics):
+        return one is other
+    return one.character is other.character
+
+
+def same(one: Any, other: Any, but: str = "") -> bool:
+    """Whether two values are the same for certain; what cannot be compared is not.
+
+    but: a key that may differ.
+    """
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, (str, bytes, bool, int, float)):
+        return bool(one == other)
+    if isinstance(one, np.ndarray):
+        return one.dtype != object and one.shape == other.shape and bool(np.array_equal(one, other))
+    if isinstance(one, (tuple, list)):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, Mapping):
+        keys = set(one) - {but}
+        return keys == set(other) - {but} and all(same(one[key], other[key]) for key in keys)
+    return False
+
+
+def _different(term: Cost, place: int, what: str) -> ProblemError:
+    return ProblemError(
+        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is not "
+        "that of problem 0; only weights, references and parameters may differ, solve them apart"
+    )
+
+
+def _short(value: Any) -> str:
+    """A value as a message may hold it."""
+    if callable(value):
+        return str(getattr(value, "__name__", type(value).__name__))
+    said = repr(value)
+    return said if len(said) <= SHORT else f"{said[:SHORT]}…"
