@@ -27,7 +27,8 @@ class Asked:
     name: of the goal or the term. what: what moves, as words before the numbers.
     found, wanted: what came out and what was asked, in ``unit``.
     size: what the error is in parts of; by default the length of ``wanted``.
-    each: every number of ``wanted`` that is not zero must be met on its own too, to a fifth: the height of a long jump.
+    each: every number of ``wanted`` that is not zero must be met on its own too, to a fifth: the
+        height of a long jump.
     """
 
     name: str
@@ -93,7 +94,8 @@ class Asked:
             else f" {in_numbers(self.found)} {self.unit}, asked for was {in_numbers(self.wanted)}"
         )
         return (
-            f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by {self.off:.2g} {self.unit}, "
+            f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by "
+            f"{self.off:.2g} {self.unit}, "
             f"{MET * self.size:.2g} is allowed{more}"
         )
 

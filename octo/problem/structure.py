@@ -1,8 +1,9 @@
-"""What generated code knows of a model and of its terms: one batch shares it, and no update changes it.
+"""What generated code knows of a model and of its terms: a batch shares it, no update changes it.
 
-Weights, references and parameters are numbers of a run. Everything else that a residual was built from is structure: the
-model, the body, the contacts, a function, which contacts are feet at the start. Two terms have one structure where their
-residuals are the same expression, instruction by instruction, of references with the same names and sizes.
+Weights, references and parameters are numbers of a run. Everything else that a residual was built
+from is structure: the model, the body, the contacts, a function, which contacts are feet at the
+start. Two terms have one structure where their residuals are the same expression, instruction by
+instruction, of references with the same names and sizes.
 """
 
 from __future__ import annotations
@@ -182,7 +183,7 @@ def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Struc
 
 
 def _fields(first: Reader, a: Cost, b: Cost) -> str:
-    """The fields of ``b`` that are to blame, with their values, in words; empty where it is none."""
+    """The fields of ``b`` that are to blame, with their values; empty where it is none."""
     names = [f.name for f in dataclasses.fields(a) if f.init and f.name in vars(b)]
     given = {name: vars(b)[name] for name in names if not same(vars(a).get(name), vars(b)[name])}
     try:
@@ -222,8 +223,8 @@ def same(one: Any, other: Any, but: str = "") -> bool:
 
 def _different(term: Cost, place: int, what: str) -> ProblemError:
     return ProblemError(
-        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is not "
-        "that of problem 0; only weights, references and parameters may differ, solve them apart"
+        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is "
+        "not that of problem 0; only weights, references and parameters may differ, solve them apart"
     )
 
 

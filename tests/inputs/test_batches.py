@@ -1,4 +1,4 @@
-"""A batch has one structure: what differs in more than numbers is refused by name, numbers may differ."""
+"""A batch has one structure: numbers may differ, anything else is refused by name."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def test_numbers_may_differ_and_each_member_is_its_own_problem(what):
 
 
 def test_each_member_has_the_passes_of_its_own_height():
-    """Depths of a pass go with the height of the base at the start: one crouches, its feet sink less."""
+    """Depths of a pass go with the height of the base at the start: one of the two crouches."""
     low = ROBOT.default_pose.copy()
     low[ROBOT.nx - ROBOT.nu :] *= 1.15
     low[2] *= 0.9

@@ -1,4 +1,4 @@
-"""octo compare: Ctrl-C inside another solver, what it leaves of earlier files, and pictures that cannot be drawn."""
+"""octo compare: Ctrl-C in another solver, what it leaves of earlier files, pictures that fail."""
 
 from __future__ import annotations
 
