@@ -158,7 +158,8 @@ def _solve(
     check_alike(problems)  # before the seeds, so that a message counts what the caller gave
     own = [schedule(problem, passes) for problem in problems]
     if any([stage is None for stage in plan] != [stage is None for stage in own[0]] for plan in own[1:]):
-        raise ProblemError("the contact laws of the problems differ, a fixed stiffness and one that grows: solve them one by one")
+        told = "one has passes in which it grows, one is fixed"
+        raise ProblemError(f"the contact laws of the problems differ in stiffness or friction: {told}, solve them one by one")
     plans = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
     current = [_for_pass(problem, plan[0]) for problem, plan in zip(batch, plans, strict=True)]
