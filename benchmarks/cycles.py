@@ -57,7 +57,7 @@ FILES = {
 STRIDES = [
     (name, speed)
     for name in ("mammal", "biped", "spider", "bird", "go2", "go1", "anymal_c", "hyq")
-    for speed in ((0.2, 0.3) if name == "spider" else (0.3, 0.5))  # a spider's legs are 16 cm long
+    for speed in ((0.2, 0.3) if name == "spider" else (0.3, 0.5))  # a spider stands 16 cm high
 ]
 WALKS = (
     ("mammal", "walk", 0.5), ("go2", "walk", 0.5), ("go2", "walk", 0.4), ("mammal", "turn", 0.3), ("go2", "turn", 0.3),

@@ -40,6 +40,7 @@ STARTS = 3  # of the cycle, for each period
 PHASES = 6  # of the stride, at which it may be entered and left
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
 ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
+RISES = 0.4  # ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by 0.3 at most
 KEEPS = 0.2  # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
@@ -152,6 +153,10 @@ class Journey:
         grain = 2 if self.mirrored else 1
         return sorted({max(8, grain * round(positive("period", value, "s") / self.dt / grain)) for value in wanted})
 
+    def counts(self) -> list[int]:
+        """Those of them that fit between rest and rest."""
+        return [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
+
     def ends(self, count: int) -> int:
         """Steps in which a stride of ``count`` steps is entered."""
         return max(count, round(ENDS * np.sqrt(self.whole.length / self.whole.gravity) / self.dt))
@@ -171,8 +176,10 @@ class Journey:
 
     def solve(self) -> Solution:
         """The motion."""
-        began = time.perf_counter()
-        counts = [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
+        return self._solved(time.perf_counter())
+
+    def _solved(self, began: float) -> Solution:
+        counts = self.counts()
         if not counts:
             return self._without(f"{self.seconds:g} s are too short for a stride between rest and rest", began)
         try:
@@ -186,16 +193,20 @@ class Journey:
             doing = f"a stride of {problem.steps * problem.dt * (2 if self.mirrored else 1):.3g} s"
             found += solve_all(problem, seeds=self.starts, seed=self.seed, **self.left(began, doing))
             stopped = any(made.status is Status.INTERRUPTED for made in found)
-            if stopped:
+            other = None if stopped else self._standing_as(_good(found))
+            if stopped or other is not None:
                 break
         records = tuple(made.report() for made in found)
         if stopped:
             best = min(found, key=lambda made: (not made.converged, made.energy))
             return replace(best, status=Status.INTERRUPTED, starts=records)
-        good = [made for made in found if made.converged and made.passes[-1]["converged"]]
+        if other is not None:
+            motion = other._solved(began)
+            return replace(motion, starts=records + motion.starts)
+        good = _good(found)
         if not good:
             return self._without("no stride converged", began)
-        best = min(good, key=lambda made: (flaws(made), made.power))
+        best = min(good, key=_quality)
         try:
             best = self._whole_stride(best, began)
             motion = self._pieces(best, began).joined()
@@ -220,13 +231,35 @@ class Journey:
         pieces = _Pieces(self, stride, began)
         if pieces.clean or self.pose is not None:
             return pieces
-        joints, pose = self.robot.actuated, self.whole.start.copy()
-        pose[joints] = stride.tile(1).x[1:-1, joints].mean(axis=0)
         try:
-            other = _Pieces(self, stride, began, over_the_feet(self.robot, inside_limits(self.robot, pose)))
+            other = _Pieces(self, stride, began, self._mean_pose(stride))
         except StaticPoseError:
             return pieces
         return min(pieces, other, key=lambda one: one.rank)
+
+    def _standing_as(self, strides: Sequence[Solution]) -> Journey | None:
+        """This motion of a robot that stands as the best of these strides does, with its length, periods and terms.
+
+        None where the robot at rest stands about as high, where a pose was given, and where that motion has no stride.
+        """
+        if self.pose is not None or not strides:
+            return None
+        best, normal = min(strides, key=_quality), plane_normal(self.whole)
+        first = int(self.robot.first_joint[self.robot.base_body])
+        away = best.x[1:, first : first + 3] - self.whole.start[first : first + 3]
+        if abs(float((away @ normal).mean())) <= RISES * self.whole.length * float(np.linalg.norm(normal)):
+            return None
+        other = replace(self, pose=self._mean_pose(best))
+        try:
+            return other if other.counts() else None
+        except StaticPoseError:
+            return None
+
+    def _mean_pose(self, stride: Solution) -> Array:
+        """(nx,) the joints of the stride in the mean, over the feet."""
+        joints, pose = self.robot.actuated, self.whole.start.copy()
+        pose[joints] = stride.tile(1).x[1:-1, joints].mean(axis=0)
+        return over_the_feet(self.robot, inside_limits(self.robot, pose))
 
     def left(self, began: float, doing: str) -> dict[str, Any]:
         """The options of solve, with what is left of the time, and with what the progress line says."""
@@ -257,6 +290,15 @@ class Journey:
         moved[first : first + 2] += along_arc(np.array(self.velocity), angle, duration, float(moved[first + 3]))
         moved[first + 3] += angle
         return static_pose(problem.dynamics, problem.p, moved) - problem.start
+
+
+def _good(strides: Sequence[Solution]) -> list[Solution]:
+    return [made for made in strides if made.converged and made.passes[-1]["converged"]]
+
+
+def _quality(stride: Solution) -> tuple[int, float]:
+    """The smaller, the better: flaws of the gait, then the work of the joints on the way."""
+    return flaws(stride), stride.power
 
 
 class _Interrupted(Exception):

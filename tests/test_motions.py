@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -59,6 +60,34 @@ def test_strides_in_the_middle_are_faster_than_the_whole():
     count = journey.periods()[0]
     slow = 2.0 * journey.ends(count) * journey.dt
     assert journey.cycle(count).cycle.velocity * (10.0 - 0.5 * slow) == pytest.approx(0.5 * 10.0)
+
+
+def test_who_strides_about_as_high_as_it_stands_keeps_its_pose():
+    journey = Journey(octo.gallery.mammal(), (0.4, 0.0), 0.0, 4.0)
+    joints = journey.robot.actuated
+    np.testing.assert_allclose(walked().x[1, joints], journey.whole.start[joints], atol=1e-9)
+
+
+def test_a_spider_walks_as_high_as_its_strides_want():
+    """It stands 16 cm high and strides 28 cm high: with the length and periods of the pose at rest it stumbled."""
+    crouched = Journey(octo.gallery.spider(), (0.3, 0.0), 0.0, 4.0)
+    motion = octo.walk(octo.gallery.spider(), 0.3, 4.0, seed=1, starts=1, device="cpu")
+    gait = motion.gait
+    assert motion.converged and motion.length > 1.4 * crouched.whole.length
+    assert gait.touchdowns <= 2.5 and gait.shortest_stance >= 0.1 - 1e-9 and gait.shortest_swing >= 0.1 - 1e-9
+    assert gait.torque_high <= 0.3 and gait.limit_excess <= 0.01
+    periods = [start["period"] for start in motion.starts]  # one stride of the pose at rest, the others of the higher one
+    assert periods[0] == crouched.periods()[0] * crouched.dt and min(periods[1:]) > 1.3 * periods[0]
+
+
+def test_the_pose_at_rest_stays_where_the_other_one_has_no_time_or_was_not_asked_for():
+    journey = Journey(octo.gallery.spider(), (0.3, 0.0), 0.0, 10.0)
+    strides = octo.solve(journey.cycle(journey.periods()[0]), seeds=1, device="cpu")
+    assert journey._standing_as([strides]).whole.length > 1.4 * journey.whole.length
+    short = replace(journey, seconds=1.9)
+    assert short.counts() and short._standing_as([strides]) is None
+    assert replace(journey, pose=journey.whole.start)._standing_as([strides]) is None
+    assert journey._standing_as([]) is None
 
 
 def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(capsys):

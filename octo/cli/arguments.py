@@ -6,6 +6,7 @@ import argparse
 import importlib.util
 import json
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ import numpy as np
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import ProblemError, RobotFileError, ShapeError, UnknownNameError, UsageError, ValueRangeError
 from octo.model.character import Array, Character
+from octo.model.describe import lost_shapes
+from octo.model.load import load
 from octo.model.terrain import Plane, Terrain
 
 WHOLE = 1e-6  # seconds/dt may be that far from a whole number
@@ -111,6 +114,15 @@ SOLVER = ("passes", "seeds", "seed", "threads", "max_iterations", "time_limit", 
 def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
     """What ``octo.solve`` is called with; a start is loaded by the caller."""
     return {name: getattr(arguments, name) for name in SOLVER}
+
+
+def robot_of(arguments: argparse.Namespace) -> Character:
+    """The robot of the command line; a line on stderr says which of its shapes could not be read."""
+    robot = load(arguments.robot, arguments.base)
+    lost = lost_shapes(robot)
+    if lost:
+        print(f"octo: {arguments.robot}: {lost}", file=sys.stderr)
+    return robot
 
 
 def pose_of(robot: Character, word: str | None) -> Array | None:

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import ending
-from octo.cli.arguments import law_of, number, pose_of, positive, terrain_of
+from octo.cli.arguments import law_of, number, pose_of, positive, robot_of, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.load import load
 from octo.problem import presets
 from octo.problem.costs import Effort
 from octo.problem.cycle import TIME_STEP, Cycle
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     if path is not None:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     start = None if arguments.start is None else Solution.load(arguments.start)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     if goal is not None:
         goal.check(robot)
     from octo.bench.contest import Contest, Entry  # after the checks: it takes longer to import than they take

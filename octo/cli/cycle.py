@@ -16,6 +16,7 @@ from octo.cli.arguments import (
     law_of,
     number,
     pose_of,
+    robot_of,
     solver_options,
     terrain_of,
     whole,
@@ -24,7 +25,6 @@ from octo.cli.output import OutputFolder
 from octo.cli.solve import FILES, write
 from octo.errors import MirrorError
 from octo.model.character import Character
-from octo.model.load import load
 from octo.model.mirror import mirror_of
 from octo.problem.costs import Effort
 from octo.problem.cycle import Cycle, usual_periods
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-cycle")
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     from octo.solve import resolve_device, solve  # after the checks: it takes longer to import than they take
 
     resolve_device(arguments.device)

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from octo.cli.arguments import add_base_arguments, number, pose_of, positive, terrain_of, whole
+from octo.cli.arguments import add_base_arguments, number, pose_of, positive, robot_of, terrain_of, whole
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import write_json
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.load import load
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane, Terrain
 
@@ -67,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-mpc")
     folder.check(FILES)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     goal.check(robot)
     terrain = terrain_of(arguments.terrain)
     _check_plant(arguments, robot, terrain, push)

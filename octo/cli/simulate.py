@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, steps_of, terrain_of
+from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, robot_of, steps_of, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import write_json
 from octo.dynamics.balance import GRAVITY, Balance
@@ -17,7 +17,6 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
 from octo.model.character import Array, Character, Joint
-from octo.model.load import load
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Effort
 from octo.problem.problem import Problem
@@ -40,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     steps = steps_of(arguments.seconds, arguments.dt)
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-simulate")
     folder.check(FILES)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     pose = pose_of(robot, arguments.pose)
     began = time.perf_counter()
     problem = placed(robot, pose, steps, arguments)

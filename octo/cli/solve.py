@@ -20,6 +20,7 @@ from octo.cli.arguments import (
     number,
     pose_of,
     positive,
+    robot_of,
     solver_options,
     steps_of,
     terrain_of,
@@ -28,7 +29,6 @@ from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.load import load
 from octo.problem.costs import Effort
 from octo.problem.problem import Problem
 from octo.solver.solution import Solution, Status
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
-    robot = load(arguments.robot, arguments.base)
+    robot = robot_of(arguments)
     goal.check(robot)
     from octo.solve import resolve_device  # after the checks: it takes longer to import than they take
 

@@ -134,7 +134,8 @@ def integers(name: str, values: ArrayLike) -> str:
     return f"static const int octo_{name}[] = {{{entries}}};"
 
 
-def _numbers(name: str, values: ArrayLike) -> str:
+def numbers_table(name: str, values: ArrayLike) -> str:
+    """A table of numbers in C."""
     flat = np.asarray(values, dtype=float).ravel()
     entries = ", ".join(_literal(float(v)) for v in flat) or "0.0"
     return f"static const double octo_{name}[] = {{{entries}}};"
@@ -157,13 +158,13 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
     tables += [
-        _numbers("joint_table", [
+        numbers_table("joint_table", [
             [joint.armature, joint.damping, joint.stiffness, joint.rest, joint.lower, joint.upper]
             for joint in character.joints
         ]),
         integers("contact_body", [sphere.body for sphere in spheres]),
         integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
-        _numbers("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
+        numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]  # fmt: skip
     return sizes, tables + _pair_tables(character, sizes)
 
@@ -173,12 +174,12 @@ def _kinematic_tables(character: Character) -> list[str]:
     return [
         integers("body_parent", [body.parent for body in character.bodies]),
         integers("body_level", _levels(character)),
-        _numbers("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
+        numbers_table("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
         integers("body_first", [*character.first_joint, character.nx]),
         integers("joint_slides", [joint.kind == "slide" for joint in joints]),
-        _numbers("joint_axis", [joint.axis for joint in joints]),
-        _numbers("joint_anchor", [joint.anchor for joint in joints]),
-        _numbers("joint_reference", [joint.reference for joint in joints]),
+        numbers_table("joint_axis", [joint.axis for joint in joints]),
+        numbers_table("joint_anchor", [joint.anchor for joint in joints]),
+        numbers_table("joint_reference", [joint.reference for joint in joints]),
     ]
 
 
@@ -226,7 +227,7 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
         start.append(len(dofs))
     sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
     return [
-        integers("pair_body", bodies), _numbers("pair_spheres", spheres), integers("loop_dof", dofs),
+        integers("pair_body", bodies), numbers_table("pair_spheres", spheres), integers("loop_dof", dofs),
         integers("loop_start", start), integers("loop_split", split),
     ]  # fmt: skip
 
@@ -288,5 +289,5 @@ class _Links:
             integers("link_last", [self.character.path[b][-1] for b in self.first]),
             integers("link_of", [self.of[b] for b, body in enumerate(bodies) for _ in body.joints]),
             integers("link_slot", used),
-            _numbers("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
+            numbers_table("link_inertia", [self.inertia(k) for k in range(len(self.first))]),
         ]

@@ -61,10 +61,23 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
     return places, count - start, jac, hess
 
 
+def of_past(character: Character, first: int) -> Integers:
+    """(n, n) slots from ``first`` on of a block that couples the present node with the previous one; 0 for what is zero."""
+    block, start = np.zeros((character.nx, character.nx), dtype=int), 0
+    related = paths(character)
+    count = sum(map(len, related))
+    for j, path in enumerate(related):
+        at = first + start + np.arange(len(path))
+        block[j, path[::-1]], block[path[::-1], j] = at + count, at
+        start += len(path)
+    return block
+
+
 def table(jac: Integers, hess: Integers) -> str:
     """C text of the slots, by the numbers' place in rows of jac and of hess."""
     kind = "unsigned short" if max(jac.max(), hess.max()) < 1 << 16 else "unsigned"
-    lines = [f"typedef {kind} octo_slot;"]
-    for name, values in (("jac", jac), ("hess", hess)):
-        lines.append(f"static const octo_slot octo_{name}_slot[] = {{{', '.join(str(int(v)) for v in values.ravel())}}};")
-    return "\n".join(lines)
+    return "\n".join([f"typedef {kind} octo_slot;", one_table("jac", jac), one_table("hess", hess)])
+
+
+def one_table(name: str, values: Integers) -> str:
+    return f"static const octo_slot octo_{name}_slot[] = {{{', '.join(str(int(v)) for v in values.ravel())}}};"

@@ -11,6 +11,7 @@ from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError, StaticPoseError, ValueRangeError
 from octo.model.character import Array, Character
+from octo.model.describe import lost_shapes
 from octo.model.kinematics import center_of_mass, sphere_centers
 
 MARGIN = 0.05  # of a joint's range
@@ -58,7 +59,8 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
         leaning.append((balance.tilt(found), found))
     if leaning:
         return min(leaning, key=lambda pair: pair[0])[1]
-    raise StaticPoseError(f"{robot.name}: {'; '.join(dict.fromkeys(reasons))}; give a pose that stands with --pose NAME|FILE")
+    advice = lost_shapes(robot) or "give a pose that stands with --pose NAME|FILE"
+    raise StaticPoseError(f"{robot.name}: {'; '.join(dict.fromkeys(reasons))}; {advice}")
 
 
 @lru_cache(maxsize=64)

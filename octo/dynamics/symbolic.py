@@ -50,9 +50,9 @@ def body_poses(character: Character, x: ca.SX) -> list[Pose]:
 def center_of_mass(character: Character, x: ca.SX) -> ca.SX:
     """World position (3,) m of the centre of mass of the whole character."""
     poses = body_poses(character, x)
-    moment = sum(
-        ((R @ ca.SX(b.com) + t) * b.mass for b, (R, t) in zip(character.bodies, poses, strict=True)), ca.SX.zeros(3)
-    )
+    moment = ca.SX.zeros(3)
+    for body, mass, (R, t) in zip(character.bodies, character.masses, poses, strict=True):
+        moment += (R @ ca.SX(body.com) + t) * mass
     return moment / character.mass
 
 
@@ -62,7 +62,6 @@ class ContactState:
 
     depth: ca.SX  # m, positive inside the ground
     point: ca.SX  # (3,) m, world: the point of the sphere nearest to the ground
-    material: ca.SX  # (3,) m, the same point in the body's frame
     normal: ca.SX  # (3,) outward
     velocity: ca.SX  # (3,) m/s, Eq. 4 for the material point
     force: ca.SX  # (3,) N on the body, world axes
@@ -73,26 +72,28 @@ def contact_height(radius: float | ca.SX, center: ca.SX, terrain: Plane | Terrai
     return terrain.distance(center, section(view, "terrain.")) - radius
 
 
-def contact_state(
-    local: ca.SX,
-    radius: float | ca.SX,
-    pose: Pose,
-    previous: Pose,
-    law: ContactLaw,
-    terrain: Plane | Terrain,
-    view: View,
-) -> ContactState:
-    """A sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at ``previous``."""
+def contact_places(
+    local: ca.SX, radius: float | ca.SX, pose: Pose, previous: Pose, terrain: Plane | Terrain, view: View
+) -> tuple[ca.SX, ca.SX]:
+    """Of a sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at ``previous``: its centre,
+    and where the body's point that is nearest to the ground now was one step ago; (3,) m each, world."""
     (R, t), (R_old, t_old) = pose, previous
     center = R @ local + t
+    outward = normal(terrain, center, section(view, "terrain."))
+    return center, R_old @ local + t_old - radius * (R_old @ (R.T @ outward))
+
+
+def contact_state(
+    center: ca.SX, before: ca.SX, radius: float | ca.SX, law: ContactLaw, terrain: Plane | Terrain, view: View
+) -> ContactState:
+    """A sphere of ``radius`` (m) from its places (:func:`contact_places`)."""
     depth = -contact_height(radius, center, terrain, view)
     outward = normal(terrain, center, section(view, "terrain."))
-    material = local - radius * (R.T @ outward)
     point = center - radius * outward
-    velocity = ((center - (R_old @ local + t_old)) - radius * (outward - R_old @ (R.T @ outward))) / view["dt"]
+    velocity = (point - before) / view["dt"]
     own = section(view, "contact.")
     force = ca.if_else(depth > -law.reach(own), law.force(depth, outward, velocity, own), ca.SX.zeros(3))
-    return ContactState(depth, point, material, outward, velocity, force)
+    return ContactState(depth, point, outward, velocity, force)
 
 
 def contact_states(
@@ -104,7 +105,7 @@ def contact_states(
     for k in character.terrain_contacts:
         sphere = character.contacts[k]
         place = (ca.SX(sphere.position), sphere.radius, poses[sphere.body], previous[sphere.body])
-        states.append(contact_state(*place, law, terrain, view))
+        states.append(contact_state(*contact_places(*place, terrain, view), sphere.radius, law, terrain, view))
     return states
 
 
@@ -159,11 +160,13 @@ def forward_dynamics(character: Character, law: ContactLaw, terrain: Plane | Ter
     for k in character.terrain_contacts:
         sphere = character.contacts[k]
         R, t = poses[sphere.body]
-        state = contact_state(ca.SX(sphere.position), sphere.radius, (R, t), now[sphere.body], law, terrain, view)
+        local, radius = ca.SX(sphere.position), sphere.radius
+        places = contact_places(local, radius, (R, t), now[sphere.body], terrain, view)
+        state = contact_state(*places, radius, law, terrain, view)
         force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)  # virtual work f·∂P at a fixed force and material point
         work += ca.dot(force, R @ material + t)
         held += [force, material]
-        values += [state.force, state.material]
+        values += [state.force, local - radius * (R.T @ state.normal)]
     fd = ca.gradient(potential - work, x_next)
     if held:
         fd = ca.substitute(fd, ca.vertcat(*held), ca.vertcat(*values))

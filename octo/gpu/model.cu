@@ -7,7 +7,8 @@
 
 #define W3 (3 * NX)
 #define AHEAD 8 /* reads of a sum that do not wait for each other */
-#define TOUCH (NFC * CR * 18)
+#define BLOCKS 6
+#define TOUCHED (18 * NY + 36 * BLOCKS + NY + NY * (NY + 1) / 2) /* y', bends, gradient and second derivatives of a contact, to y (pieces.py) */
 
 /* x_j = constant_j + sum over its slots (basis.py), of a cycle's first two nodes times carry (batch, NX, NX; 0: no cycle); over
  * count = batch (steps + 2) NX numbers. */
@@ -51,9 +52,10 @@ static __device__ inline octo_place_of_step octo_place_after(const octo_place_of
 #define EACH_OF_STEPS(s, e, count, steps) /* the steps and numbers of each */ \
   for (int s##e = LANE, s, e; s##e < TOGETHER * (count) && (s = s##e % TOGETHER, e = s##e / TOGETHER, 1); s##e += LANES) if (s < (steps))
 
-/* Residuals r (count, MROWS) and, with jac and touch, their derivatives: a warp for each piece, over contacts a thread for each. */
-static __device__ inline void octo_costs_of_steps(const octo_place_of_step *first, int count, const double *fd, double *r, double *jac,
-                                                  double *touch) {
+/* Residuals r (count, MROWS); or, with jac and touch, those over the state, their derivatives, and what the terms over contacts have,
+ * ``exact`` or by Gauss and Newton: a warp for each piece, over contacts a thread for each. */
+static __device__ inline void octo_costs_of_steps(const octo_place_of_step *first, int count, const double *fd, int exact, double *r,
+                                                  double *jac, double *touch) {
   EACH_OF_STEPS(s, j, NU, count) first->u[s * ARGUMENTS + j] = fd[s * NX + octo_actuated[j]];
   EACH_OF_STEPS(s, k, ANGLES, count) {
     octo_place_of_step at = octo_place_after(first, s);
@@ -64,7 +66,9 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
   BARRIER;
   const double *arg[8];
   double *res[1];
-  int pieces = jac ? PIECES : VALUES, own = jac ? CONTACT_PIECES : CONTACT_VALUES, warp = LANE / 32;
+  int skipped = !jac ? 0 : CONTACT_VALUES, end = !jac ? CONTACT_VALUES : exact ? CONTACT_PIECES : CONTACT_MODEL;
+  int jumped = jac && exact ? CONTACT_MODEL - CONTACT_SLOPES : 0; /* pieces of Gauss and Newton's model, after y' */
+  int pieces = jac ? PIECES : VALUES, own = end - skipped - jumped, warp = LANE / 32;
   int lanes = LANES - 32 * warp < 32 ? LANES - 32 * warp : 32;
   for (int k = warp; k < pieces + own; k += (LANES + 31) / 32) {
     if (k < pieces) {
@@ -77,13 +81,14 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
       continue;
     }
 #if NFC > 0
-    int piece = k - pieces;
+    int piece = skipped + k - pieces;
+    if (piece >= CONTACT_SLOPES) piece += jumped;
     for (int e = LANE % 32; e < count * NFC; e += lanes) {
       int s = e / NFC, c = e % NFC;
       octo_place_of_step at = octo_place_after(first, s);
       for (int node = 0; node < 3; ++node) arg[node] = at.kin - node * KIN + 12 * octo_cost_contact_body[c];
-      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q;
-      res[0] = (piece < CONTACT_VALUES ? r + s * MROWS + NR + c * CR : touch + s * TOUCH + c * CR * 18) + octo_contact_piece_at[piece];
+      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q; arg[6] = octo_cost_contact_use + CR * c;
+      res[0] = (jac ? touch + (s * NFC + c) * TOUCHED : r + s * MROWS + NR + c * CR) + octo_contact_piece_at[piece];
       octo_contact_piece(piece, arg, res);
     }
 #endif
@@ -98,7 +103,7 @@ octo_terms(int steps, const double *nodes, const double *kin, const double *p, c
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t item = (size_t)blockIdx.y * steps + step;
   octo_place_of_step at = octo_place_at(steps, blockIdx.y, step, nodes, kin, p, q, r + TOGETHER * MROWS);
-  octo_costs_of_steps(&at, count, fd + item * NX, r, 0, 0);
+  octo_costs_of_steps(&at, count, fd + item * NX, 0, r, 0, 0);
   EACH_OF_STEPS(s, row, MROWS, count) {
     double c = octo_coefficient(at.q + s * NQ, row), *own = r + s * MROWS + row;
     *own = c != 0.0 ? c * *own * *own : 0.0; /* a step that a term leaves out may have no finite residual */
@@ -152,7 +157,7 @@ octo_constraints(int count, int steps, int rows, const int *first, const int *te
 #endif
 }
 
-/* Residuals r (MROWS) of a step, their derivatives jac (NZ) and touch (TOUCH), and the multipliers lam (NX) of its FD: dE/du on the
+/* Residuals r (MROWS, of the state) of a step, their derivatives jac (NZ), touch (NFC, TOUCHED), and the multipliers lam (NX) of its FD: dE/du on the
  * actuated rows, Sᵀ multipliers on the others (none without multipliers). Grid (half of the steps, batch); shared: TOGETHER
  * ARGUMENTS doubles. */
 extern "C" __global__ void __launch_bounds__(SMALL, 2)
@@ -163,8 +168,8 @@ octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t member = blockIdx.y, item = member * steps + step;
   octo_place_of_step at = octo_place_at(steps, member, step, nodes, kin, p, q, u);
-  r += item * MROWS; jac += item * NZ; touch += item * TOUCH; lam += item * NX;
-  octo_costs_of_steps(&at, count, fd + item * NX, r, jac, touch);
+  r += item * MROWS; jac += item * NZ; touch += item * NFC * TOUCHED; lam += item * NX;
+  octo_costs_of_steps(&at, count, fd + item * NX, multipliers != 0, r, jac, touch);
   EACH_OF_STEPS(s, j, NU, count) {
     double sum = 0.0;
 #if NR > 0
@@ -187,25 +192,10 @@ octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const
 #endif
 }
 
-/* Rows first … last − 1 of d residual / d (next, now, previous), scaled by the root of twice their coefficient (0: left out);
- * those over contacts are of whole contacts. */
-static __device__ inline void octo_stack_rows(const octo_place_of_step *at, const double *cost_jac, const double *touch, const double *jac,
-                                              const double *scale, int first, int last, double *rows) {
-  EACH(e, ((last < NR ? last : NR) - first) * W3) rows[e] = 0.0;
-#if NFC > 0
-  int begin = first < NR ? NR : first;
-  EACH(e, (last - begin) / CR * W3) {
-    int c = (begin - NR) / CR + e / W3, j = e % W3, node = j / NX, moves = octo_cost_contact_moves[c * NX + j % NX];
-    const double *xi = at->kin - node * KIN + 12 * NB + 6 * (j % NX), *g = touch + c * CR * 18 + 6 * node;
-    double x[6];
-    for (int k = 0; k < 6; ++k) x[k] = xi[k];
-    for (int r = 0; r < CR; ++r, g += 18) {
-      int row = NR + c * CR + r;
-      double slope = g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + g[3] * x[3] + g[4] * x[4] + g[5] * x[5];
-      rows[(row - first) * W3 + j] = moves && scale[row] != 0.0 ? scale[row] * slope : 0.0;
-    }
-  }
-#endif
+/* Rows first … last − 1 of d residual / d (next, now, previous), scaled by the root of twice their coefficient (0: left out). */
+static __device__ inline void octo_stack_rows(const double *cost_jac, const double *jac, const double *scale, int first, int last,
+                                              double *rows) {
+  EACH(e, (last - first) * W3) rows[e] = 0.0;
   BARRIER;
 #if NR > 0
   EACH(z, NZ - NZU) {
@@ -247,18 +237,18 @@ static __device__ inline void octo_put_tile(const double (*sum)[TILE], int i, in
     }
 }
 
-/* hess (6, NX, NX) = curvature (0: none) + rowsᵀ rows, gradient (W3) = rowsᵀ values, ``held`` ≥ CR rows at a time.
- * Shared: 2 MROWS + held W3 + TILE doubles. */
+/* hess (6, NX, NX) = curvature (0: none) + rowsᵀ rows, gradient (W3) = rowsᵀ values, of the rows over the state, ``held`` at a time.
+ * Shared: 2 NR + held W3 + TILE doubles. */
 extern "C" __global__ void __launch_bounds__(TILED, 4)
 octo_step_model(int steps, int held, const double *nodes, const double *kin, const double *p, const double *q, const double *r,
-                const double *cost_jac, const double *touch, const double *jac, const double *curvature, double *hess, double *gradient) {
+                const double *cost_jac, const double *jac, const double *curvature, double *hess, double *gradient) {
   SHARED(scale);
-  double *value = scale + MROWS, *rows = value + MROWS;
+  double *value = scale + NR, *rows = value + NR;
   size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
   octo_place_of_step at = octo_place_at(steps, blockIdx.y, blockIdx.x, nodes, kin, p, q, 0);
   hess += item * 6 * NX * NX; gradient += item * W3;
   if (curvature) curvature += item * CURVATURE * NX * NX;
-  EACH(row, MROWS) {
+  EACH(row, NR) {
     double c = octo_coefficient(at.q, row);
     scale[row] = c != 0.0 ? sqrt(2.0 * c) : 0.0;
     value[row] = c != 0.0 ? scale[row] * r[item * MROWS + row] : 0.0;
@@ -266,12 +256,9 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
   int first = 0, last;
   do {
     last = first + held;
-#if NFC > 0
-    if (last > NR) last = NR + (last - NR) / CR * CR;
-#endif
-    if (last > MROWS) last = MROWS;
+    if (last > NR) last = NR;
     BARRIER;
-    octo_stack_rows(&at, cost_jac + item * NZ, touch + item * TOUCH, jac + item * NX * W3, scale, first, last, rows);
+    octo_stack_rows(cost_jac + item * NZ, jac + item * NX * W3, scale, first, last, rows);
     EACH(e, PAIRS + (W3 + TILE - 1) / TILE) {
       if (e < PAIRS) {
         int r = e / (COLUMNS + 1), c = e % (COLUMNS + 1), one = c > r ? r : COLUMNS - 1 - r, other = c > r ? c - 1 : COLUMNS - 1 - c;
@@ -297,7 +284,63 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
       }
     }
     first = last;
-  } while (first < MROWS);
+  } while (first < NR);
+}
+
+/* Adds the terms over contacts to hess and gradient: of each contact the blocks to twists (problem/contact_model.py) out of their
+ * factors, by all threads, and a joint's part of a block or of its transpose by one. Grid (steps, batch); shared: 18 NY + 234 + 54 NX. */
+extern "C" __global__ void __launch_bounds__(TILED, 4)
+octo_touch(int steps, int exact, const double *kin, const double *touch, double *hess, double *gradient) {
+#if NFC > 0
+  static const int newer[] = {0, 0, 0, 1, 2, 1, 0, 0, 1}, older[] = {0, 1, 2, 1, 2, 2, 1, 2, 2}, of[] = {0, 1, 2, 3, 4, 5, 1, 2, 5};
+  SHARED(half); /* ∂²E/∂y² y' (NY, 18), the gradient and the blocks, and of each joint and part what stands beside its ancestors */
+  double *blocks = half + 18 * NY, *sum = blocks + 18 + 36 * BLOCKS;
+  size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
+  kin += ((size_t)blockIdx.y * (steps + 2) + blockIdx.x + 2) * KIN + 12 * NB;
+  touch += item * NFC * TOUCHED; hess += item * 6 * NX * NX; gradient += item * W3;
+  EACH(e, 54 * NX) sum[e] = 0.0;
+  for (int c = 0; c < NFC; ++c, touch += TOUCHED) {
+    const double *bend = touch + 18 * NY, *pull = bend + 36 * BLOCKS, *square = pull + NY;
+    EACH(e, 18 * NY) {
+      int k = e / 18, s = e % 18;
+      double value = 0.0;
+      for (int l = 0; l < NY; ++l) value += square[k <= l ? l * (l + 1) / 2 + k : k * (k + 1) / 2 + l] * touch[18 * l + s];
+      half[e] = value;
+    }
+    BARRIER;
+    EACH(e, 18 + 36 * BLOCKS) {
+      int at = e - 18, block = at / 36, r = e < 18 ? e : 6 * newer[block] + at / 6 % 6, s = 6 * older[block] + at % 6;
+      double value = e < 18 || !exact ? 0.0 : bend[at];
+      for (int k = 0; k < NY; ++k) value += touch[18 * k + r] * (e < 18 ? pull[k] : half[18 * k + s]);
+      blocks[e] = value;
+    }
+    BARRIER;
+    EACH(e, 9 * NX) {
+      int kind = e / NX, j = e % NX, back = kind >= BLOCKS;
+      if (!octo_cost_contact_moves[c * NX + j]) continue;
+      const double *xi = kin - (back ? newer[kind] : older[kind]) * KIN + 6 * j, *m = blocks + 18 + 36 * of[kind];
+      for (int r = 0; r < 6; ++r)
+        for (int k = 0; k < 6; ++k) sum[6 * e + r] += (back ? m[6 * k + r] : m[6 * r + k]) * xi[k];
+    }
+    EACH(e, W3) {
+      const double *xi = kin - e / NX * KIN + 6 * (e % NX), *own = blocks + 6 * (e / NX);
+      if (octo_cost_contact_moves[c * NX + e % NX])
+        gradient[e] += own[0] * xi[0] + own[1] * xi[1] + own[2] * xi[2] + own[3] * xi[3] + own[4] * xi[4] + own[5] * xi[5];
+    }
+    BARRIER;
+  }
+  EACH(e, 9 * NX) {
+    int kind = e / NX, j = e % NX, back = kind >= BLOCKS;
+    const double *other = kin - (back ? older[kind] : newer[kind]) * KIN;
+    double *out = hess + of[kind] * NX * NX;
+    for (int i = j; i >= 0; i = octo_before[i]) {
+      double value = 0.0;
+      for (int k = 0; k < 6; ++k) value += other[6 * i + k] * sum[6 * e + k];
+      if (!back) out[i * NX + j] += value;
+      if (i != j && (back || newer[kind] == older[kind])) out[j * NX + i] += value;
+    }
+  }
+#endif
 }
 
 /* A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what these are made of

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.codegen import CostFunctions
+from octo.problem.contact_model import BLOCKS, ContactFunctions
 
 LIVE = 130  # numbers that a piece may need at the same time; a thread has registers for 127, and some are constants
+LIVE_OF_CONTACT = 84  # the same of a contact's: with 110 the kernel spills
 TRIGONOMETRY = {ca.OP_SIN: 0, ca.OP_COS: 1}
 ANGULAR = (0, 1, 2, 5)  # inputs of the costs' functions whose sines and cosines are shared: x_next, x, x_prev, q
 
@@ -26,7 +28,7 @@ Angle = tuple[int, int, float]
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """state, contact: functions and the place of what they write, first those of values (r), then those of derivatives.
+    """state, contact: functions and the place of what they write: those of values (r), then those of derivatives.
 
     angles: (input, element, what is added to it) whose sine and cosine are the last input of ``state``.
     rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
@@ -47,7 +49,7 @@ class Pieces:
         whole = [(r[term.tolist()], int(term[0])) for term in own]
         entry_rows: list[int] = []
         entry_columns: list[int] = []
-        values, first = len(whole), 0
+        values, first = len(whole), 0  # of which the first are values
         for group in inputs[:4]:
             for term in own:
                 jac = ca.jacobian(r[term.tolist()], group)
@@ -57,9 +59,10 @@ class Pieces:
                     entry_columns += [first + k for k in jac.sparsity().get_col()]
             first += group.numel()
         made = _Rewritten(inputs, [piece for piece, _ in whole])
-        state = _Cut.of("octo_piece", [*inputs, made.sines], made.outputs, [at for _, at in whole], values)
-        rows, columns = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
-        return cls(state, _contact_pieces(functions), made.angles, rows, columns)
+        columns = [(output, at) for output, (_, at) in zip(made.outputs, whole, strict=True)]
+        state = _Cut.of("octo_piece", [*inputs, made.sines], [columns[:values], columns[values:]], LIVE)
+        places = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
+        return cls(state, _contact_pieces(functions.contact), made.angles, *places)
 
     @property
     def functions(self) -> list[ca.Function]:
@@ -73,54 +76,61 @@ class Pieces:
             f"#define ANGLES {len(self.angles)}",
             f"static const int octo_angle_input[] = {{{source}}}, octo_angle_element[] = {{{element}}};",
             f"static const double octo_angle_offset[] = {{{offset}}};",
-            self.state.text("PIECES", "VALUES"), self.contact.text("CONTACT_PIECES", "CONTACT_VALUES"),
+            self.state.text("VALUES", "PIECES"),
+            self.contact.text("CONTACT_VALUES", "CONTACT_SLOPES", "CONTACT_MODEL", "CONTACT_PIECES"),
         ])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """Functions of one output: the first ``values`` write r, from ``at`` on, the others its derivatives."""
+    """Functions of one output each, and the place from which on it is written; ``ends``: where each kind of them ends."""
 
     name: str
     functions: list[ca.Function]
     at: list[int]
-    values: int
+    ends: list[int]
 
     @classmethod
-    def of(cls, name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], at: Sequence[int], values: int) -> _Cut:
-        """Of columns that are written from ``at`` on, halved as often as it takes."""
-        made = cls(name, [], [], 0)
-        for k, (output, place) in enumerate(zip(outputs, at, strict=True)):
-            made._add(list(inputs), output, place)
-            if k + 1 == values:
-                made = cls(name, made.functions, made.at, len(made.functions))
+    def of(cls, name: str, inputs: Sequence[ca.SX], kinds: Sequence[Sequence[tuple[ca.SX, int]]], live: int) -> _Cut:
+        """Of kinds of columns with their places, halved until they need no more than ``live`` numbers at the same time."""
+        made = cls(name, [], [], [])
+        for columns in kinds:
+            for column, place in columns:
+                made._add(list(inputs), column, place, live)
+            made.ends.append(len(made.functions))
         return made
 
-    def _add(self, inputs: list[ca.SX], output: ca.SX, place: int) -> None:
+    def _add(self, inputs: list[ca.SX], output: ca.SX, place: int, live: int) -> None:
         function = ca.Function(f"{self.name}_{len(self.functions)}", inputs, [output], {"cse": True})
         half = output.numel() // 2
-        if function.sz_w() > LIVE and half:
-            self._add(inputs, output[:half], place)
-            self._add(inputs, output[half:], place + half)
+        if function.sz_w() > live and half:
+            self._add(inputs, output[:half], place, live)
+            self._add(inputs, output[half:], place + half, live)
         else:
             self.functions.append(function)
             self.at.append(place)
 
-    def text(self, count: str, values: str) -> str:
+    def text(self, *ends: str) -> str:
+        """C text of a call of piece k, and of ``ends`` as macros."""
         cases = " ".join(f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(self.functions))
         return "\n".join([
-            f"#define {count} {len(self.functions)}", f"#define {values} {self.values}",
+            *(f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)),
             f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
             f"static void {self.name}(int k, const double **arg, double **res) {{",
             f"  switch (k) {{ {cases} }}", "}", "",
         ])  # fmt: skip
 
 
-def _contact_pieces(functions: CostFunctions) -> _Cut:
-    if functions.contact_jac is None:
-        return _Cut("octo_contact_piece", [], [], 0)
-    inputs = functions.contact_jac.sx_in()
-    return _Cut.of("octo_contact_piece", inputs, functions.contact_jac(*inputs), [0, 0], 1)
+def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
+    """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one: places are of octo_contact_factors."""
+    if contact is None:
+        return _Cut("octo_contact_piece", [], [], [0, 0, 0, 0])
+    own = contact.factors
+    slopes, bend = ca.vec(ca.densify(own.slopes).T), 18 * own.size
+    square = bend + own.bend.numel()
+    blocks = [(own.bend[36 * k : 36 * k + 36], bend + 36 * k) for k in range(len(BLOCKS))]
+    kinds = [[(contact.value(*own.inputs[:-1]), 0)], [(slopes, 0)], [(own.model, square)], [*blocks, (own.exact, square)]]
+    return _Cut.of("octo_contact_piece", own.inputs, kinds, LIVE_OF_CONTACT)
 
 
 class _Rewritten:

@@ -13,7 +13,9 @@ from octo.gpu.device import Array, Device, Kernel, source
 from octo.gpu.pieces import Pieces
 from octo.gpu.tables import Gather, Tables
 from octo.problem import codegen
+from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.contact_model import TOUCHED
 
 WARP = 32  # threads of a block, for a node
 NARROW = 64  # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are one wave
@@ -50,12 +52,13 @@ class Program:
         self.rows = functions.rows
         self.arguments = dynamics.nu + 2 * len(pieces.angles)  # doubles that the costs of a step share
         self.entries = functions.state_sparsity.nnz()
-        self.touch = len(functions.contact_spheres) * len(functions.contact_terms) * 18
+        self.touch = len(functions.contact_spheres) * contact_numbers(functions)
+        self.touching = 8 * (0 if functions.contact is None else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx)
         self.terms = len(functions.references.terms)
         self.curvature = dynamics.curvature_blocks
-        width, least = 3 * dynamics.nx, max(1, len(functions.contact_terms))  # all rows of a contact are held at the same time
-        self.held = max(least, min(self.rows, HELD // (8 * width)))
-        self.room = 8 * (2 * self.rows + self.held * width + TILE)
+        width, rows = 3 * dynamics.nx, len(functions.state_terms)
+        self.held = max(1, min(rows, HELD // (8 * width)))
+        self.room = 8 * (2 * rows + self.held * width + TILE)
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
                 f"a step needs {8 * self.work} bytes of shared memory, this device has {device.shared_limit}: "
@@ -178,11 +181,14 @@ class DeviceProblem:
             self._each_step("octo_curvature", NARROW, 8 * program.work, *dynamics, *out)
         self._each_step(
             "octo_step_model", TILED, program.room, program.held, *dynamics, self.q, scratch["r"], scratch["cost_jac"],
-            scratch["touch"], scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
+            scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
         )  # fmt: skip
+        if program.touch:
+            own = (int(lam is not None), kin, scratch["touch"], scratch["hess"], scratch["gradient"])
+            self._each_step("octo_touch", TILED, program.touching, *own)
         if self.carry is not None:
-            own = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
-            program.kernel("octo_carry_back")((2, 10, self.batch), self.device.threads(SMALL), *own, shared=8 * self.n**2)
+            carried = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
+            program.kernel("octo_carry_back")((2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2)
         return self._gather(at)
 
     def term_values(self, at: Evaluation) -> Array:
@@ -243,11 +249,17 @@ class DeviceProblem:
         return {name: self.device.empty((*items, *(max(s, 1) for s in shape))) for name, shape in sizes.items()}
 
 
+def contact_numbers(functions: CostFunctions) -> int:
+    """TOUCHED of model.cu."""
+    size = 0 if functions.contact is None else functions.contact.factors.size
+    return 19 * size + size * (size + 1) // 2 + TOUCHED - 18
+
+
 def bytes_of(problem: CompiledProblem) -> int:
     """Device memory of one problem of a batch: two models, two factors and what makes them, eight iterates, the scratch."""
     n, N, K, nc, ma = problem.n, problem.steps, problem.K, problem.nc, problem.ma
     functions, blocks = problem.functions, -(-problem.K // 2)
-    rows, touch = functions.rows, 18 * len(functions.contact_spheres) * len(functions.contact_terms)
+    rows, touch = functions.rows, len(functions.contact_spheres) * contact_numbers(functions)
     iterate = K * (nc + ma) + N * (2 * n + len(functions.references.terms)) + K * ma
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess

@@ -1,4 +1,4 @@
-"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses.
+"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses, checked where they are made.
 
 Every degree of freedom is a one-coordinate joint (hinge or slide), so the configuration x of the paper is the
 concatenation of the joint coordinates in tree order. A floating base is a body with three slides along the world axes
@@ -13,6 +13,7 @@ with hinges turning about ``axis`` through ``anchor``, both in the body's frame 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,10 +25,58 @@ from numpy.typing import NDArray
 from octo.errors import ModelError, UnknownNameError
 
 Array = NDArray[np.float64]
+LARGEST = 1e12  # SI units, of every quantity but a limit: squares and cubes of it are still numbers
+ROUNDED = 1e-3  # by how much the length of an axis may be off, as where a file says 0.707
+UNIT = 1e-6  # by how much a rotation or the symmetry of an inertia may be off
+INDEFINITE = 1e-6  # of the largest principal moment: how negative rounding makes the smallest
+LEAST_MOMENT = 1e-15  # kg m², of moments that are all rounding
 
 
 def _vector3(values: object = (0.0, 0.0, 0.0)) -> Array:
     return np.asarray(values, dtype=float).reshape(3)
+
+
+def _text(what: str, value: object) -> None:
+    if not isinstance(value, str) or not value:
+        raise ModelError(f"{what}: name is {_shown(value)}, must be a text that is not empty")
+
+
+def _shown(value: object) -> str:
+    """A value in a message: never a whole robot."""
+    shown = repr(value) if isinstance(value, (str, int, float, np.generic, np.ndarray, tuple, list, type(None))) else ""
+    return " ".join(shown.split()) if 0 < len(shown) <= 80 else f"a {type(value).__name__}"
+
+
+def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
+    """A copy of ``value`` as finite numbers of this shape that fit into the arithmetic."""
+    try:
+        array = np.array(value)
+    except ValueError:  # lists of unequal lengths
+        array = np.array(None)
+    if array.dtype.kind not in "iuf":
+        raise ModelError(f"{what} is {_shown(value)}, must be numbers")
+    array = array.astype(float)
+    if array.shape != shape:
+        raise ModelError(f"{what} has shape {array.shape}, must have {shape}")
+    if not (np.abs(array) <= LARGEST).all():
+        bad = array[~(np.abs(array) <= LARGEST)].ravel()[0]
+        raise ModelError(f"{what} has the entry {bad}, must be finite and at most {LARGEST:.0e}")
+    return array
+
+
+def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool = False) -> float:
+    """``value`` as a number that is finite; with ``unlimited``, as a limit, which may also be infinite. Never NaN."""
+    try:
+        number = float(operator.pos(value))  # type: ignore[arg-type]  # a text has no sign
+    except (TypeError, ValueError):
+        raise ModelError(f"{what} is {_shown(value)}, must be a number") from None
+    except OverflowError:
+        number = math.inf
+    negative = "not negative" in rule and number < 0.0 or "positive" in rule and number <= 0.0
+    if math.isnan(number) or negative or (not unlimited and abs(number) > LARGEST):
+        large = not negative and math.isfinite(number)
+        raise ModelError(f"{what} is {number}, must be {f'at most {LARGEST:.0e}' if large else rule}")
+    return number
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +99,33 @@ class Joint:
     stiffness: float = 0.0  # N m/rad or N/m
     rest: float = 0.0  # rad or m; the coordinate at which the spring is relaxed
 
+    def __post_init__(self) -> None:
+        _text("joint", self.name)
+        which = f"joint {self.name!r}"
+        if self.kind not in ("hinge", "slide"):
+            raise ModelError(f"{which}: kind is {_shown(self.kind)}, must be 'hinge' or 'slide'")
+        axis = _array(f"{which}: axis", self.axis, (3,))
+        length = float(np.linalg.norm(axis))
+        if not abs(length - 1.0) <= ROUNDED:
+            raise ModelError(f"{which}: axis has length {length:.6g}, must be a unit vector")
+        keep = object.__setattr__
+        keep(self, "axis", axis / length if abs(length - 1.0) > 1e-12 else axis)
+        keep(self, "anchor", _array(f"{which}: anchor", self.anchor, (3,)))
+        if not isinstance(self.actuated, (bool, np.bool_)):
+            raise ModelError(f"{which}: actuated is {_shown(self.actuated)}, must be True or False")
+        for name in ("reference", "gear", "rest"):
+            keep(self, name, _quantity(f"{which}: {name}", getattr(self, name)))
+        for name in ("armature", "damping", "stiffness"):
+            keep(self, name, _quantity(f"{which}: {name}", getattr(self, name), "finite and not negative"))
+        for end in ("lower", "upper"):
+            keep(self, end, _quantity(f"{which}: {end} limit", getattr(self, end), "a number", unlimited=True))
+        if not self.lower <= self.upper:
+            raise ModelError(f"{which}: lower limit {self.lower} is above the upper limit {self.upper}")
+        if math.isinf(self.lower) and self.lower == self.upper:
+            raise ModelError(f"{which}: both limits are {self.lower}, must leave a range")
+        keep(self, "torque_limit", _quantity(f"{which}: torque limit", self.torque_limit, "not negative", unlimited=True))
+        keep(self, "velocity_limit", _quantity(f"{which}: velocity limit", self.velocity_limit, "positive", unlimited=True))
+
     @property
     def limited(self) -> bool:
         return math.isfinite(self.lower) or math.isfinite(self.upper)
@@ -68,6 +144,29 @@ class Body:
     com: Array = field(default_factory=_vector3)  # (3,) m, body frame
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # (3, 3) kg m² about the com, body axes
 
+    def __post_init__(self) -> None:
+        _text("body", self.name)
+        which, keep = f"body {self.name!r}", object.__setattr__
+        if isinstance(self.parent, bool) or not isinstance(self.parent, (int, np.integer)):
+            raise ModelError(f"{which}: parent is {_shown(self.parent)}, must be the index of a body, or -1")
+        if not isinstance(self.joints, (tuple, list)) or not all(isinstance(joint, Joint) for joint in self.joints):
+            raise ModelError(f"{which}: joints is {_shown(self.joints)}, must be a tuple of Joint")
+        keep(self, "joints", tuple(self.joints))
+        keep(self, "mass", _quantity(f"{which}: mass", self.mass, "finite and not negative"))
+        for name, shape in (("position", (3,)), ("rotation", (3, 3)), ("com", (3,)), ("inertia", (3, 3))):
+            words = {"com": "centre of mass"}.get(name, name)
+            keep(self, name, _array(f"{which}: {words}", getattr(self, name), shape))
+        off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
+        if off > UNIT or np.linalg.det(self.rotation) < 0.0:
+            raise ModelError(f"{which}: rotation is none (off by {off:.2g}), must have orthogonal unit axes, right-handed")
+        skew = float(np.abs(self.inertia - self.inertia.T).max())
+        if skew > UNIT * np.abs(self.inertia).max():
+            raise ModelError(f"{which}: inertia is not symmetric (off by {skew:.2g} kg m²), must be")
+        small, middle, large = np.linalg.eigvalsh(self.inertia)
+        if small < -INDEFINITE * max(large, 0.0) - LEAST_MOMENT:
+            moments = f"{small:.3g}, {middle:.3g}, {large:.3g} kg m²"
+            raise ModelError(f"{which}: inertia has the principal moments {moments}, must have none that is negative")
+
 
 @dataclass(frozen=True, eq=False)
 class ContactSphere:
@@ -78,6 +177,14 @@ class ContactSphere:
     position: Array  # (3,) m, body frame
     radius: float  # m
     touches_terrain: bool = True
+
+    def __post_init__(self) -> None:
+        _text("contact", self.name)
+        which, keep = f"contact {self.name!r}", object.__setattr__
+        if isinstance(self.body, bool) or not isinstance(self.body, (int, np.integer)):
+            raise ModelError(f"{which}: body is {_shown(self.body)}, must be the index of a body")
+        keep(self, "position", _array(f"{which}: position", self.position, (3,)))
+        keep(self, "radius", _quantity(f"{which}: radius", self.radius, "finite and not negative"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,29 +215,61 @@ class Character:
     poses: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         for b, body in enumerate(self.bodies):
             if not -1 <= body.parent < b:
                 raise ModelError(f"body {body.name!r}: parent index {body.parent} must be -1 or less than its own index {b}")
-            if not (math.isfinite(body.mass) and body.mass >= 0.0):
-                raise ModelError(f"body {body.name!r}: mass is {body.mass}, must be finite and not negative")
-            if not (np.isfinite(body.inertia).all() and np.isfinite(body.com).all()):
-                raise ModelError(f"body {body.name!r}: inertia or centre of mass is not finite")
+        for kind, things in (("bodies", self.bodies), ("joints", self.joints), ("contacts", self.contacts)):
+            names = [thing.name for thing in things]
+            if len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise ModelError(f"character {self.name!r}: two {kind} are named {twice!r}, names must differ")
         if self.mass <= 0.0:
             raise ModelError(f"character {self.name!r}: total mass is {self.mass}, must be positive")
+        self._check_base()
         for contact in self.contacts:
             if not 0 <= contact.body < len(self.bodies):
                 raise ModelError(f"contact {contact.name!r}: body index {contact.body} is not in 0…{len(self.bodies) - 1}")
-            if not contact.radius >= 0.0:
-                raise ModelError(f"contact {contact.name!r}: radius is {contact.radius}, must not be negative")
         for pair in self.pairs:
             if not all(0 <= k < len(self.contacts) for k in pair) or pair[0] == pair[1]:
                 raise ModelError(f"pair {pair}: must be two different indices of the {len(self.contacts)} contact spheres")
-        for joint in self.joints:
-            if not joint.lower <= joint.upper:
-                raise ModelError(f"joint {joint.name!r}: lower limit {joint.lower} is above the upper limit {joint.upper}")
-            if not joint.velocity_limit > 0.0:
-                raise ModelError(f"joint {joint.name!r}: velocity limit is {joint.velocity_limit}, must be positive")
+        self._check_poses()
         self._check_inertia()
+
+    def _check_kinds(self) -> None:
+        _text("character", self.name)
+        which, keep = f"character {self.name!r}", object.__setattr__
+        for field_name, kind in (("bodies", Body), ("contacts", ContactSphere)):
+            things = getattr(self, field_name)
+            if not isinstance(things, (tuple, list)) or not all(isinstance(thing, kind) for thing in things):
+                raise ModelError(f"{which}: {field_name} is {_shown(things)}, must be a tuple of {kind.__name__}")
+            keep(self, field_name, tuple(things))
+        if self.base not in ("floating", "fixed"):
+            raise ModelError(f"{which}: base is {_shown(self.base)}, must be 'floating' or 'fixed'")
+        if self.chart not in ("zyx", "zxy"):
+            raise ModelError(f"{which}: chart is {_shown(self.chart)}, must be 'zyx' or 'zxy'")
+        try:
+            keep(self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs))
+        except (TypeError, ValueError):
+            raise ModelError(f"{which}: pairs is {_shown(self.pairs)}, must be pairs of indices of contact spheres") from None
+
+    def _check_base(self) -> None:
+        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing moves may have none."""
+        if self.base == "fixed" or not self.joints:
+            return
+        body = self.bodies[self.base_body]
+        six = [joint.kind for joint in body.joints[:6] if not joint.actuated]
+        if six != 3 * ["slide"] + 3 * ["hinge"]:
+            what = f"base is 'floating', but body {body.name!r}, the first that moves, does not begin with"
+            raise ModelError(f"character {self.name!r}: {what} three slides and three hinges that nothing drives")
+
+    def _check_poses(self) -> None:
+        poses = dict(self.poses)
+        if self.default_pose is not None:
+            pose = _array(f"character {self.name!r}: default pose", self.default_pose, (self.nx,))
+            object.__setattr__(self, "default_pose", pose)
+        named = {name: _array(f"character {self.name!r}: pose {name!r}", pose, (self.nx,)) for name, pose in poses.items()}
+        object.__setattr__(self, "poses", named)
 
     def _check_inertia(self) -> None:
         """Every joint must move some inertia (its own armature counts), or FD has no solution."""
@@ -187,10 +326,28 @@ class Character:
         """Indices of the contact spheres that touch the terrain."""
         return tuple(k for k, contact in enumerate(self.contacts) if contact.touches_terrain)
 
-    @property
+    @cached_property
+    def masses(self) -> Array:
+        """(bodies,) kg; zero of what is world and not robot.
+
+        The robot is what the floating base carries. On a fixed base it is the trees that are driven (or, where none is, that
+        move), with what they stand on: a door beside an arm moves, but its weight is not the arm's.
+        """
+        root: list[int] = []
+        for b, body in enumerate(self.bodies):
+            root.append(b if body.parent < 0 else root[body.parent])
+        if self.base == "floating":
+            kept = {root[self.base_body]} if self.bodies else set()
+        else:
+            moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
+            driven = {root[b] for b, body in enumerate(self.bodies) if any(joint.actuated for joint in body.joints)}
+            kept = driven or moving or set(root)
+        return np.array([body.mass if root[b] in kept else 0.0 for b, body in enumerate(self.bodies)])
+
+    @cached_property
     def mass(self) -> float:
-        """kg, all bodies."""
-        return float(sum(body.mass for body in self.bodies))
+        """kg, all bodies of the robot."""
+        return float(sum(self.masses))
 
     @property
     def base_body(self) -> int:

@@ -9,17 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.errors import ModelError, RobotFileError
-from octo.model.actuators import joint_actuation, reflected
-from octo.model.character import Array, Body, Character, Joint, floating_base
+from octo.errors import RobotFileError
+from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
+from octo.model.character import LARGEST, Array, Body, Character, Joint, floating_base
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quaternions import rotation_of
-from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of
+from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
-AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
-BALL_ORDER = "zyx"  # a ball joint is three hinges about the body's z, then y, then x axis
+BALL_CHART = "zyx"  # of the hinges of a ball joint; the body's own axes unless its motors pull about others
 
 
 @dataclass
@@ -31,30 +30,53 @@ class Tree:
     source: list[int] = field(default_factory=list)  # MuJoCo's index of each body
     carriers: dict[int, Carrier] = field(default_factory=dict)
     fused: list[tuple[str, str]] = field(default_factory=list)
+    balls: dict[int, Array] = field(default_factory=dict)  # MuJoCo's ball joints -> axes (3, 3) of the hinges, outermost first
 
 
 def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
     """The character of a compiled model: links welded together become one body, masses are kept exactly."""
     model, notes = source.model, list(dropped)
+    _check_numbers(source)
     tree = Tree()
     if source.free_body is not None:
         tree.chart = _least_singular_chart(rotation_of(model.body_quat[source.free_body]))
-    for b in _body_order(source):
-        _add_body(tree, source, b, notes)
+    with named(source.file):
+        for b in _body_order(source):
+            _add_body(tree, source, b, notes)
     if tree.fused:
         notes.append(f"links welded to their parents are fused into them: {', '.join(f'{a} into {b}' for a, b in tree.fused)}")
-    bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
     base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
-    try:
+    with named(source.file):
+        bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
         plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=configuration(tree, source, model.qpos0))
-    except ModelError as error:
-        raise ModelError(f"{source.file}: {error}") from None
     if plain.nx == 0:
         raise RobotFileError(f"{source.file}: has no joints and nothing moves; base='floating' makes its body free")
     check_mass_matrix(plain, source.file)
-    contacts = contact_spheres(plain, source, tree.carriers, notes)
-    character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
+    with named(source.file):
+        contacts = contact_spheres(plain, source, tree.carriers, notes)
+        character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
     return replace(character, pairs=self_collision_pairs(character))
+
+
+def _check_numbers(source: RobotFile) -> None:
+    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before anything is made of them."""
+    fields = {"body": ("pos", "quat", "ipos", "mass", "inertia"), "jnt": ("pos", "axis"), "geom": ("pos", "quat", "size")}
+    for kind, names in fields.items():
+        for name in names:
+            values = getattr(source.model, f"{kind}_{name}")
+            values = values[:, None] if values.ndim == 1 else values
+            bad = np.argwhere(~(np.abs(values) <= LARGEST))
+            if kind == "geom" and len(bad):
+                bad = bad[source.model.geom_type[bad[:, 0]] != import_mujoco().mjtGeom.mjGEOM_PLANE]
+            if len(bad):
+                index, column = (int(k) for k in bad[0])
+                element = {"jnt": "joint"}.get(kind, kind)
+                which = f"{element} {name_of(source.model, element, index)!r}"
+                if kind == "geom":
+                    which += f" of body {name_of(source.model, 'body', int(source.model.geom_bodyid[index]))!r}"
+                words = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}.get(name, name)
+                what = f"{words} has the entry {values[index, column]}, must be finite and at most {LARGEST:.0e}"
+                raise RobotFileError(f"{source.file}: {which}: {what}")
 
 
 def _body_order(source: RobotFile) -> list[int]:
@@ -84,7 +106,7 @@ def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
     if b == source.free_body:
         joints, position, rotation = _free_joints(model, b, tree.chart, notes), np.zeros(3), np.eye(3)
     else:
-        joints = tuple(joint for j in _joints_of(model, b) for joint in _joints(source, j, notes))
+        joints = tuple(joint for j in _joints_of(model, b) for joint in _joints(tree, source, j, notes))
     tree.carriers[b] = Carrier(len(tree.bodies), np.eye(3), np.zeros(3))
     tree.bodies.append(Body(name, -1 if parent is None else parent.body, joints, position, rotation))
     tree.source.append(b)
@@ -122,28 +144,31 @@ def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
     return prefix
 
 
-def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
+def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
     """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball, nothing for a removed free one."""
     mujoco, model = import_mujoco(), source.model
     kind, name, dof = model.jnt_type[j], name_of(model, "joint", j), model.jnt_dofadr[j]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         return ()
-    actuated, limit, gear = joint_actuation(source, j)
     common = {
         "anchor": model.jnt_pos[j].copy(),
-        "actuated": actuated,
-        "torque_limit": limit,
-        "gear": gear,
         "armature": float(model.dof_armature[dof]) + reflected(model, j, model.actuator_armature),
         "damping": float(model.dof_damping[dof]) + reflected(model, j, model.actuator_damping),
         "stiffness": float(model.jnt_stiffness[j]),
     }
     if kind == mujoco.mjtJoint.mjJNT_BALL:
-        notes.append(_ball_note(model, j, name))
-        prefix = _free_prefix(model, name, [f"_{c}" for c in BALL_ORDER])
-        return tuple(Joint(f"{prefix}_{c}", "hinge", AXES[c], **common) for c in BALL_ORDER)
+        ball = ball_motors(model, j)
+        notes.append(_ball_note(model, j, name, ball))
+        tree.balls[j] = ball.axes
+        prefix = _free_prefix(model, name, [f"_{c}" for c in BALL_CHART])
+        return tuple(
+            Joint(f"{prefix}_{c}", "hinge", axis, **_driven(motor), **common)
+            for c, axis, motor in zip(BALL_CHART, ball.axes, ball.motors, strict=True)
+        )
     address = model.jnt_qposadr[j]
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
+    if source.ranges is not None:
+        lower, upper = source.ranges[name]
     return (
         Joint(
             name,
@@ -154,17 +179,26 @@ def _joints(source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
             velocity_limit=source.velocity.get(name, math.inf),
             reference=float(model.qpos0[address]),
             rest=float(model.qpos_spring[address]),
+            **_driven(joint_motor(source, j)),
             **common,
         ),
     )
 
 
-def _ball_note(model: Any, j: int, name: str) -> str:
+def _driven(motor: Motor) -> dict[str, Any]:
+    return {"actuated": motor.actuated, "torque_limit": motor.limit, "gear": motor.gear}
+
+
+def _ball_note(model: Any, j: int, name: str, ball: BallMotors) -> str:
     extra = [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"] if model.jnt_limited[j] else []
     dof = model.jnt_dofadr[j]
     if model.dof_armature[dof] or model.dof_damping[dof] or model.jnt_stiffness[j]:
         extra.append("armature, damping and spring act about each hinge")
-    return "; ".join([f"ball joint {name} is three hinges about z, y, x (singular at y = ±90°)", *extra])
+    extra += [ball.note] if ball.note else []
+    about = "about z, y, x"
+    if not np.array_equal(ball.axes, np.eye(3)[::-1]):
+        about += " of axes in which x is its motor's"
+    return "; ".join([f"ball joint {name} is three hinges {about} (singular at y = ±90°)", *extra])
 
 
 def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
@@ -198,7 +232,8 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
                     turn = rotation_of(qpos[address + 3 : address + 7])
                     x += [*qpos[address : address + 3], *chart_angles(turn, tree.chart)]
             elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
-                x += chart_angles(rotation_of(qpos[address : address + 4]), BALL_ORDER)
+                frame = tree.balls[j][::-1]  # (3, 3) rows x', y', z'
+                x += chart_angles(frame @ rotation_of(qpos[address : address + 4]) @ frame.T, BALL_CHART)
             else:
                 x.append(qpos[address])
     return np.array(x, dtype=float)

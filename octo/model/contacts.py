@@ -198,7 +198,7 @@ def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[
     if not spheres:
         return []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (4, character.nx))
-    centers = sphere_centers(replace(character, contacts=tuple(spheres)), poses)  # (4, k, 3) m
+    centers = _centers(character, spheres, poses)  # (4, k, 3) m
     radii = np.array([sphere.radius for sphere in spheres])
     away = np.linalg.norm(centers[:, :, None] - centers[:, None], axis=-1).max(axis=0)  # (k, k) m, over the poses
     inside = away <= (1.0 + SHARED) * radii[None, :] - radii[:, None]
@@ -209,6 +209,11 @@ def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[
         if k != other and other not in dropped and smaller:
             dropped.add(int(k))
     return [sphere for k, sphere in enumerate(spheres) if k not in dropped]
+
+
+def _centers(character: Character, spheres: list[ContactSphere], x: Array) -> Array:
+    """Centres (..., k, 3) m of spheres that the character does not have yet, at x (..., nx)."""
+    return sphere_centers(replace(character, contacts=tuple(_unique_names(spheres))), x)
 
 
 def end_bodies(character: Character) -> list[int]:
@@ -238,9 +243,7 @@ def _sphere_reach(character: Character, sphere: ContactSphere) -> float:
 
 def _ordered(character: Character, spheres: list[ContactSphere], ends: list[int]) -> list[ContactSphere]:
     """The ends of limbs first, those that stand lowest in the default pose before the others."""
-    height = (
-        sphere_centers(replace(character, contacts=tuple(spheres)), default_pose(character))[:, 2] if spheres else np.zeros(0)
-    )
+    height = _centers(character, spheres, default_pose(character))[:, 2]
     lowest = {b: min(h for h, s in zip(height, spheres, strict=True) if s.body == b) for b in {s.body for s in spheres}}
 
     def key(sphere: ContactSphere) -> tuple[bool, float, int, float]:

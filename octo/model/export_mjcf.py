@@ -17,6 +17,7 @@ from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 
 UNLIMITED = 1e6  # rad or m: the side of a range that has no limit, MJCF has no infinity
+NARROWEST = 1e-6  # rad or m: MuJoCo takes an empty range for none
 LEAST_MASS = 1e-12  # kg, kg m²: MuJoCo refuses massless bodies that move; octo does not
 LEAST_RADIUS = 1e-5  # m: MuJoCo refuses spheres without a size
 LEAST_TORQUE = 1e-9  # N m or N: MuJoCo refuses an empty control range
@@ -47,8 +48,8 @@ def export_mjcf(
 
     Raises
     ------
-    ModelError: what MJCF cannot say: two elements of one name, unequal armature or damping of a free base, an inertia
-        that no mass distribution has. OutputError: the file cannot be written.
+    ModelError: what MJCF cannot say: unequal armature or damping of a free base, an inertia that no mass distribution
+        has. OutputError: the file cannot be written.
     """
     target = ending("path", path, (".xml", ".mjcf"))
     text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
@@ -72,14 +73,6 @@ def mjcf_text(
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
     """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes (3,) m of boxes on it."""
-    for kind, names in (
-        ("bodies", [body.name for body in character.bodies]),
-        ("joints", [joint.name for joint in character.joints]),
-        ("contacts", [contact.name for contact in character.contacts]),
-    ):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ModelError(f"character {character.name!r}: two {kind} are named {twice[0]!r}, names must differ in an MJCF")
     top = Element("mujoco", model=character.name)
     SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     SubElement(top, "option", timestep=_text(timestep), gravity=_text(gravity))
@@ -167,7 +160,9 @@ def _add_joint(element: Element, joint: Joint) -> None:
         "stiffness": _text(joint.stiffness), "springref": _text(joint.rest),
     }  # fmt: skip
     if joint.limited:
-        values["range"] = _text([max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)])
+        lower, upper = max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)
+        apart = NARROWEST if upper - lower < NARROWEST else 0.0
+        values["range"] = _text([lower - apart, upper + apart])
     SubElement(element, "joint", values)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.model.actuators import control_index, drives_joint, is_motor
+from octo.model.actuators import control_index, drives_joint, gears, is_motor
 from octo.model.robot_file import import_mujoco, name_of
 
 # Flags of <option><flag> by which a file switches off something that octo models.
@@ -44,7 +44,7 @@ def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
 
 def _actuator_features(model: Any) -> list[str]:
     mujoco = import_mujoco()
-    sentences, laws, one_sided = [], [], []
+    sentences, laws, one_sided, idle = [], [], [], []
     owners: dict[int, list[str]] = {}
     for a in range(model.nactuator):
         name = name_of(model, "actuator", a)
@@ -56,11 +56,16 @@ def _actuator_features(model: Any) -> list[str]:
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
             sentences.append(f"actuator {name} on the free joint of {name_of(model, 'body', int(model.jnt_bodyid[j]))}")
             continue
-        owners.setdefault(j, []).append(name)
+        if not model.actuator_gear[a, : gears(model, j)].any():
+            idle.append(name)
+            continue
+        if model.jnt_type[j] != mujoco.mjtJoint.mjJNT_BALL:  # of a ball joint its own note says it
+            owners.setdefault(j, []).append(name)
         if not is_motor(model, a):
             laws.append(name)
         if _one_sided(model, a):
             one_sided.append(name)
+    sentences += _listed("gear is zero of actuators, which then drive nothing", idle)
     sentences += _listed("control laws (servo, activation, muscle), u is the torque at the joint, of actuators", laws)
     sentences += _listed("ranges that are not symmetric, the larger side counts, of actuators", one_sided)
     for j, names in owners.items():
@@ -105,8 +110,8 @@ def _world_features(model: Any) -> list[str]:
     sentences += _listed(
         "flags that switch off", [flag for flag in FLAGS if option.disableflags & int(getattr(bits, f"mjDSBL_{flag.upper()}"))]
     )
-    if model.nflex:
-        sentences.append(f"{model.nflex} deformable bodies (flex)")
+    if model.nflex and model.flex_rigid.all():
+        sentences.append(f"{model.nflex} rigid flex bodies: their shapes touch nothing")
     if model.nplugin:
         sentences.append(f"{model.nplugin} plugins")
     if model.npair or {float(friction) for friction in model.geom_friction[:, 0]} - {1.0}:

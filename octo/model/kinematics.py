@@ -64,6 +64,6 @@ def sphere_centers(character: Character, x: NDArray) -> Array:
 def center_of_mass(character: Character, x: NDArray) -> Array:
     """Centre of mass (..., 3) m at x (..., nx)."""
     rotation, origin = body_poses(character, x)
-    mass = np.array([body.mass for body in character.bodies])
+    mass = character.masses
     com = np.array([body.com for body in character.bodies])
     return np.einsum("b,...bi->...i", mass, origin + np.einsum("...bij,bj->...bi", rotation, com)) / mass.sum()

@@ -1,4 +1,4 @@
-"""MJCF files: compiled by MuJoCo; which tree is the robot, which base it has, what octo leaves out."""
+"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves out."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     spec, model = _compiled(path, notes)
     if model.nbody == 1:
         raise RobotFileError(f"{path.name}: has no <body>, must have one at least")
-    free, others = _robot_tree(model, notes)
+    free, others = _robot_tree(path, model, notes)
     if base == "fixed":
         free = None
     elif base == "floating" and free is None:
@@ -51,26 +51,34 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     missing = {
         mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()
     }
+    bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
             mesh = Path(missing[geom.meshname].file).name
             what = f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
             raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
+        if geom.contype or geom.conaffinity:
+            bare.setdefault(geom.meshname, []).append(geom.parent.name or "without a name")
         spec.delete(geom)
-    for mesh in missing.values():
-        notes.append(f"mesh {Path(mesh.file).name}: the file is missing")
+    for name, mesh in missing.items():
+        of = f"collision mesh of bodies {', '.join(bare[name])}, " if name in bare else ""
+        notes.append(f"{of}mesh {Path(mesh.file).name}: the file is missing")
         spec.delete(mesh)
 
 
-def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:
-    """The body that floats (None: none does) and the bodies of further floating trees, which are left out.
+def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:
+    """The body that floats (None: none does) and the bodies that are not the robot, which are left out.
 
-    Of several trees the robot is the one with most actuators, then most degrees of freedom.
+    Of several trees the robot is the one with most actuators, then most degrees of freedom. What has no joints is fixed to the
+    world and is world: tables, targets, mocap bodies. Beside a robot that floats so is what hangs on the world by joints of its
+    own, as a door; beside one that stands on the world itself such trees are kept, but count as the robot's mass only where they
+    are driven. Nodes of deformable bodies and further floating trees are always left out.
     """
     mujoco = import_mujoco()
     trees: dict[int, list[int]] = {}
     for b in range(1, model.nbody):
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
+    soft = _without_soft_bodies(path, model, trees, notes)
     driven = np.zeros(model.nbody, dtype=int)
     for a in range(model.nactuator):
         if drives_joint(model, a):
@@ -80,13 +88,72 @@ def _robot_tree(model: Any, notes: list[str]) -> tuple[int | None, frozenset[int
     def floats(root: int) -> bool:
         return bool(model.body_jntnum[root]) and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
 
-    others: set[int] = set()
+    others, standing, robot_bodies = set(soft), [], trees[robot]
+    moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
     for root, members in trees.items():
-        if floats(root) and root != robot:
+        still = not moves[root]
+        mass = float(model.body_subtreemass[root])
+        which = f"{name_of(model, 'body', root)} ({mass:.3g} kg)"
+        if root == robot or not moves[robot]:
+            continue
+        if floats(root):
+            notes.append(f"free body {which}: octo models one floating tree")
+        elif still and mass > 0.0:
+            notes.append(f"body {which} is fixed to the world: it is world, not robot")
+        elif not still and floats(robot):
+            notes.append(f"body {which} hangs on the world by joints of its own: octo models the floating tree alone")
+        elif not still and driven[robot_bodies].any() and not driven[members].any():
+            notes.append(f"body {which} hangs on the world and nothing drives it: it moves, but its mass is not the robot's")
+        elif not still:
+            standing.append(which)
+        if still or floats(root) or floats(robot):
             others.update(members)
-            mass = float(model.body_subtreemass[root])
-            notes.append(f"free body {name_of(model, 'body', root)} ({mass:.3g} kg): octo models one floating tree")
+    if standing:
+        notes.append(f"several trees stand on the world and all are the robot's, also those of bodies {', '.join(standing)}")
     return robot if floats(robot) else None, frozenset(others)
+
+
+def _without_soft_bodies(path: Path, model: Any, trees: dict[int, list[int]], notes: list[str]) -> set[int]:
+    """Take the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid shape.
+
+    Raises
+    ------
+    UnsupportedFeatureError: a deformable body is all that moves, or is tied to something else that does.
+    """
+    soft: set[int] = set()
+    for f in range(model.nflex):
+        if model.flex_rigid[f]:
+            continue
+        name, bodies = name_of(model, "flex", f), _flex_bodies(model, f)
+        nodes = {b for b in bodies if _is_node(model, b)}
+        for root in {int(model.body_rootid[b]) for b in bodies}:
+            rest = [b for b in trees.get(root, []) if b not in nodes]
+            moving = [b for b in rest if model.body_dofnum[b]]
+            if moving:
+                what = f"deformable body (flex) {name!r} moves with body {name_of(model, 'body', moving[0])!r}"
+                raise UnsupportedFeatureError(f"{path.name}: {what}; octo models rigid bodies, take it out")
+            trees[root] = rest
+        notes.append(f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies")
+        soft.update(nodes)
+    for root in [root for root, members in trees.items() if not members]:
+        del trees[root]
+    if soft and not any(model.body_dofnum[members].any() for members in trees.values()):
+        raise UnsupportedFeatureError(f"{path.name}: all that moves is a deformable body (flex); octo models rigid bodies")
+    return soft
+
+
+def _flex_bodies(model: Any, f: int) -> set[int]:
+    """Bodies that carry the vertices or the nodes of flex ``f``."""
+    vertices = model.flex_vertbodyid[model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]]
+    nodes = model.flex_nodebodyid[model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]]
+    return {int(b) for b in (*vertices, *nodes) if b > 0}
+
+
+def _is_node(model: Any, b: int) -> bool:
+    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is of a body that has more."""
+    joints = model.jnt_type[model.body_jntadr[b] : model.body_jntadr[b] + model.body_jntnum[b]]
+    slide = import_mujoco().mjtJoint.mjJNT_SLIDE
+    return bool(len(joints) and (joints == slide).all() and not model.body_geomnum[b])
 
 
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.errors import MissingExtraError
+from octo.errors import MissingExtraError, ModelError, RobotFileError
 from octo.model.character import Array
 from octo.model.quaternions import rotation_of
 
@@ -36,6 +36,7 @@ class RobotFile:
     inertials: by body, where the file itself (a URDF) says them: MuJoCo cannot compile all of them.
     effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
     velocity: rad/s or m/s by joint, where the file itself (a URDF) limits it.
+    ranges: lower and upper limit, rad or m, by joint, where the file itself (a URDF) says them; MuJoCo knows no half a range.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
     """
 
@@ -46,6 +47,7 @@ class RobotFile:
     inertials: Mapping[str, Inertial] | None = None
     effort: Mapping[str, float] | None = None
     velocity: Mapping[str, float] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] | None = None
     left_out: frozenset[int] = frozenset()
 
     def inertial(self, b: int) -> Inertial:
@@ -88,10 +90,26 @@ def quiet_compiler() -> Iterator[None]:
         mujoco.set_mju_user_warning(handler)
 
 
+@contextmanager
+def named(file: str) -> Iterator[None]:
+    """What is wrong with the robot is said of its file."""
+    try:
+        yield
+    except RobotFileError:
+        raise
+    except ModelError as error:
+        raise ModelError(f"{file}: {error}") from None
+
+
 def one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
 def name_of(model: Any, kind: str, index: int) -> str:
-    """The file's name of an element, or its kind and number."""
-    return getattr(model, kind)(index).name or f"{kind}{index}"
+    """The file's name of an element, or its kind and number, with underscores before it where another has that name."""
+    mujoco = import_mujoco()
+    element = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+    name = mujoco.mj_id2name(model, element, index) or f"{kind}{index}"
+    while mujoco.mj_name2id(model, element, name) not in (-1, index):
+        name = f"_{name}"
+    return str(name)

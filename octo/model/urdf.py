@@ -18,6 +18,8 @@ from octo.model import urdf_elements as elements
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line, quiet_compiler
+from octo.model.urdf_limits import take_limits
+from octo.model.urdf_unknown import check_elements
 
 READABLE_MESHES = (".stl", ".obj", ".msh")
 STAND_IN = 1e-10  # kg or kg m², for what MuJoCo refuses to compile; the character gets what the file says
@@ -37,6 +39,7 @@ class Prepared:
     inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
     efforts: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
     velocities: dict[str, float] = field(default_factory=dict)  # rad/s or m/s, by joint
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)  # rad or m, by joint
     unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # (mesh as written, reason) -> links
     dropped: list[str] = field(default_factory=list)
 
@@ -48,7 +51,7 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
     source = RobotFile(
-        model, prepared.name, path.name, free, prepared.inertials, prepared.efforts, prepared.velocities
+        model, prepared.name, path.name, free, prepared.inertials, prepared.efforts, prepared.velocities, prepared.ranges
     )
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}" for (mesh, reason), links in prepared.unusable.items()
@@ -61,19 +64,24 @@ def prepare(path: Path) -> Prepared:
     try:
         tree = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
-        raise RobotFileError(f"{path.name}: not well-formed XML: {error}") from None
+        hint = "; macros of xacro must be expanded" if "unbound prefix" in str(error) else ""
+        raise RobotFileError(f"{path.name}: not well-formed XML: {error}{hint}") from None
     if tree.tag != "robot":
         raise RobotFileError(f"{path.name}: top element is <{tree.tag}>, must be <robot>")
     file = path.name
+    unknown = check_elements(file, tree)
     elements.check_names(file, tree)
-    prepared = Prepared(path, tree.get("name") or path.stem, tree, elements.find_root(file, tree))
+    prepared = Prepared(path, tree.get("name") or path.stem, tree, elements.find_root(file, tree), dropped=unknown)
     for joint in tree.findall("joint"):
         elements.check_joint(file, joint)
         if joint.get("type") == "floating":
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
     elements.check_moved_mass(file, tree, prepared.inertials)
-    prepared.efforts, prepared.velocities = elements.take_limits(file, tree, prepared.dropped)
+    limits = take_limits(file, tree, prepared.dropped)
+    prepared.efforts = {name: limit.effort for name, limit in limits.items()}
+    prepared.velocities = {name: limit.velocity for name, limit in limits.items()}
+    prepared.ranges = {name: (limit.lower, limit.upper) for name, limit in limits.items()}
     elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):
         if child.tag not in ("link", "joint"):

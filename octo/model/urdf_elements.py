@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
-from octo.model.character import Array
+from octo.model.character import LARGEST, Array
 from octo.model.kinematics import axis_rotation
 from octo.model.robot_file import Inertial
 
@@ -27,8 +27,9 @@ def number(file: str, what: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number")
+    if not abs(value) <= LARGEST:
+        most = f" of at most {LARGEST:.0e}" if math.isfinite(value) else ""
+        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number{most}")
     return value
 
 
@@ -86,18 +87,14 @@ def find_root(file: str, tree: Element) -> str:
 
 
 def check_joint(file: str, joint: Element) -> None:
-    """Type, axis and range of one joint."""
-    name, kind, limit = joint.get("name"), joint.get("type"), joint.find("limit")
+    """Type and axis of one joint."""
+    name, kind = joint.get("name"), joint.get("type")
     if kind == "planar":
         raise UnsupportedFeatureError(f"{file}: joint {name!r} is planar; {ALLOWED}")
     if kind not in (*MOVABLE, "fixed", "floating"):
         raise RobotFileError(f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}")
     if kind in MOVABLE and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any():
         raise RobotFileError(f"{file}: joint {name!r}: axis is 0 0 0, must have a direction")
-    if kind in ("revolute", "prismatic") and limit is not None:
-        lower, upper = (number(file, f"joint {name!r}: limit {end}", limit.get(end, "0")) for end in ("lower", "upper"))
-        if lower > upper:
-            raise RobotFileError(f"{file}: joint {name!r}: lower limit is {lower}, must not be above the upper limit {upper}")
 
 
 def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, Inertial]:
@@ -148,35 +145,6 @@ def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]
             raise ModelError(f"{file}: {what}, must move some mass")
 
 
-def take_limits(
-    file: str, tree: Element, dropped: list[str]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Effort (N m or N) and velocity (rad/s or m/s) by joint, infinite for zero or none; MuJoCo is left with the ranges."""
-    efforts, velocities = {}, {}
-    for joint in tree.findall("joint"):
-        name = str(joint.get("name"))
-        if joint.get("type") not in MOVABLE:
-            continue
-        limit = joint.find("limit")
-        efforts[name] = _bound(file, f"joint {name!r}: effort", attribute(joint, "limit", "effort", "0"))
-        velocities[name] = _bound(file, f"joint {name!r}: velocity limit", attribute(joint, "limit", "velocity", "0"))
-        if joint.get("type") != "continuous" and (
-            limit is None or float(limit.get("lower", "0")) == float(limit.get("upper", "0"))
-        ):
-            dropped.append(f"joint {name}: no range in <limit>, taken as unlimited")
-            _forget_range(joint)
-        for key in ("effort", "velocity"):
-            if limit is not None:
-                limit.attrib.pop(key, None)
-    return efforts, velocities
-
-
-def _bound(file: str, what: str, text: str) -> float:
-    """The size of a limit; infinite for "inf" and for zero, which says that there is none."""
-    bound = math.inf if text == "inf" else abs(number(file, what, text))
-    return bound if bound > 0.0 else math.inf
-
-
 def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
     """Note and remove what joints say and octo does not model, one sentence for each kind of thing."""
     rubbing, guarded = [], []
@@ -195,13 +163,3 @@ def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
     transmissions = tree.findall("transmission")
     if transmissions:
         dropped.append(f"{len(transmissions)} transmissions: u is the torque at the joint")
-
-
-def _forget_range(joint: Element) -> None:
-    """MuJoCo warns about an empty range."""
-    limit = joint.find("limit")
-    for end in ("lower", "upper"):
-        if limit is not None:
-            limit.attrib.pop(end, None)
-    if joint.get("type") == "revolute":
-        joint.set("type", "continuous")

@@ -2,15 +2,14 @@
  *
  * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
- * A step's rows (residuals scaled by the root of twice their coefficient) are stacked, so that the Gauss-Newton block
- * is rowsᵀ rows; to it comes the curvature of lambdaᵀFD. Dynamics and costs go STEPS steps at a time, all else step by step. */
-
-#define SLOPES (NZ + NFC * CR * 18) /* of the state's rows the entries that are not zero, of a contact's rows those to three twists */
+ * A step's rows over the state (residuals scaled by the root of twice their coefficient) are stacked, so that their block is
+ * rowsᵀ rows; to it comes the curvature of lambdaᵀFD, and of the terms over contacts (contacts.c). Dynamics and costs go STEPS
+ * steps at a time, all else step by step. */
 
 /* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {
   octo_lanes lanes;
-  real q[NQ], u[NU + 1], r[MROWS + 1], slopes[SLOPES + 1];
+  real q[NQ], u[NU + 1], r[MROWS + 1], slopes[NZ + 1];
 } octo_group;
 
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
@@ -18,26 +17,20 @@ static void octo_group_begin(octo_group *g, const octo_task *t, int member, int 
   octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
 }
 
-/* Residuals r, with ``derive`` their slopes too, of ``count`` steps from i on; the lanes have their FD. */
-static void octo_group_costs(octo_group *g, const octo_task *t, const octo_input *in, int member, int i, int count, int derive) {
+static void octo_group_arguments(octo_group *g, const octo_task *t, int member, int i, int count) {
   const double *q[STEPS];
   for (int k = 0; k < STEPS; ++k) q[k] = t->q + ((size_t)member * t->steps + i + (k < count ? k : 0)) * NQ;
   octo_gather(q, NQ, g->q);
   for (int j = 0; j < NU; ++j) g->u[j] = g->lanes.fd[octo_actuated[j]];
+}
+
+/* Residuals r over the state, with ``derive`` their slopes too; the lanes have their FD. */
+static void octo_group_states(octo_group *g, const octo_input *in, int derive) {
 #if NR > 0
   const void *state[6] = {in->x[0], in->x[1], in->x[2], g->u, in->p, g->q};
   real *made[2] = {g->r, g->slopes};
   if (derive) octo_state_cost_jac(state, made);
   else octo_state_cost(state, made);
-#endif
-#if NFC > 0
-  for (int c = 0; c < NFC; ++c) {
-    int at = 12 * octo_cost_contact_body[c];
-    const void *contact[6] = {in->kin[0] + at, in->kin[1] + at, in->kin[2] + at, octo_cost_contact_data + 4 * c, in->p, g->q};
-    real *res[2] = {g->r + NR + c * CR, g->slopes + NZ + c * CR * 18};
-    if (derive) octo_contact_cost_jac(contact, res);
-    else octo_contact_cost(contact, res);
-  }
 #endif
 }
 
@@ -66,7 +59,11 @@ static void octo_evaluate_chunk(void *shared, int item) {
     double r[STEPS][MROWS + 1], *rows[STEPS], *fd[STEPS];
     octo_input in = octo_lanes_turn(&g->lanes, t->p + (size_t)member * NP, 0);
     octo_lanes_run(&g->lanes, &in);
-    octo_group_costs(g, t, &in, member, i, count, 0);
+    octo_group_arguments(g, t, member, i, count);
+    octo_group_states(g, &in, 0);
+#if NFC > 0
+    octo_contact_values(&in, g->q, g->r + NR);
+#endif
     for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; rows[k] = r[k]; }
     octo_spread(g->lanes.fd, NX, fd, count);
     octo_spread(g->r, MROWS, rows, count);
@@ -83,9 +80,9 @@ int octo_evaluate(octo_task *t, int threads) {
 }
 
 /* rows (count, LD) of d residual / d (x_next, x, x_prev), scaled; value of each row; lam (NX) gets dE/du. */
-typedef struct { double row[MROWS + 1][LD] __attribute__((aligned(64))); double value[MROWS + 1]; int count; } octo_rows;
+typedef struct { double row[NR + 1][LD] __attribute__((aligned(64))); double value[NR + 1]; int count; } octo_rows;
 
-typedef struct { double r[MROWS + 1], slopes[SLOPES + 1]; } octo_cost_values;
+typedef struct { double r[NR + 1], slopes[NZ + 1]; } octo_cost_values;
 
 /* ∂E/∂u of a step, by rows of FD. */
 static void octo_pull_torques(const octo_cost_values *v, const double *q, double *lam) {
@@ -99,9 +96,9 @@ static void octo_pull_torques(const octo_cost_values *v, const double *q, double
 #endif
 }
 
-static void octo_build_rows(const octo_cost_values *v, const double *jac, const double *const kin[3], const double *q, octo_rows *rows) {
-  int count = 0, place[MROWS + 1]; double scale[MROWS + 1];
-  for (int row = 0; row < MROWS; ++row) {
+static void octo_build_rows(const octo_cost_values *v, const double *jac, const double *q, octo_rows *rows) {
+  int count = 0, place[NR + 1]; double scale[NR + 1];
+  for (int row = 0; row < NR; ++row) {
     double c = octo_coefficient(q, row);
     place[row] = -1;
     if (c == 0.0) continue;
@@ -123,20 +120,6 @@ static void octo_build_rows(const octo_cost_values *v, const double *jac, const 
     }
   }
 #endif
-#if NFC > 0
-  for (int row = NR; row < MROWS; ++row) {
-    if (place[row] < 0) continue;
-    int body = octo_cost_contact_body[(row - NR) / CR];
-    const double *d = v->slopes + NZ + (row - NR) * 18;
-    double *out = rows->row[place[row]];
-    for (int node = 0; node < 3; ++node)
-      for (int z = octo_cost_path_start[body]; z < octo_cost_path_start[body + 1]; ++z) {
-        int j = octo_cost_path[z];
-        const double *xi = kin[node] + 12 * NB + 6 * j, *g = d + 6 * node;
-        out[node * NX + j] = scale[row] * (g[0] * xi[0] + g[1] * xi[1] + g[2] * xi[2] + g[3] * xi[3] + g[4] * xi[4] + g[5] * xi[5]);
-      }
-  }
-#endif
 }
 
 /* Columns 8j … 8j+7 of row r of a node's row of blocks of the curvature (HESS in phases.c), from its diagonal block on. */
@@ -144,7 +127,7 @@ static inline __attribute__((always_inline)) v8 octo_curved(const double *curvat
   v8 line = {0};
   for (int other = node; other < 3; ++other) {
     int block = node == 0 ? other : node == other ? 2 + node : 5, column = 8 * j - other * NX;
-    if (block >= CURVATURE || column <= -8 || column >= NX) continue;
+    if (block >= BLOCKS || column <= -8 || column >= NX) continue;
     v8_integers at = column + (v8_integers){0, 1, 2, 3, 4, 5, 6, 7};
     v8 part = *(const v8_anywhere *)(curvature + (block * NX + r) * NX + column);
     line = (v8)((v8_integers)line | ((v8_integers)part & (at >= 0) & (at < NX)));
@@ -179,10 +162,11 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values; with ``half`` nothing of use stands left of the nodes' diagonal blocks. */
-static void octo_gauss_newton(const octo_rows *rows, const double *curvature, int half, double *hess, double *gradient) {
+/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; with ``half`` nothing of use
+ * stands left of the nodes' diagonal blocks. */
+static void octo_gauss_newton(const octo_rows *rows, const double *curvature, const double *touched, int half, double *hess, double *gradient) {
   v8 sum[LD / 8];
-  for (int j = 0; j < LD / 8; ++j) sum[j] = (v8){0};
+  for (int j = 0; j < LD / 8; ++j) sum[j] = touched ? ((const v8 *)touched)[j] : (v8){0};
   for (int r = 0; r < rows->count; ++r)
     for (int j = 0; j < LD / 8; ++j) sum[j] += rows->value[r] * *(const v8 *)(rows->row[r] + 8 * j);
   for (int j = 0; j < LD / 8; ++j) ((v8 *)gradient)[j] = sum[j];
@@ -199,8 +183,12 @@ typedef struct {
   octo_group group;
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
   double jac[STEPS][(NX * W3 + 7) / 8 * 8] __attribute__((aligned(64)));
-  double curvature[STEPS][((CURVATURE * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
-  double lam[STEPS][NX], kin[STEPS + 2][NFC > 0 ? KIN : 1]; /* of the previous node of the first step, and the nodes after it */
+  double curvature[STEPS][((BLOCKS * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
+  double lam[STEPS][NX];
+#if NFC > 0
+  octo_touched touched;
+  double slope[STEPS][LD] __attribute__((aligned(64))); /* of E over contacts */
+#endif
   octo_cost_values values[STEPS];
   octo_rows rows;
   octo_places places;
@@ -231,15 +219,10 @@ static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int mem
   if (t->lam) octo_gather((const double *const *)fd, NX, lanes->fd);
   else octo_lanes_run(lanes, &in);
   if (!t->lam && !t->terms) octo_spread(lanes->fd, NX, fd, count);
-  octo_group_costs(&s->group, t, &in, member, i, count, 1);
-  octo_spread(s->group.r, MROWS, r, STEPS);
-  octo_spread(s->group.slopes, SLOPES, slopes, STEPS);
-#if NFC > 0
-  double *previous[STEPS], *next[STEPS];
-  for (int k = 0; k < STEPS; ++k) { previous[k] = s->kin[k]; next[k] = s->kin[k + 2]; }
-  octo_spread(in.kin[2], KIN, previous, 2);
-  octo_spread(in.kin[0], KIN, next, STEPS);
-#endif
+  octo_group_arguments(&s->group, t, member, i, count);
+  octo_group_states(&s->group, &in, 1);
+  octo_spread(s->group.r, NR, r, STEPS);
+  octo_spread(s->group.slopes, NZ, slopes, STEPS);
   return in;
 }
 
@@ -260,16 +243,28 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
     octo_lanes_run(lanes, &in);
   }
   int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
+#if NFC > 0
+  double *past[STEPS], *slope[STEPS];
+  for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX, slope[k] = s->slope[k];
+  if (!t->lam) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
+  octo_touch(&s->touched, &in, s->group.q, t->lam != 0, lanes->hess);
+  octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
+  octo_spread(s->touched.gradient, W3, slope, STEPS);
+#endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
-  if (t->lam) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
+  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
   s->zeros = lanes->touching;
 }
 
 static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch *s, int member, int i, int k) {
   const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-  const double *kin[3] = {s->kin[k + 2], s->kin[k + 1], s->kin[k]};
-  octo_build_rows(&s->values[k], s->jac[k], kin, q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam ? s->curvature[k] : 0, t->parts == 1, s->hess, s->gradient);
+#if NFC > 0
+  const double *slope = s->slope[k];
+#else
+  const double *slope = 0;
+#endif
+  octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
+  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;

@@ -272,7 +272,7 @@ class CompiledProblem:
         return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
-        """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
+        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC, torque and contact terms."""
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
         b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Steps = Literal["all", "last"]
 FREE = 1e6  # rad or m, in place of a limit that is none
+SMALL_SINE = 1e-16  # added to a squared sine: its root has derivatives also at zero; the angle changes by less than 1e-16
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -148,7 +149,8 @@ class CenterOfMassDisplacement(Cost):
 class BaseOrientation(Cost):
     """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the reference's x, y, z.
 
-    The residual is the axis of R_referenceᵀ R times the sine of its angle: it does not wind up with yaw.
+    The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it does not wind up with yaw,
+    and pulls back from everywhere, upside down too.
     """
 
     roll_pitch_yaw: Any = (0.0, 0.0, 0.0)
@@ -161,7 +163,7 @@ class BaseOrientation(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
-        return p["axes"] * _vee(error)
+        return p["axes"] * rotation_vector(error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -460,6 +462,29 @@ class NeighbourCost(Cost):
         if self.function is None:
             raise ProblemError(f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX")
         return self.function(control, control_next, p)
+
+
+def rotation_vector(rotation: ca.SX) -> ca.SX:
+    """(3,) axis times angle, in [0, π], of a rotation matrix (3, 3).
+
+    From its quaternion q, as that of :func:`octo.model.quaternions.quaternions`: each column of 4 q qᵀ is made of sums of entries
+    of R, and a long one is taken, so that nothing is divided by zero at any angle. Half a turn about an axis is half a turn
+    about its opposite: there, and only there, the vector jumps.
+    """
+    R = rotation
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    wx, wy, wz = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    of_w = ca.vertcat(1.0 + trace, wx, wy, wz)
+    of_x = ca.vertcat(wx, 1.0 - trace + 2.0 * R[0, 0], xy, xz)
+    of_y = ca.vertcat(wy, xy, 1.0 - trace + 2.0 * R[1, 1], yz)
+    of_z = ca.vertcat(wz, xz, yz, 1.0 - trace + 2.0 * R[2, 2])
+    x_longest = ca.logic_and(R[0, 0] >= R[1, 1], R[0, 0] >= R[2, 2])
+    column = ca.if_else(trace > 0.0, of_w, ca.if_else(x_longest, of_x, ca.if_else(R[1, 1] >= R[2, 2], of_y, of_z)))
+    column *= ca.if_else(column[0] < 0.0, -1.0, 1.0) / ca.sqrt(ca.sumsqr(column))
+    real, imaginary = column[0], column[1:]
+    sine = ca.sqrt(ca.sumsqr(imaginary) + SMALL_SINE)  # of half the angle
+    return 2.0 * ca.atan2(sine, real) / sine * imaginary
 
 
 def _vee(rotation: ca.SX) -> ca.SX:

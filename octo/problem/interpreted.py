@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
+from octo.problem.contact_model import BLOCKS
 
 if TYPE_CHECKING:
     from octo.problem.compiled import CompiledProblem, Evaluation
@@ -28,29 +29,82 @@ class Interpreted:
         self.problem = problem
 
     @cached_property
-    def _residuals(self) -> tuple[ca.Function, ca.Function, NDArray[np.intp], Array]:
-        """r and dr/d(x_next, x, x_prev, u) of one step, with the term of each row and its mask."""
-        owner, functions = self.problem, self.problem.functions
-        n, dynamics = owner.n, owner.dynamics
-        z, u = ca.SX.sym("z", 3 * n), ca.SX.sym("u", owner.nu)
-        p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", owner.q.shape[-1])
-        x_next, x, x_prev = z[:n], z[n : 2 * n], z[2 * n :]
-        parts, terms = [functions.state(x_next, x, x_prev, u, p, q)], [*functions.state_terms]
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
+        owner = self.problem
+        sizes = {"z": 3 * owner.n, "u": owner.nu, "p": owner.dynamics.layout.size, "q": owner.q.shape[-1]}
+        z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
+        return z, u, p, q
+
+    @property
+    def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        z, n = self._symbols[0], self.problem.n
+        return z[:n], z[n : 2 * n], z[2 * n :]
+
+    @cached_property
+    def _contacts(self) -> list[tuple[int, list[symbolic.Pose], list[ca.SX], Array]]:
+        """Of each contact that has a term: its body, that body's poses, the inputs of the terms' functions, and ``use``."""
+        dynamics, functions = self.problem.dynamics, self.problem.functions
+        _, _, p, q = self._symbols
+        if functions.contact is None or not isinstance(dynamics, RobotDynamics):
+            return []
+        robot, made = dynamics.character, []
+        poses = [symbolic.body_poses(robot, node) for node in self._nodes]
+        for k, index in enumerate(functions.contact.spheres):
+            sphere = robot.contacts[index]
+            own = [pose[sphere.body] for pose in poses]
+            columns = [ca.vertcat(ca.vec(rotation.T), position) for rotation, position in own]
+            inputs = [*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q]
+            made.append((sphere.body, own, inputs, functions.contact.use[k].astype(float)))
+        return made
+
+    @cached_property
+    def _values(self) -> tuple[ca.Function, NDArray[np.intp], Array]:
+        """All residuals of one step, with the term of each and its mask."""
+        functions = self.problem.functions
+        z, u, p, q = self._symbols
+        parts, terms = [functions.state(*self._nodes, u, p, q)], [*functions.state_terms]
         mask = [1.0] * len(terms)
-        if functions.contact is not None and isinstance(dynamics, RobotDynamics):
-            robot = dynamics.character
-            poses = [symbolic.body_poses(robot, node) for node in (x_next, x, x_prev)]
-            for k, index in enumerate(functions.contact_spheres):
-                sphere = robot.contacts[index]
-                columns = [ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses]
-                parts.append(functions.contact(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q))
-                terms += functions.contact_terms
-                mask += functions.contact_use[k].astype(float).tolist()
+        for _, _, inputs, use in self._contacts:
+            assert functions.contact is not None
+            parts.append(functions.contact.value(*inputs))
+            terms += functions.contact.terms
+            mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
-        jac = ca.densify(ca.jacobian(r, ca.vertcat(z, u)))
-        inputs = [z, u, p, q]
-        value = ca.Function("residuals", inputs, [r], {"cse": True})
-        return value, ca.Function("derivatives", inputs, [r, jac], {"cse": True}), np.array(terms, dtype=np.intp), np.array(mask)
+        return ca.Function("residuals", [z, u, p, q], [r], {"cse": True}), np.array(terms, dtype=np.intp), np.array(mask)
+
+    @cached_property
+    def _slopes(self) -> ca.Function:
+        """Residuals over the state and their derivatives to (z, u)."""
+        z, u, p, q = self._symbols
+        r = self.problem.functions.state(*self._nodes, u, p, q)
+        return ca.Function("slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True})
+
+    def _touch(self, exact: bool) -> ca.Function:
+        """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over contacts."""
+        owner, functions = self.problem, self.problem.functions
+        gradient, hess = ca.SX(3 * owner.n, 1), ca.SX(3 * owner.n, 3 * owner.n)
+        for body, poses, inputs, use in self._contacts:
+            assert functions.contact is not None and isinstance(owner.dynamics, RobotDynamics)
+            function = functions.contact.exact if exact else functions.contact.model
+            made, path = function(*inputs, ca.DM(use)), [int(j) for j in owner.dynamics.character.path[body]]
+            twists = [_twists(pose, node, path) for pose, node in zip(poses, self._nodes, strict=True)]
+            places = [[node * owner.n + j for j in path] for node in range(3)]
+            for node in range(3):
+                gradient[places[node]] += twists[node].T @ made[6 * node : 6 * node + 6]
+            for k, (a, b) in enumerate(BLOCKS):
+                block = twists[a].T @ ca.reshape(made[18 + 36 * k : 54 + 36 * k], 6, 6).T @ twists[b]
+                if a == b:  # rows are ancestors
+                    block = ca.triu2symm(ca.triu(block))
+                hess[places[a], places[b]] += block
+                if a != b:
+                    hess[places[b], places[a]] += block.T
+        return ca.Function("touch", list(self._symbols), [ca.densify(gradient), ca.densify(hess)], {"cse": True})
+
+    @cached_property
+    def _touches(self) -> dict[bool, ca.Function]:
+        """By whether they are exact."""
+        return {}
 
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
         owner = self.problem
@@ -60,7 +114,7 @@ class Interpreted:
     def terms(self, nodes: Array, fd: Array) -> Array:
         """(batch, N, terms) coefficient·|r|²."""
         owner = self.problem
-        value, _, terms, mask = self._residuals
+        value, terms, mask = self._values
         out = np.zeros((owner.batch, owner.steps, len(owner.functions.references.terms)))
         for k in range(owner.batch):
             r = np.asarray(value.map(owner.steps)(*self._arguments(k, nodes, fd))).T.reshape(owner.steps, len(terms))
@@ -74,19 +128,19 @@ class Interpreted:
         """Fills H, A, b, C."""
         owner = self.problem
         n, steps = owner.n, owner.steps
-        _, derivatives, terms, mask = self._residuals
+        terms = np.array(owner.functions.state_terms, dtype=np.intp)
         r = np.empty((owner.batch, steps, len(terms)))
         jac = np.empty((owner.batch, steps, len(terms), 3 * n + owner.nu))
         for k in range(owner.batch):
-            value, flat = derivatives.map(steps)(*self._arguments(k, at.nodes, at.fd))
+            value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
             r[k] = np.asarray(value).T.reshape(steps, len(terms))
             jac[k] = np.asarray(flat).reshape(len(terms), steps, 3 * n + owner.nu).transpose(1, 0, 2)
-        coefficient = 2.0 * owner.q[:, :, terms] * mask
+        coefficient = 2.0 * owner.q[:, :, terms]
         r, jac = np.where(coefficient != 0.0, r, 0.0), np.where(coefficient[..., None] != 0.0, jac, 0.0)
         full = np.zeros((owner.batch, steps, n))
         full[..., owner.dynamics.actuated] = np.einsum("kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :])
         if lam is not None:
-            rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, -1, owner.m))
+            rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, len(owner._test_matrix), owner.m))
             full[..., owner.dynamics.unactuated] = rows * owner.row_scale[:, None]
         fd, fd_jac, hess = owner.dynamics.evaluate(at.nodes, owner.p, full, 1 if lam is None else 2)
         assert fd_jac is not None
@@ -95,11 +149,22 @@ class Interpreted:
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
+        if self._contacts:
+            self._add_contacts(at, lam is not None, gradient, step_hess)
         if owner.carry is not None:
             fd_jac = fd_jac.copy()
             self._carry_back(owner.carry, step_hess, gradient, fd_jac)
         self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None], out)
         out[3][:] = owner.reduce(at.fd)
+
+    def _add_contacts(self, at: Evaluation, exact: bool, gradient: Array, hess: Array) -> None:
+        owner, size = self.problem, 3 * self.problem.n
+        if exact not in self._touches:
+            self._touches[exact] = self._touch(exact)
+        for k in range(owner.batch):
+            slope, flat = self._touches[exact].map(owner.steps)(*self._arguments(k, at.nodes, at.fd))
+            gradient[k] += np.asarray(slope).T
+            hess[k] += np.asarray(flat).reshape(size, owner.steps, size).transpose(1, 0, 2)
 
     def _carry_back(self, carry: Array, hess: Array, gradient: Array, jac: Array) -> None:
         """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what they are made of."""
@@ -133,3 +198,14 @@ class Interpreted:
                         to = int(s.test_part[i, k]) * m
                         block = rows[:, i, :, node * n : (node + 1) * n]
                         A[:, row, row - unit, to : to + m, at : at + n] += s.test_coefficient[i, k] * value * block
+
+
+def _twists(pose: symbolic.Pose, x: ca.SX, path: list[int]) -> ca.SX:
+    """(6, path) twists (ω, v of the point at the world's origin) of the joints that carry a body at ``pose``."""
+    rotation, position = pose
+    turns = ca.jacobian(ca.vec(rotation), x)[:, path]
+    columns = []
+    for k, j in enumerate(path):
+        spin = ca.inv_skew(ca.reshape(turns[:, k], 3, 3) @ rotation.T)
+        columns.append(ca.vertcat(spin, ca.jacobian(position, x[j]) - ca.cross(spin, position)))
+    return ca.horzcat(*columns) if columns else ca.SX(6, 0)

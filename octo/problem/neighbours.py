@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.problem.basis import Hermite
-from octo.problem.codegen import blamed, sizes
 from octo.problem.costs import NeighbourCost
+from octo.problem.references import blamed, sizes
 
 if TYPE_CHECKING:
     from octo.problem.compiled import CompiledProblem

@@ -8,7 +8,7 @@ static inline double octo_coefficient(const double *q, int row) {
 #if NFC > 0
   if (row >= NR) {
     int k = (row - NR) / CR, c = (row - NR) % CR;
-    return octo_cost_contact_use[k * CR + c] ? q[octo_contact_row_term[c]] : 0.0;
+    return octo_cost_contact_use[k * CR + c] * q[octo_contact_row_term[c]];
   }
 #endif
   return q[octo_state_row_term[row]];

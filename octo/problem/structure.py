@@ -19,9 +19,11 @@ import numpy as np
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.problem.basis import Hermite
-from octo.problem.codegen import References, blamed, contact_symbols, sizes, step_symbols, touching
+from octo.problem.codegen import step_symbols, touching
 from octo.problem.contact_costs import ContactCost
+from octo.problem.contact_model import contact_symbols
 from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.references import References, blamed, sizes
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem

@@ -119,21 +119,19 @@ class ContactSymbols:
     """One contact sphere in one time step; forces in units of the weight mg."""
 
     poses: tuple[Pose, Pose, Pose]  # of its body at x_next, x, x_prev
-    center: ca.SX  # (3,) m, body frame
+    places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]  # of contact_places: of this step, and of the one before
     radius: ca.SX  # m
     law: ContactLaw
     terrain: Plane | Terrain
     dynamics: dict[str, ca.SX]
     weight: float  # N, mg
 
-    def _state(self, pose: Pose, before: Pose) -> symbolic.ContactState:
-        return symbolic.contact_state(
-            self.center, self.radius, pose, before, self.law, self.terrain, self.dynamics
-        )
+    def _state(self, step: int) -> symbolic.ContactState:
+        return symbolic.contact_state(*self.places[step], self.radius, self.law, self.terrain, self.dynamics)
 
     @cached_property
     def _now(self) -> symbolic.ContactState:
-        return self._state(self.poses[0], self.poses[1])
+        return self._state(0)
 
     @property
     def height(self) -> ca.SX:
@@ -170,4 +168,4 @@ class ContactSymbols:
     @cached_property
     def force_before(self) -> ca.SX:
         """(3,) of mg, one step earlier (from x and x_prev)."""
-        return self._state(self.poses[1], self.poses[2]).force / self.weight
+        return self._state(1).force / self.weight

@@ -70,16 +70,16 @@ def exact_costs(compiled: CompiledProblem) -> ExactCosts:
 
 def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
     """∂²/∂a∂b of E(exp(â) exp(b̂) T) at zero is what an ancestor's twist a and a descendant's b make of it."""
-    functions = compiled.functions
-    if functions.contact is None:
+    own = compiled.functions.contact
+    if own is None:
         return ()
     columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
     sphere, p = ca.SX.sym("sphere", 4), ca.SX.sym("p", compiled.dynamics.layout.size)
-    q, use = ca.SX.sym("q", compiled.q.shape[2]), ca.SX.sym("use", len(functions.contact_terms))
+    q, use = ca.SX.sym("q", compiled.q.shape[2]), ca.SX.sym("use", len(own.terms))
     outer, inner = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18)
     moved = [_moved(_moved(T, inner[6 * k : 6 * k + 6]), outer[6 * k : 6 * k + 6]) for k, T in enumerate(columns)]
-    r = functions.contact(*moved, sphere, p, q)
-    energy = ca.dot(ca.vertcat(*[q[t] for t in functions.contact_terms]) * use, r**2)
+    r = own.value(*moved, sphere, p, q)
+    energy = ca.dot(ca.vertcat(*[q[t] for t in own.terms]) * use, r**2)
     twists, still = ca.vertcat(outer, inner), ca.SX.zeros(36)
     gradient = ca.gradient(energy, inner)
     out = [energy, gradient, ca.vec(ca.jacobian(gradient, outer))]  # column by column: row a of ∂/∂outer_a

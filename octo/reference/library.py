@@ -148,7 +148,7 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
     sizes = {
         "NU": compiled.nu, "MU": compiled.m, "NQ": compiled.q.shape[2], "NTERM": len(functions.references.terms),
         "NCENTER": costs.centers, "NW": compiled.nu + costs.centers, "NZ": costs.sparsity.nnz(),
-        "NFC": len(functions.contact_spheres), "CR": len(functions.contact_terms),
+        "NFC": len(functions.contact_spheres), "CR": 0 if functions.contact is None else len(functions.contact.terms),
         "EXACT_W": max(f.sz_w() for f in made), "EXACT_IW": max(f.sz_iw() for f in made),
     }  # fmt: skip
     integers: dict[str, Any] = {
@@ -163,8 +163,8 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
         integers["touch_dof"] = [robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres]
         numbers = {
             "touch_sphere": [v for sphere in spheres for v in (*sphere.position, sphere.radius)],
-            "touch_use": functions.contact_use.astype(float).ravel(),
-            "body_mass": [body.mass for body in robot.bodies],
+            "touch_use": () if functions.contact is None else functions.contact.use.astype(float).ravel(),
+            "body_mass": robot.masses,
             "body_com": [v for body in robot.bodies for v in body.com],
         }
         sizes_of_mass = f"static const double octo_mass = {float(robot.mass).hex()};"

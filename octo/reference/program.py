@@ -216,13 +216,12 @@ def _step(compiled: CompiledProblem) -> ca.Function:
     r = functions.state(*nodes, fd[[int(j) for j in dynamics.actuated]], p, q)
     energy = ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
-        poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
-        for k, index in enumerate(functions.contact_spheres):
+        own, poses = functions.contact, [symbolic.body_poses(dynamics.character, node) for node in nodes]
+        for index, use in zip(own.spheres, own.use.astype(float), strict=True):
             sphere = dynamics.character.contacts[index]
             columns = [ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses]
-            r = functions.contact(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q)
-            used = functions.contact_use[k].astype(float)
-            energy += ca.dot(ca.vertcat(*[q[t] * u for t, u in zip(functions.contact_terms, used, strict=True)]), r**2)
+            r = own.value(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q)
+            energy += ca.dot(ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2)
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
     return ca.Function("step", [*nodes, p, q, scale], [energy, ca.densify(rows)], {"cse": True})
 

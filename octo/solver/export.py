@@ -139,11 +139,10 @@ def _ball(robot: Character, j: int, end: int) -> str:
     if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
         return ""
     alike = all(
-        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.axis, axis)
-        and np.array_equal(hinge.anchor, hinges[0].anchor)
-        for hinge, axis in zip(hinges, np.eye(3)[::-1], strict=True)
-    )  # fmt: skip
-    return prefix if alike else ""
+        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.anchor, hinges[0].anchor) for hinge in hinges
+    )
+    outer, middle, inner = (hinge.axis for hinge in hinges)
+    return prefix if alike and np.allclose(np.cross(outer, inner), middle, atol=1e-9) else ""
 
 
 def _turn(robot: Character, x: Array, j: int) -> Array:

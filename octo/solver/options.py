@@ -25,7 +25,7 @@ class SqpOptions:
 
     Attributes
     ----------
-    hessian: "exact" adds the curvature of lamᵀC and of the torque terms; "gauss_newton" is JᵀJ.
+    hessian: "exact" adds the curvature of lamᵀC, of the torque terms and of the terms over contacts; "gauss_newton" is JᵀJ.
     step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.

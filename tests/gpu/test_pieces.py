@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 import octo
 from octo.gpu import pieces
 from octo.gpu.pieces import Pieces
+from octo.gpu.problem import contact_numbers
 from octo.problem.compiled import CompiledProblem
 
 
@@ -16,7 +19,7 @@ def values_of(cut, inputs, sizes):
     out = [np.full(size, np.nan) for size in sizes]
     for k, (function, at) in enumerate(zip(cut.functions, cut.at, strict=True)):
         value = function(*inputs).full().ravel()
-        out[0 if k < cut.values else 1][at : at + len(value)] = value
+        out[bisect.bisect(cut.ends, k)][at : at + len(value)] = value
     return out
 
 
@@ -37,10 +40,17 @@ def test_all_entries_are_written_and_right(compiled, monkeypatch, live):
     np.testing.assert_allclose(dense, expected, atol=1e-12 * np.abs(expected).max())
     columns = np.diff(cut.columns >= 3 * compiled("nodes").n)
     assert columns.sum() == 1, "derivatives with respect to the torques come last"
-    given = [random.standard_normal(functions.contact.numel_in(k)) for k in range(6)]
-    found = values_of(cut.contact, given, [functions.contact_jac.numel_out(k) for k in range(2)])
-    for one, other in zip(found, functions.contact_jac(*given), strict=True):
-        np.testing.assert_allclose(one, other.full().ravel(), atol=1e-12 * max(1.0, np.abs(other.full()).max()))
+    own = functions.contact
+    given = [random.standard_normal(own.exact.numel_in(k)) for k in range(7)]
+    sizes = (own.value.numel_out(0), *[contact_numbers(functions)] * 3)
+    value, slopes, model, exact = values_of(cut.contact, given, sizes)
+    size, factors = own.factors.size, own.factors
+    parts = (ca.vec(ca.densify(factors.slopes).T), factors.bend, factors.model, factors.exact)
+    expected = [f.full().ravel() for f in ca.Function("factors", factors.inputs, list(parts))(*given)]
+    square = 18 * size + 216
+    found = (value, slopes[: 18 * size], exact[18 * size : square], model[square:], exact[square:])
+    for one, other in zip(found, (own.value(*given[:6]).full().ravel(), *expected), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12 * max(1.0, np.abs(other).max()))
     assert (len(cut.functions) > 40) == (live == 3)
 
 

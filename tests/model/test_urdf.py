@@ -232,10 +232,8 @@ def test_velocity_limits_survive_a_file(robot):
 
 def test_a_velocity_limit_must_be_positive(robot):
     character = load(robot(link("a"), link("b"), joint("j", "a", "b")))
-    still = dataclasses.replace(character.joints[6], velocity_limit=0.0)
-    bodies = (character.bodies[0], dataclasses.replace(character.bodies[1], joints=(still,)))
     with pytest.raises(ModelError, match="joint 'j': velocity limit is 0.0, must be positive"):
-        dataclasses.replace(character, bodies=bodies)
+        dataclasses.replace(character.joints[6], velocity_limit=0.0)
 
 
 BAD = {

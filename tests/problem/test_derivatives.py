@@ -64,10 +64,14 @@ def gradient_of_lagrangian(problem: CompiledProblem, unknowns: np.ndarray, lam: 
     return gradient
 
 
+LINEAR = ("Effort", "TorqueLimit", "Posture", "JointVelocity", "JointAcceleration", "PoseTarget")  # in x and u
+TOUCHING = [name for name in COST_CLASSES if issubclass(getattr(costs, name), costs.ContactCost)]
+
+
+@pytest.mark.parametrize("exact", [LINEAR, *((name,) for name in TOUCHING)], ids=["linear", *TOUCHING])
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
-def test_exact_hessian_where_only_torques_are_curved(compiled, wiggle, basis):
-    """E of terms linear in x and u: H is then the whole second derivative of E + lamᵀC, jumps of contact laws apart."""
-    exact = ("Effort", "TorqueLimit", "Posture", "JointVelocity", "JointAcceleration", "PoseTarget")
+def test_exact_hessian(compiled, wiggle, basis, exact):
+    """Of terms linear in x and u, and over contacts, H is the whole second derivative of E + lamᵀC, jumps of laws apart."""
     full = compiled(basis)
     changed = [
         p.replace(costs=[t if t.label in exact else dataclasses.replace(t, weight=0.0) for t in p.costs]) for p in full.problems
@@ -81,7 +85,8 @@ def test_exact_hessian_where_only_torques_are_curved(compiled, wiggle, basis):
     difference = (gradient_of_lagrangian(problem, at + h * d, lam) - gradient_of_lagrangian(problem, at - h * d, lam)) / (2 * h)
     np.testing.assert_allclose(product, difference, atol=1e-6 * np.abs(difference).max())
     plain = problem.linearize(problem.evaluate(at), np.zeros_like(lam))
-    assert np.abs(plain.H - problem.linearize(problem.evaluate(at), None).H).max() > 1e-3  # the torque terms' own curvature
+    difference = plain.H - problem.linearize(problem.evaluate(at), None).H  # curvature of the residuals themselves
+    assert np.abs(difference).max() > 1e-4 * np.abs(plain.H).max()
 
 
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
@@ -93,7 +98,7 @@ def test_other_terms_keep_the_gauss_newton_hessian(compiled, wiggle, basis):
     evaluation = full.evaluate(at)
     added = full.linearize(evaluation, lam).H - full.linearize(evaluation, None).H
     torque = [
-        p.replace(costs=[dataclasses.replace(t, weight=t.weight if _sees_torque(t) else 0.0) for t in p.costs])
+        p.replace(costs=[dataclasses.replace(t, weight=t.weight if _is_curved(t) else 0.0) for t in p.costs])
         for p in full.problems
     ]
     only = CompiledProblem(torque, like=full)
@@ -118,8 +123,9 @@ def test_other_terms_keep_the_gauss_newton_hessian(compiled, wiggle, basis):
     np.testing.assert_allclose(product, difference, atol=1e-7 * np.abs(difference).max())
 
 
-def _sees_torque(term: costs.Cost) -> bool:
-    return isinstance(term, (costs.Effort, costs.TorqueLimit, costs.CustomCost))
+def _is_curved(term: costs.Cost) -> bool:
+    """It sees torques or contacts."""
+    return isinstance(term, (costs.Effort, costs.TorqueLimit, costs.CustomCost, costs.ContactCost))
 
 
 def _com_velocity(problem: CompiledProblem, nodes: np.ndarray) -> np.ndarray:

@@ -1,0 +1,192 @@
+"""E over the contacts of a step and its derivatives to the twists of their bodies, as CasADi functions.
+
+A residual depends on where the sphere is and where its contact point was, in this step and in the one before: twelve numbers
+y. E is differentiated twice with respect to y, y with respect to left perturbations exp(outer^) exp(inner^) T of the body's
+three poses, and chained:
+
+    gradient = y'ᵀ ∂E/∂y,    blocks = y'ᵀ ∂²E/∂y² y' + Σ_k ∂E/∂y_k y_k''
+
+A joint's twist and that of one of its ancestors, which comes first, make a number of E's second derivative out of a block
+(contacts.c); blocks of bodies that a joint carries may be summed before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.balance import GRAVITY
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.laws import ContactLaw
+from octo.dynamics.symbolic import contact_places
+from octo.problem.contact_costs import ContactCost
+from octo.problem.references import References, blamed, sizes
+from octo.problem.symbols import ContactSymbols, Pose, Setting
+
+BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))  # pairs of nodes (next, now, previous), as HESS in phases.c
+TOUCHED = 18 + 36 * len(BLOCKS)  # numbers of the gradient, to three twists, and of the blocks, row by row
+
+
+@dataclass(frozen=True, eq=False)
+class ContactFunctions:
+    """The terms over contacts: inputs T_next, T, T_prev (12 numbers each, R row by row), sphere (4), p, q, use (CR,).
+
+    value: the residuals r (CR,), without the input use. model, exact: gradient and blocks (TOUCHED,) of Σ use·q·r², by Gauss
+    and Newton and with all of their curvature; factors: what these are made of. terms: of each residual. use (contacts, CR),
+    spheres: of the contacts that have a term, as indices into the character's. resting (contacts,): those whose terms are
+    zero where they carry nothing in this step and in the one before.
+    """
+
+    value: ca.Function
+    model: ca.Function
+    exact: ca.Function
+    factors: Factors
+    terms: tuple[int, ...]
+    use: NDArray[np.bool_]
+    spheres: tuple[int, ...]
+    resting: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Of the inputs of :class:`ContactFunctions`: y' (size, 18); ∂E/∂y and the upper triangle of ∂²E/∂y², column by column, by
+    Gauss and Newton and exact; and Σ_k ∂E/∂y_k y_k'', as the blocks."""
+
+    inputs: list[ca.SX]
+    slopes: ca.SX
+    model: ca.SX
+    exact: ca.SX
+    bend: ca.SX
+
+    @property
+    def size(self) -> int:
+        """Of y."""
+        return int(self.slopes.shape[0])
+
+
+class _Weightless:
+    """A contact law without a force: what is left of a term where its contact carries nothing."""
+
+    def __init__(self, law: ContactLaw):
+        self.parameters, self.reach = law.parameters, law.reach
+
+    def force(self, depth: ca.SX, normal: ca.SX, velocity: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.SX.zeros(3)
+
+
+def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], ContactSymbols]:
+    """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of them."""
+    columns, sphere, place = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4), ca.SX.sym("place", 12)
+    next_, now, previous = (_pose(column) for column in columns)
+    symbols = ContactSymbols(
+        (next_, now, previous), ((place[:3], place[3:6]), (place[6:9], place[9:])), sphere[3], dynamics.law, dynamics.terrain,
+        dynamics.layout.view(p), dynamics.character.mass * GRAVITY,
+    )  # fmt: skip
+    return [*columns, sphere, place], symbols
+
+
+def contact_functions(dynamics: RobotDynamics, references: References, setting: Setting, feet: list[int]) -> ContactFunctions:
+    """Of the terms that are over contacts; ``feet`` are the contacts that touch the ground at the start."""
+    robot, made = dynamics.character, _Residuals(dynamics, references)
+    use = np.zeros((len(robot.terrain_contacts), len(made.terms)), dtype=bool)
+    for row, k in enumerate(made.terms):
+        term = references.terms[k]
+        assert isinstance(term, ContactCost)
+        acts_on = term.chosen(robot, feet)
+        use[:, row] = [c in acts_on for c in robot.terrain_contacts]
+    live = np.flatnonzero(use.any(axis=1))
+    spheres = tuple(int(robot.terrain_contacts[c]) for c in live)
+    resting = (~use[live] | np.array(made.resting)).all(axis=1)
+    factors = made.factors()
+    value = ca.Function("octo_contact_cost", factors.inputs[:-1], [made.at_poses(made.r)], {"cse": True})
+    model, exact = (_whole(factors, name) for name in ("model", "exact"))
+    return ContactFunctions(value, model, exact, factors, tuple(made.terms), use[live], spheres, resting)
+
+
+def _whole(factors: Factors, name: str) -> ca.Function:
+    """Gradient and blocks from their factors."""
+    size, numbers = factors.size, getattr(factors, name)
+    gradient, upper = numbers[:size], ca.SX(ca.Sparsity.upper(size), numbers[size:])
+    curvature, nodes, out = ca.triu2symm(upper), [factors.slopes[:, 6 * k : 6 * k + 6] for k in range(3)], []
+    for k, (a, b) in enumerate(BLOCKS):
+        block = ca.vec((nodes[a].T @ curvature @ nodes[b]).T)
+        out.append(block + factors.bend[36 * k : 36 * k + 36] if name == "exact" else block)
+    whole = ca.densify(ca.vertcat(factors.slopes.T @ gradient, *out))
+    return ca.Function(f"octo_contact_{name}", factors.inputs, [whole], {"cse": True})
+
+
+class _Residuals:
+    """The residuals r of one contact as functions of y, and y as a function of the poses.
+
+    terms: the term of each residual. resting: whether it is zero where the contact carries nothing.
+    """
+
+    def __init__(self, dynamics: RobotDynamics, references: References):
+        self.p, self.q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
+        (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, self.p)
+        view, sphere = dynamics.layout.view(self.p), (self.sphere[:3], self.sphere[3])
+        steps = [contact_places(*sphere, one, before, dynamics.terrain, view) for one, before in pairwise(symbols.poses)]
+        self.places = ca.vertcat(*steps[0], *steps[1])
+        unloaded = replace(symbols, law=_Weightless(dynamics.law))
+        residuals: list[ca.SX] = []
+        self.terms: list[int] = []
+        self.resting: list[bool] = []
+        for k, term in enumerate(references.terms):
+            if isinstance(term, ContactCost):
+                with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
+                    value = ca.densify(ca.vec(ca.SX(term.contact_residual(symbols, references.view(self.q, k)))))
+                    left = ca.SX(term.contact_residual(unloaded, references.view(self.q, k)))
+                residuals.append(value)
+                self.terms += [k] * value.numel()
+                self.resting += [bool(left.is_zero())] * value.numel()
+        self.r = ca.vertcat(*residuals)
+
+    def at_poses(self, expression: ca.SX) -> ca.SX:
+        """An expression of y as one of the poses."""
+        return ca.densify(ca.substitute(expression, self.place, self.places))
+
+    def factors(self) -> Factors:
+        """E of the contact, differentiated."""
+        poses, use = ca.vertcat(*self.columns), ca.SX.sym("use", len(self.terms))
+        whole = ca.depends_on(self.r, poses)  # a user's own term may look at the poses themselves
+        y, value = (ca.vertcat(self.place, poses), ca.vertcat(self.places, poses)) if whole else (self.place, self.places)
+        coefficient = ca.vertcat(*[self.q[k] for k in self.terms]) * use
+        energy, rows = ca.dot(coefficient, self.r**2), ca.jacobian(self.r, y)
+        curvature, gradient = ca.hessian(energy, y)
+        upper = ca.Sparsity.upper(y.numel())
+        model, exact = (
+            self.at_poses(ca.vertcat(gradient, *ca.project(ca.densify(square), upper).nonzeros()))
+            for square in (2.0 * rows.T @ ca.diag(coefficient) @ rows, curvature)
+        )
+        slopes, bend = self._moved(value, self.at_poses(gradient))
+        return Factors([*self.columns, self.sphere, self.p, self.q, use], slopes, model, exact, bend)
+
+    def _moved(self, y: ca.SX, gradient: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """y' (size, 18), and the blocks of ``gradient`` times y''."""
+        outer, inner, nodes = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18), [slice(6 * k, 6 * k + 6) for k in range(3)]
+        moved = [_moved(_moved(T, inner[at]), outer[at]) for T, at in zip(self.columns, nodes, strict=True)]
+        y = ca.substitute(y, ca.vertcat(*self.columns), ca.vertcat(*moved))
+        still, pull = [ca.vertcat(outer, inner), ca.SX.zeros(36)], ca.SX.sym("pull", y.numel())
+        pulled, blocks = ca.gradient(ca.dot(pull, y), inner), []
+        for a, b in BLOCKS:
+            block = ca.jacobian(pulled[nodes[b]], outer if a == b else inner)[:, nodes[a]]  # rows of b, columns of a
+            blocks.append(ca.vec(ca.densify(block)))
+        bend = ca.substitute(ca.substitute(ca.vertcat(*blocks), *still), pull, gradient)
+        return ca.substitute(ca.jacobian(y, inner), *still), bend
+
+
+def _pose(column: ca.SX) -> Pose:
+    """R and t of 12 numbers, R row by row."""
+    return ca.reshape(column[:9], 3, 3).T, column[9:]
+
+
+def _moved(column: ca.SX, twist: ca.SX) -> ca.SX:
+    """(1 + twist^)·T of 12 numbers; twist is (ω, v of the point at the world's origin)."""
+    rotation, position = _pose(column)
+    turn = ca.SX.eye(3) + ca.skew(twist[:3])
+    return ca.vertcat(ca.vec((turn @ rotation).T), turn @ position + twist[3:])
