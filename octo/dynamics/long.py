@@ -64,8 +64,8 @@ def _say(what: str, instructions: int) -> None:
     seconds, memory = f"{SECONDS * instructions:.0f} s", f"{BYTES * instructions / 1e9:.1f} GB"
     print(
         f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives; to "
-        f"generate and compile them takes about {seconds} of processor time and {memory} of memory, "
-        "the first time",
+        f"generate and compile them takes about {seconds} of processor time and {memory} of "
+        "memory, the first time",
         file=sys.stderr,
         flush=True,
     )

@@ -226,7 +226,8 @@ def same(one: Any, other: Any, but: str = "") -> bool:
 def _different(term: Cost, place: int, what: str) -> ProblemError:
     return ProblemError(
         f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is "
-        "not that of problem 0; only weights, references and parameters may differ, solve them apart"
+        "not that of problem 0; only weights, references and parameters may differ, solve them "
+        "apart"
     )
 
 
