@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Any
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import ShapeError, ValueRangeError
+from octo.errors import ShapeError, UnknownNameError, UsageError, ValueRangeError, said
 
 Array = NDArray[np.float64]
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """``function`` of the package octo, with a call that does not fit its signature refused in octo's own words.
+
+    Raises
+    ------
+    UnknownNameError: no such option; says the nearest. UsageError: an argument is missing, or given twice.
+    """
+    signature = inspect.signature(function)
+    name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
+    named = [key for key in signature.parameters if key != "self"]
+
+    @wraps(function)
+    def checked(*args: Given.args, **options: Given.kwargs) -> Result:
+        for option in options:
+            if option not in named:
+                raise UnknownNameError(f"option of {name}", option, named)
+        try:
+            signature.bind(*args, **options)
+        except TypeError as error:
+            raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
+        return function(*args, **options)
+
+    return checked
 
 
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -22,7 +52,7 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise ValueRangeError(f"{field} is {value!r}, must be numbers") from None
+        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
     if shape is not None and array.shape != shape:
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
@@ -43,11 +73,11 @@ def positive(field: str, value: Any, unit: str = "") -> float:
     except (TypeError, ValueError):
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
-        raise ValueRangeError(f"{field} is {value!r}{unit and ' '}{unit}, must be positive and finite")
+        raise ValueRangeError(f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite")
     return found
 
 
 def whole(field: str, value: Any, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueRangeError(f"{field} is {value!r}, must be a whole number of at least {least}")
+        raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
     return int(value)

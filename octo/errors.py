@@ -9,13 +9,31 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+SHORT = 60  # characters of a value that a message quotes
+PLAIN = (type(None), bool, int, float, complex, str, bytes)
+
+
+def said(value: object) -> str:
+    """A value in a message, in one short line: plain ones as they are written, of others the kind."""
+    listed = isinstance(value, (list, tuple)) and all(isinstance(entry, PLAIN) for entry in value[:SHORT])
+    if isinstance(value, int) and abs(value) >= 10**SHORT:
+        text = f"a number of {value.bit_length()} bits"
+    elif listed or isinstance(value, PLAIN) or getattr(value, "shape", None) == ():
+        text = repr(value[:SHORT] if listed else value)
+    elif hasattr(value, "shape") and hasattr(value, "dtype"):
+        text = f"an array of shape {tuple(value.shape)}"
+    else:
+        kind = type(value).__name__
+        text = f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+    return text if len(text) <= SHORT else f"{text[: SHORT - 1]}…"
+
 
 class OctoError(Exception):
     """Anything octo refuses to do. Catch this to catch every refusal."""
 
 
 class UsageError(OctoError):
-    """A command line that octo does not understand."""
+    """A command line or a call that octo does not understand."""
 
 
 class ModelError(OctoError):
@@ -38,7 +56,7 @@ class UnknownNameError(OctoError):
         begun = [valid_name for valid_name in names if str(name) and valid_name.startswith(str(name))]
         near = begun or difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
-        super().__init__(f"{kind} {name!r} is not known; {hint}")
+        super().__init__(f"{kind} {said(name)} is not known; {hint}")
 
 
 class ShapeError(OctoError):
@@ -76,4 +94,4 @@ class MissingExtraError(OctoError):
     """An optional dependency is needed for what was asked."""
 
     def __init__(self, what: str, extra: str):
-        super().__init__(f"{what} needs the extra '{extra}': pip install -e '.[{extra}]' in octo's folder")
+        super().__init__(f"{what} needs the extra '{extra}': pip install 'octo-trajopt[{extra}]'")

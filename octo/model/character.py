@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import ModelError, UnknownNameError
+from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
 
@@ -80,8 +81,8 @@ class ContactSphere:
     touches_terrain: bool = True
 
 
-@dataclass(frozen=True, eq=False)
-class Character:
+@dataclass(frozen=True, eq=False, repr=False)
+class Character(Shown):
     """A robot or a character: bodies in tree order (parents first), contact spheres, self-collision pairs.
 
     Attributes
@@ -142,6 +143,17 @@ class Character:
             for joint in body.joints:
                 if carried[b] <= 0.0 and joint.armature <= 0.0:
                     raise ModelError(f"joint {joint.name!r} moves no mass: the bodies from {body.name!r} on are massless")
+
+    def __repr__(self) -> str:
+        size = f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies, {self.mass:.4g} kg"
+        lines = [
+            f"{self.name}, {self.base} base: {size}",
+            listed("joints", [joint.name for joint in self.joints]),
+            listed("contacts", [contact.name for contact in self.contacts]),
+            listed("poses", list(self.poses)),
+        ]
+        dropped = [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"] if self.dropped else []
+        return "\n".join(lines + dropped)
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

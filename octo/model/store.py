@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from octo.errors import RobotFileError
 from octo.model.character import Body, Character, ContactSphere, Joint
 
 
@@ -47,3 +50,19 @@ def from_plain(plain: dict[str, Any]) -> Character:
     if rest.get("poses") is not None:
         rest["poses"] = {name: np.asarray(pose, dtype=float) for name, pose in rest["poses"].items()}
     return Character(bodies=tuple(bodies), contacts=contacts, pairs=pairs, **rest)
+
+
+def file_of(path: str | os.PathLike[str], name: str) -> Path:
+    """The file itself, or the one of that name where ``path`` is a folder.
+
+    Raises
+    ------
+    RobotFileError: a folder has no such file; says what octo's files in it are.
+    """
+    given = Path(path)
+    if not given.is_dir():
+        return given
+    if not (given / name).is_file():
+        others = sorted(entry.name for entry in given.glob("*.npz"))
+        raise RobotFileError(f"folder {given} holds no {name}; of this kind it has {', '.join(others[:5]) or 'nothing'}")
+    return given / name

@@ -1,0 +1,41 @@
+"""What octo wrote, by its path: a solution or a log, the file or the folder of a command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from octo.errors import ProblemError, said
+from octo.mpc.log import Log
+from octo.solver.solution import Solution
+
+Motion = Solution | Log | str | os.PathLike[str]
+
+
+def opened(path: str | os.PathLike[str]) -> Solution | Log:
+    """The solution or the log that a file or a folder holds; of a folder with both the solution.
+
+    Raises
+    ------
+    RobotFileError: there is neither.
+    """
+    given = Path(path)
+    log = given / Log.FILE if given.is_dir() else given
+    if log.name == Log.FILE and log.is_file() and not (given / Solution.FILE).is_file():
+        return Log.load(log)
+    return Solution.load(given)
+
+
+def motion_of(given: Motion) -> Solution:
+    """A Solution as it is, a Log's motion, or either by its path.
+
+    Raises
+    ------
+    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
+    """
+    found = opened(given) if isinstance(given, (str, os.PathLike)) else given
+    if isinstance(found, Log):
+        return found.solution()
+    if not isinstance(found, Solution):
+        raise ProblemError(f"solution is {said(found)}, must be a Solution, a Log, or the path of a file or folder of octo's")
+    return found
