@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 SHORT = 60  # characters of a value that a message quotes
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
@@ -15,11 +16,12 @@ PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
 def said(value: object) -> str:
     """A value in a message, in one short line: plain ones as they are written, of others the kind."""
-    listed = isinstance(value, (list, tuple)) and all(isinstance(entry, PLAIN) for entry in value[:SHORT])
+    shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
+    listed = isinstance(shown, (list, tuple)) and all(isinstance(entry, PLAIN) for entry in shown)
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
     elif listed or isinstance(value, PLAIN) or getattr(value, "shape", None) == ():
-        text = repr(value[:SHORT] if listed else value)
+        text = repr(shown)
     elif hasattr(value, "shape") and hasattr(value, "dtype"):
         text = f"an array of shape {tuple(value.shape)}"
     else:

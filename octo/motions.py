@@ -194,7 +194,7 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural()}
+        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural(length=1.0)}
         pose: Any = "balanced" if self.pose is None else self.pose
         problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None

@@ -155,6 +155,15 @@ class Character(Shown):
         dropped = [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"] if self.dropped else []
         return "\n".join(lines + dropped)
 
+    def summary(self) -> str:
+        """A table to read: sizes, height and inertia; range, limits and poses of each joint; mass and inertia of each body.
+
+        :func:`octo.describe` has the same as numbers.
+        """
+        from octo.model.describe import summary  # which needs this module
+
+        return summary(self)
+
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """The degrees of freedom in the order of x."""

@@ -22,7 +22,7 @@ from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
 from octo.problem.basis import Basis, Folded, Hermite, basis_named
-from octo.problem.costs import Cost, PoseTarget
+from octo.problem.costs import Cost, PoseTarget, SizedCost
 from octo.problem.cycle import Closure, Cycle, closure_of
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
@@ -107,6 +107,7 @@ class Problem(Shown):
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
+        self._size_costs()
         if self.anchor is not None and ANCHOR not in [term.label for term in self.costs]:
             object.__setattr__(self, "costs", (*self.costs, self.anchor))
 
@@ -154,6 +155,15 @@ class Problem(Shown):
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
+
+    def _size_costs(self) -> None:
+        """Put the terms of this robot in the place of those that waited for its length."""
+        if not any(isinstance(term, SizedCost) for term in self.costs):
+            return
+        rest = self.cycle is None and not self.start_velocity.any()
+        times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
+        sized = [term.sized(self.length, times) if isinstance(term, SizedCost) else term for term in self.costs]
+        object.__setattr__(self, "costs", sized)
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)

@@ -31,7 +31,16 @@ CELLS = {
 }
 
 
-COMPLETED = {"octo.solve(problem, max_it": "max_iterations=", "octo.walk(robot, perio": "period=", "octo.Problem(robot, ste": "steps="}
+COMPLETED = {
+    "octo.solve(problem, max_it": "max_iterations=",
+    "octo.walk(robot, perio": "period=",
+    "octo.Problem(robot, ste": "steps=",
+}
+
+
+async def completed(client: Any, text: str) -> list[str]:
+    reply = await client.kc.complete(text, reply=True, timeout=60)
+    return list(reply["content"]["matches"])
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +53,7 @@ def outputs() -> Iterator[dict[str, Any]]:
         with client.setup_kernel():
             for k, cell in enumerate(book.cells):
                 client.execute_cell(cell, k)
-            found = {text: run_sync(client.kc.complete)(text, reply=True, timeout=60)["content"]["matches"] for text in COMPLETED}
+            found = {text: run_sync(completed)(client, text) for text in COMPLETED}
     yield {**{name: cell.outputs for name, cell in zip(CELLS, book.cells, strict=True)}, **found}
 
 
