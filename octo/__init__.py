@@ -17,6 +17,7 @@ _HOME = {
     "Character": "octo.model.character",
     "load": "octo.model.load",
     "describe": "octo.model.describe",
+    "devices": "octo.devices",
     "export_mjcf": "octo.model.export_mjcf",
     "mirror_of": "octo.model.mirror",
     "Plane": "octo.model.terrain",
@@ -78,6 +79,7 @@ _MODULES = {
     "costs": "octo.costs",
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
+    "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "mpc": "octo.mpc",
     "plant": "octo.plant",
@@ -122,12 +124,14 @@ if TYPE_CHECKING:
     from octo.costs import SwingClearance as SwingClearance
     from octo.costs import TorqueLimit as TorqueLimit
     from octo.costs import Upright as Upright
+    from octo.devices import devices as devices
     from octo.dynamics import laws as laws
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump
     from octo.model import gallery as gallery
+    from octo.model import kinematics as kinematics
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
     from octo.model.export_mjcf import export_mjcf as export_mjcf

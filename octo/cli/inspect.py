@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from octo.cli.solve import finite
+from octo.devices import devices
 from octo.errors import UsageError
 from octo.model.character import Character
 from octo.model.describe import describe
@@ -60,23 +60,6 @@ def robots(arguments: argparse.Namespace) -> int:
 def line_of(character: Character) -> str:
     bodies = sum(1 for body in character.bodies if body.mass > 0.0)
     return f"{character.nx} degrees of freedom, {character.nu} actuated, {bodies} bodies, {character.mass:.1f} kg"
-
-
-def devices() -> dict[str, Any]:
-    """The devices by name, and what each is or why it cannot be used."""
-    from octo import native
-    from octo.gpu import cuda, nvrtc
-
-    words = native.compiler()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    known = {"cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"}
-    reason = cuda.reason()
-    if reason is None:
-        gpu = cuda.device()
-        known["cuda"] = f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC {nvrtc.version()}"
-    else:
-        known["cuda"] = f"cannot be used: {reason}"
-    return known
 
 
 def show(values: dict[str, Any], as_json: bool) -> None:

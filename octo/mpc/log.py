@@ -207,6 +207,7 @@ class Log(Shown):
         return {
             "latency": self.latency(),
             "prepare_p50": float(np.median(self._of_calls("prepare"))),
+            "device": "cpu",
             "rate": 1.0 / self.tick,
             "missed_deadlines": max(self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())),
             "tracking_error": {"velocity": float(np.hypot(*(mean - wanted)[:2])), "yaw_rate": float(abs(mean[2] - wanted[2]))},
@@ -241,7 +242,7 @@ class Log(Shown):
             f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
         )
         return (
-            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {falls}; {statuses}\n"
+            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz on cpu: {falls}; {statuses}\n"
             f"{walked if self.robot.base == 'floating' else ''}"
             f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); {r['missed_deadlines']} missed "
             f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
