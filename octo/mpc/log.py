@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +32,7 @@ NO_COMMAND = "no new command"  # a tick's status, in real time, where none came 
 NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
+WORLD = {"weight", "length", "normal", "height"}
 ROWS = (
     "t", "q", "v", "x", "plan_x", "u", "force", "point", "seconds", "prepare", "energy", "violation", "excess", "done", "wanted",
 )  # fmt: skip
@@ -298,13 +298,16 @@ class Log(Shown):
                 columns = {name: file[name] for name in ROWS}
                 plain, statuses = json.loads(str(file["log"])), [str(word) for word in file["statuses"]]
             robot, world = store.from_plain(plain.pop("robot")), plain.pop("world")
-            return Log(
-                robot, plain.pop("tick"), None, columns, len(columns["t"]), statuses, saved_world=world, **plain
-            )
+            k = len(columns["t"])
+            fits = all(len(values) == k for values in (*columns.values(), statuses)) and columns["x"].shape == (k, robot.nx)
+            if not fits or set(world) != WORLD:
+                raise ValueError("its columns are of different lengths, or some of it is missing")
+            return Log(robot, float(plain.pop("tick")), None, columns, k, statuses, saved_world=world, **plain)
         except FileNotFoundError as error:
             raise RobotFileError(f"log file {path} does not exist") from error
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise RobotFileError(f"{path} is not a log that octo saved (.npz): {error}") from error
+        except Exception as error:  # what a damaged file makes NumPy, zipfile and json raise is no short list
+            reason = " ".join(str(error).split())
+            raise RobotFileError(f"{path} is not a log that octo saved (.npz): {reason}") from error
 
 
 def memory_in_use() -> int:
