@@ -245,7 +245,7 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     The terms of E are means over time, but they do not mean the same for every period: feet that share the load stand
     longer the longer the stride is, so that E of the natural terms only falls (mammal at 0.5 m/s: .25, .17, .14 at 0.3, 0.5,
     0.8 s; biped .24, .15, .13 at 0.5, 1.0, 1.5 s). Work over weight and way has its least in between (.54, .37, .53; 1.1,
-    .72, .81), near the strides of animals of that size (docs/cycles.md).
+    .72, .81), near the strides of animals of that size (docs/notes/cycles.md).
     """
     failed, passes, infeasible, flawed, last = _rank(member)
     cycle = problem.cycle

@@ -114,8 +114,8 @@ def robot(
 ) -> list[Cost]:
     """Terms for a plan that a plant should follow: the base held level, and feet that share the load, hold and swing softly.
 
-    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What they were
-    tuned on, and what each is good for, is in docs/replay.md.
+    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What each is
+    good for is in docs/replay.md, what they were tuned on in docs/notes/replay.md.
 
     Parameters
     ----------
