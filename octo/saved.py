@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from octo.errors import ProblemError, said
 from octo.mpc.log import Log
-from octo.solver.solution import Solution
+from octo.solver.solution import Solution, solution_of
 
 Motion = Solution | Log | str | os.PathLike[str]
 
@@ -34,8 +33,4 @@ def motion_of(given: Motion) -> Solution:
     RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
     """
     found = opened(given) if isinstance(given, (str, os.PathLike)) else given
-    if isinstance(found, Log):
-        return found.solution()
-    if not isinstance(found, Solution):
-        raise ProblemError(f"solution is {said(found)}, must be a Solution, a Log, or the path of a file or folder of octo's")
-    return found
+    return found.solution() if isinstance(found, Log) else solution_of(found)

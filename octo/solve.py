@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -31,7 +32,7 @@ from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.gait import flaws
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.solution import HISTORY, Solution, Status, solution_of
 from octo.solver.sqp import Iterate, Monitor
 
 NOISE = 0.02  # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
@@ -40,12 +41,13 @@ SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one th
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 DEVICES = ("auto", "cpu", "cuda")
 LOG = logging.getLogger("octo")
-Start = Solution | Array | Sequence[Solution | Array | None] | None
+Guess = Solution | Array | str | os.PathLike[str] | None
+Start = Guess | Sequence[Guess]
 
 
 @overload
 def solve(
-    problem: Problem, *, start: Solution | Array | None = None, passes: int | None = None, seeds: int = 1, seed: int = 0,
+    problem: Problem, *, start: Guess = None, passes: int | None = None, seeds: int = 1, seed: int = 0,
     options: SqpOptions | None = None, max_iterations: int | None = None, time_limit: float | None = None,
     tolerance: float | None = None, device: str = "auto", threads: int = 1, progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
@@ -79,9 +81,9 @@ def solve(
     Parameters
     ----------
     problem: one problem, or several of one structure (same robot, terms, basis, steps) that are solved as one batch.
-    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise; of several
-        problems one for all, or a list of one for each. With another number of steps than the problem's it is resampled:
-        the whole of it over the whole of the problem.
+    start: a Solution (or the path of its file or folder), or nodes x_0 … x_N (N+1, nx), to start from instead of the static
+        pose with noise; of several problems one for all, or a list of one for each. With another number of steps than the
+        problem's it is resampled: the whole of it over the whole of the problem.
     passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The converged one of least E is returned. Of a
         cycle with a range of periods each period has its own starts, all in one batch; of the best of each period the
@@ -464,10 +466,15 @@ def _first_multipliers(starts: Sequence[Solution | Array | None], compiled: Comp
 def _each(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:
     """The start of each member: a list has one for each problem."""
     if not isinstance(start, (list, tuple)):
-        return [start] * (len(problems) * seeds)
+        return [_opened(start)] * (len(problems) * seeds)
     if len(start) != len(problems):
         raise ShapeError("start", (len(start),), f"({len(problems)},): one for each problem")
-    return [one for one in start for _ in range(seeds)]
+    return [one for one in map(_opened, start) for _ in range(seeds)]
+
+
+def _opened(start: Any) -> Any:
+    """What the user gave, or the solution at a path."""
+    return solution_of(start) if isinstance(start, (str, os.PathLike)) else start
 
 
 def _say_kept(solution: Solution) -> None:

@@ -38,7 +38,7 @@ def info(arguments: argparse.Namespace) -> int:
         raise UsageError("octo info needs a FILE or --devices, and not both")
     if arguments.devices:
         show(devices(), arguments.json)
-    elif arguments.file.endswith(".npz") or Path(arguments.file).is_dir():
+    elif arguments.file.endswith(".npz") or (Path(arguments.file).is_dir() and arguments.file not in CHARACTERS):
         found = opened(arguments.file)
         print(json.dumps(finite(found.report()), ensure_ascii=False) if arguments.json else found)
     else:

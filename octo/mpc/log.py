@@ -231,8 +231,9 @@ class Log(Shown):
         return str(self)
 
     def __str__(self) -> str:
-        if self.count == 0:
-            return f"{self.robot.name}: nothing recorded yet, room for {len(self.columns['t'])} ticks of {self.tick:g} s"
+        room = len(self.columns["t"])
+        if self.count < max(room, 1):
+            return f"{self.robot.name}: {self.count} of {room} ticks of {self.tick:g} s recorded so far"
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from octo.checks import whole
-from octo.errors import UnknownNameError, ValueRangeError
+from octo.errors import UnknownNameError, ValueRangeError, said
 
 CHOICES = {
     "hessian": ("exact", "gauss_newton"),
@@ -58,7 +58,7 @@ class SqpOptions:
         for name in ("tolerance", "step_tolerance", "dual_tolerance", "cap", "first_sigma", "c_max", "time_limit"):
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)) or not value > 0.0:
-                raise ValueRangeError(f"{name} is {value!r}, must be positive")
+                raise ValueRangeError(f"{name} is {said(value)}, must be positive")
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
 

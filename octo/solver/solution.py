@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, RobotFileError
+from octo.errors import OutputError, ProblemError, RobotFileError, said
 from octo.model import store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
@@ -420,6 +420,19 @@ class Solution(Shown):
             raise RobotFileError(f"solution file {path} does not exist") from error
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
             raise RobotFileError(f"{path} is not a solution that octo saved (.npz): {error}") from error
+
+
+def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
+    """A Solution as it is, or the one that a file or a folder of octo's holds.
+
+    Raises
+    ------
+    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
+    """
+    found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
+    if not isinstance(found, Solution):
+        raise ProblemError(f"solution is {said(found)}, must be a Solution, or the path of a file or folder of octo's")
+    return found
 
 
 _ARRAYS = (

@@ -157,6 +157,26 @@ def test_pictures_take_paths_and_logs(folders: Path, log: Log) -> None:
     assert octo.filmstrip(log, moments=2).axes  # type: ignore[arg-type]
 
 
+def test_a_start_in_python_may_be_a_path(folders: Path, solution: octo.Solution) -> None:
+    problem = octo.Problem(octo.gallery.chain(), steps=6, dt=0.02, costs=[octo.Effort()])
+    options: dict[str, Any] = {"passes": 1, "max_iterations": 2}
+    found = octo.solve(problem, start=folders / "plan", **options)
+    assert np.array_equal(found.x, octo.solve(problem, start=solution, **options).x)
+    both = octo.solve([problem, problem], start=[str(folders / "plan" / "solution.npz"), None], **options)
+    assert np.array_equal(both[0].x[:2], found.x[:2]) and not np.array_equal(both[1].x, found.x)
+    with pytest.raises(RobotFileError, match="does not exist"):
+        octo.solve(problem, start="nowhere.npz")
+
+
+def test_a_gallery_name_is_a_robot_also_beside_a_folder_of_that_name(
+    folders: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folders / "plan").rename(folders / "biped")
+    monkeypatch.chdir(folders)
+    assert main(["info", "biped"]) == 0 and capsys.readouterr().out.startswith("name      biped")
+    assert main(["info", "./biped"]) == 0 and capsys.readouterr().out.startswith("chain, 6 steps")
+
+
 def test_a_start_may_be_a_folder(folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["solve", "chain", "--costs", "paper", "--seconds", "0.12", "--dt", "0.02", "--passes", "1", "--max-iterations", "2"]
     assert main([*words, "--start", str(folders / "plan"), "--out", str(folders / "out")]) == 1
@@ -254,7 +274,7 @@ def test_a_start_of_a_straight_line_stays_one() -> None:
 
 
 @pytest.mark.parametrize(
-    "start", [np.zeros((7, 13)), np.zeros((1, 14)), np.zeros(14), np.full((7, 14), np.nan), "demo"], ids=str
+    "start", [np.zeros((7, 13)), np.zeros((1, 14)), np.zeros(14), np.full((7, 14), np.nan), [["a"]]], ids=str
 )
 def test_a_start_of_something_else_is_refused(start: Any) -> None:
     problem = octo.Problem(octo.gallery.chain(), steps=6, dt=0.02, costs=[octo.Effort()])
