@@ -15,7 +15,7 @@ from octo.picture import filmstrip
 from octo.problem.problem import Problem
 from octo.solver.solution import HISTORY, Solution, Status
 
-DPI = 60
+DPI, TALLEST = 60, 240  # of a picture: dots an inch, and dots
 Row = tuple[str, str]
 Known = Character | Problem | Solution | Log
 
@@ -84,7 +84,7 @@ def _picture(value: Known) -> str:
     if figure is None:
         return ""
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI)
+    figure.savefig(drawn, format="png", dpi=min(DPI, TALLEST / figure.get_figheight()))
     data = base64.b64encode(drawn.getvalue()).decode()
     return f"<img alt='a picture of it' style='max-width:100%' src='data:image/png;base64,{data}'>"
 
