@@ -6,6 +6,7 @@ Everything a user needs is a name of this module; each is imported when it is fi
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 import types
@@ -162,7 +163,8 @@ def __getattr__(name: str) -> Any:
     elif name in _HOME:
         value = getattr(importlib.import_module(_HOME[name]), name)
     else:
-        raise AttributeError(f"module 'octo' has no attribute {name!r}")
+        near = " or ".join(difflib.get_close_matches(name, __all__, n=2))
+        raise AttributeError(f"module 'octo' has no attribute {name!r}" + (f"; did you mean {near}?" if near else ""))
     globals()[name] = value
     return value
 

@@ -55,8 +55,9 @@ class UnknownNameError(OctoError):
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]):
         names = sorted(str(v) for v in valid)
-        begun = [valid_name for valid_name in names if str(name) and valid_name.startswith(str(name))]
-        near = begun or difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
+        word = name if isinstance(name, str) else said(name)
+        begun = [valid_name for valid_name in names if word and valid_name.startswith(word)]
+        near = begun or difflib.get_close_matches(word[:SHORT], names, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
         super().__init__(f"{kind} {said(name)} is not known; {hint}")
 

@@ -19,8 +19,8 @@ def opened(path: str | os.PathLike[str]) -> Solution | Log:
     RobotFileError: there is neither.
     """
     given = Path(path)
-    log = given / Log.FILE if given.is_dir() else given
-    if log.name == Log.FILE and log.is_file() and not (given / Solution.FILE).is_file():
+    log = given / Log.FILE if os.path.isdir(given) else given
+    if log.name == Log.FILE and os.path.isfile(log) and not os.path.isfile(given / Solution.FILE):
         return Log.load(log)
     return Solution.load(given)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
+import os
 from typing import Any
 
 from octo.cli.solve import finite
@@ -38,7 +38,7 @@ def info(arguments: argparse.Namespace) -> int:
         raise UsageError("octo info needs a FILE or --devices, and not both")
     if arguments.devices:
         show(devices(), arguments.json)
-    elif arguments.file.endswith(".npz") or (Path(arguments.file).is_dir() and arguments.file not in CHARACTERS):
+    elif arguments.file.endswith(".npz") or (os.path.isdir(arguments.file) and arguments.file not in CHARACTERS):
         found = opened(arguments.file)
         print(json.dumps(finite(found.report()), ensure_ascii=False) if arguments.json else found)
     else:

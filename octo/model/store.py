@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.errors import RobotFileError
+from octo.errors import RobotFileError, said
 from octo.model.character import Body, Character, ContactSphere, Joint
 
 
@@ -57,12 +57,15 @@ def file_of(path: str | os.PathLike[str], name: str) -> Path:
 
     Raises
     ------
-    RobotFileError: a folder has no such file; says what octo's files in it are.
+    RobotFileError: a folder has no such file; says what octo's files in it are. Or it is no path at all.
     """
-    given = Path(path)
-    if not given.is_dir():
+    try:
+        given = Path(path)
+    except TypeError:
+        raise RobotFileError(f"path is {said(path)}, must be that of a file or a folder") from None
+    if not os.path.isdir(given):  # which, unlike Path.is_dir, is false also of names that are too long
         return given
-    if not (given / name).is_file():
+    if not os.path.isfile(given / name):
         others = sorted(entry.name for entry in given.glob("*.npz"))
         raise RobotFileError(f"folder {given} holds no {name}; of this kind it has {', '.join(others[:5]) or 'nothing'}")
     return given / name

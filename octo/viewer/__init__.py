@@ -9,7 +9,7 @@ import io
 import os
 import socket
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ import numpy as np
 
 from octo.errors import MissingExtraError, OutputError, ShapeError
 from octo.model.figure import size
-from octo.mpc.log import Log
 from octo.saved import Motion, motion_of
 from octo.solver.solution import Solution
 from octo.viewer.page import wrap
@@ -96,9 +95,8 @@ def view(
         import viser
     except ImportError:
         raise MissingExtraError("a moving picture", "view") from None
-    one = isinstance(solution, (Solution, Log, str, os.PathLike))
-    given: Sequence[Any] = [solution] if one else list(solution)  # type: ignore[arg-type]
-    solutions = [motion_of(each) for each in given]
+    given: Any = solution if isinstance(solution, Iterable) and not isinstance(solution, str) else [solution]
+    solutions = [motion_of(one) for one in given]
     if not solutions:
         raise ShapeError("solution", (0,), "one Solution or more")
     names = _labels(solutions) if labels is None else list(labels)

@@ -54,6 +54,8 @@ WRONG: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "a robot as speed": (lambda: any_call("walk")(MAMMAL, MAMMAL), ("speed is a Character",)),
     "a problem as cycle": (lambda: described(cycle=described()), ("cycle is a Problem",)),
     "a robot as device": (lambda: any_call("solve")(described(), device=MAMMAL), ("device a Character",)),
+    "a long number as device": (lambda: any_call("solve")(described(), device=10**5000), ("16610 bits",)),
+    "a long word as device": (lambda: any_call("solve")(described(), device="cpu" * 10**6), ("device 'cpu",)),
     "a robot as law": (lambda: described(law=MAMMAL), ("law is a Character",)),
     "robots as a batch": (lambda: any_call("solve")([CHAIN, CHAIN]), ("octo.solve", "a list of them")),
 }

@@ -189,6 +189,9 @@ REFUSED = {
     "an empty folder": (lambda f: octo.Solution.load(f / "none"), "holds no solution.npz", "nothing"),
     "a file of a plan as a log": (lambda f: Log.load(f / "plan" / "solution.npz"), "is not a log",),
     "no file": (lambda f: Log.load(f / "nowhere.npz"), "does not exist"),
+    "a robot": (lambda f: Log.load(octo.gallery.chain()), "path is a Character"),  # type: ignore[arg-type]
+    "a long name": (lambda f: octo.Solution.load("x" * 5000), "is not a solution"),
+    "nothing": (lambda f: octo.Solution.load(None), "path is None"),  # type: ignore[arg-type]
     "text": (lambda f: Log.load(f / "text.npz"), "is not a log"),
 }  # fmt: skip
 
@@ -202,6 +205,17 @@ def test_what_is_not_there_is_said(folders: Path, name: str) -> None:
         call(folders)  # type: ignore[operator]
     for fragment in fragments:
         assert str(fragment) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["plot", "view", "filmstrip", "replay"])
+def test_pictures_of_something_else_are_refused(name: str) -> None:
+    with pytest.raises(OctoError, match="solution is a Character, must be a Solution"):
+        getattr(octo, name)(octo.gallery.chain())
+
+
+def test_info_of_a_long_name_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "x" * 5000 + ".npz"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_a_cut_log_is_one_line(folders: Path) -> None:
