@@ -17,7 +17,8 @@ PLAIN = (type(None), bool, int, float, complex, str, bytes)
 def said(value: object) -> str:
     """A value in a message, in one short line: plain ones as they are written, of others the kind."""
     shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
-    listed = isinstance(shown, (list, tuple)) and all(isinstance(entry, PLAIN) for entry in shown)
+    held = shown if isinstance(shown, (list, tuple)) else [*shown, *shown.values()] if isinstance(shown, dict) else [object()]
+    listed = all(isinstance(entry, PLAIN) for entry in held)
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
     elif listed or isinstance(value, PLAIN) or getattr(value, "shape", None) == ():
