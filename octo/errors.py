@@ -21,8 +21,11 @@ def said(value: object) -> str:
     listed = all(isinstance(entry, PLAIN) for entry in held)
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
-    elif listed or isinstance(value, PLAIN) or getattr(value, "shape", None) == ():
-        text = repr(shown)
+    elif listed or isinstance(value, PLAIN) or (getattr(value, "shape", None) == () and getattr(value, "dtype", None) != object):
+        try:
+            text = repr(shown)
+        except ValueError:  # Python does not write numbers of more than 4300 digits
+            text = f"a {type(value).__name__} with a number of more digits than can be written"
     elif hasattr(value, "shape") and hasattr(value, "dtype"):
         text = f"an array of shape {tuple(value.shape)}"
     else:

@@ -122,10 +122,11 @@ def test_the_library_says_the_device_in_its_log_only(
     [
         (CHAIN, "a Character"), ([CHAIN], "a list"), (1.5, "1.5"), ("fast", "'fast'"), (None, "None"), ((1, 2), "(1, 2)"),
         (np.zeros((3, 4)), "an array of shape (3, 4)"), (10**5000, "a number of 16610 bits"), ({"a": CHAIN}, "a dict"),
-        ({"a": 1}, "{'a': 1}"),
+        ({"a": 1}, "{'a': 1}"), ([10**5000], "a list with a number of more digits than can be written"),
+        (np.array(CHAIN, dtype=object), "an array of shape ()"),
         (np.float64(2.0), "np.float64(2.0)"), (octo.Effort(), "an Effort"),
     ],
-    ids=range(12),
+    ids=range(14),
 )  # fmt: skip
 def test_how_a_message_quotes_a_value(value: object, words: str) -> None:
     assert said(value) == words
