@@ -18,10 +18,11 @@ def said(value: object) -> str:
     """A value in a message, in one short line: plain ones as they are written, of others the kind."""
     shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
     held = shown if isinstance(shown, (list, tuple)) else [*shown, *shown.values()] if isinstance(shown, dict) else [object()]
+    kind_of_array = getattr(getattr(value, "dtype", None), "kind", "O")
     listed = all(isinstance(entry, PLAIN) for entry in held)
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
-    elif listed or isinstance(value, PLAIN) or (getattr(value, "shape", None) == () and getattr(value, "dtype", None) != object):
+    elif listed or isinstance(value, PLAIN) or (kind_of_array != "O" and getattr(value, "shape", None) == ()):
         try:
             text = repr(shown)
         except ValueError:  # Python does not write numbers of more than 4300 digits
