@@ -11,7 +11,7 @@ from pathlib import Path
 
 from octo.errors import MissingExtraError, OctoError, OutputError
 
-Writer = Callable[[Path], None]
+Writer = Callable[[Path], object]
 PICTURES = (".png", ".html", ".pdf", ".svg")  # that cost no numbers when they fail
 
 
