@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -134,3 +135,27 @@ def whole(field: str, value: Any, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
     return int(value)
+
+
+def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """``value`` as native code reads it: float64 in C order, of ``shape``; itself where it is that already.
+
+    Raises
+    ------
+    ShapeError: another shape, of which native code would read what is not there.
+    """
+    array: Array = np.ascontiguousarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise ShapeError(field, array.shape, shape)
+    return array
+
+
+def owned(value: Any) -> Any:
+    """``value``, or a copy of what its giver could still change: arrays, lists, dicts, and what they hold."""
+    if isinstance(value, Mapping):
+        return {key: owned(entry) for key, entry in value.items()}
+    if isinstance(value, tuple) and type(value) is tuple:
+        return tuple(owned(entry) for entry in value)
+    if isinstance(value, np.ndarray):
+        return np.array(value)
+    return copy.deepcopy(value) if hasattr(value, "__setitem__") else value

@@ -219,7 +219,10 @@ def _solve(
     _prepare(run, compiled, device)
     run.setup_seconds = time.perf_counter() - began
     monitor = Monitor(callback, _Progress(progress if isinstance(progress, str) else "") if progress else None)
-    members = _passes(run, compiled, nodes, plans, monitor, numbers, starts)
+    try:
+        members = _passes(run, compiled, nodes, plans, monitor, numbers, starts)
+    finally:
+        run.backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
 

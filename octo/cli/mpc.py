@@ -19,8 +19,8 @@ from octo.cli.arguments import (
     terrain_of,
     whole,
 )
-from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import write_json
+from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("friction", "noise", "bumps"):
         if getattr(arguments, name) < 0.0:
             raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
-    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-mpc")
+    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
     folder.check(FILES)
     robot = robot_of(arguments)
     goal.check(robot)
@@ -100,8 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
         controller, plant, arguments.seconds, rate=arguments.rate, realtime=arguments.realtime, noise=arguments.noise,
         delay=arguments.delay, push=push, seed=arguments.seed,
     )  # fmt: skip
-    report = {**log.report(), "robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
-    _write(folder, log, report)
+    known = {"robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
+    _write(folder, log, known)
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
@@ -166,14 +166,16 @@ def _push(word: str | None) -> Any:
     return Push(force, seconds, degrees)
 
 
-def _write(folder: OutputFolder, log: Any, report: dict[str, Any]) -> None:
-    from octo.cli.mpc_plot import plot_log
-    from octo.viewer import view
+def _write(folder: OutputFolder, log: Any, known: dict[str, Any]) -> None:
+    def write_plot(path: Path) -> None:
+        from octo.cli.mpc_plot import plot_log  # here: what draws is loaded when the numbers are written
+
+        plot_log(log, path)
 
     writers: dict[str, Writer] = {
         "log.npz": log.save,
-        "report.json": lambda path: write_json(path, report),
-        "plot.png": lambda path: plot_log(log, path),
-        "motion.html": lambda path: view(log.solution(), path),
+        "report.json": lambda path: write_json(path, {**log.report(), **known}),
+        "plot.png": write_plot,
+        "motion.html": lambda path: write_page(log.solution(), path),
     }
     say_left_out(folder.write(writers))

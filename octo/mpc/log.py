@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import ending
-from octo.errors import OutputError, RobotFileError
-from octo.model import store
+from octo.checks import ending, numbers
+from octo.errors import ShapeError, ValueRangeError
+from octo.files import replacing
+from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
@@ -33,7 +34,6 @@ NO_COMMAND = "no new command"  # a tick's status, in real time, where none came 
 NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
-WORLD = {"weight", "length", "normal", "height"}
 ROWS = (
     "t", "q", "v", "x", "plan_x", "u", "force", "point", "seconds", "prepare", "energy", "violation", "excess", "done", "wanted",
 )  # fmt: skip
@@ -89,11 +89,7 @@ class Log(Shown):
     @staticmethod
     def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
         """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
-        nx, nu, contacts = robot.nx, robot.nu, len(robot.terrain_contacts)
-        sizes: dict[str, tuple[int, ...]] = {
-            "q": (controller.convention.nq,), "v": (nx,), "x": (nx,), "plan_x": (nx,), "u": (nu,), "force": (contacts, 3),
-            "point": (contacts, 3), "wanted": (3,),
-        }  # fmt: skip
+        sizes = _sizes(robot, controller.convention)
         return Log(robot, tick, controller, {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS})
 
     def record(self, t: float, plant: Plant, command: Command | None, arrived: bool = True) -> None:
@@ -275,22 +271,19 @@ class Log(Shown):
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file: the columns, and the rest as JSON.
+        """Write an .npz file: the columns, and the rest as JSON. Written beside, then renamed.
 
         Raises
         ------
         OutputError: it cannot be written, or its ending is not .npz.
         """
         target = ending("path", path, (".npz",))
-        kept = {name: getattr(self, name) for name in ("tick", "falls", "impulses", "interrupted", "memory_start", "memory_end")}
-        plain = {**kept, "world": self.world, "robot": store.to_plain(self.robot)}
-        words = {"statuses": np.array(self.statuses), "falls": np.array(self.falls), "log": np.array(json.dumps(plain))}
-        try:
-            with target.open("wb") as file:
-                arrays: dict[str, Any] = {**self.columns, **words}
-                np.savez_compressed(file, **arrays)
-        except OSError as error:
-            raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+        kept = {name: getattr(self, name) for name in ("tick", "interrupted", "memory_start", "memory_end", "world")}
+        lists = {name: np.array(getattr(self, name), dtype=float) for name in ("falls", "impulses")}
+        words = np.array(json.dumps({**kept, "robot": store.to_plain(self.robot)}))
+        arrays: dict[str, Any] = {**self.columns, **lists, "statuses": np.array(self.statuses, dtype=str), "log": words}
+        with replacing(target) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Log:
@@ -298,24 +291,45 @@ class Log(Shown):
 
         Raises
         ------
-        RobotFileError: there is none, or octo did not write it.
+        RobotFileError: there is none, or something in it is not as octo writes it; one line that says what.
         """
-        path = store.file_of(path, Log.FILE)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                columns = {name: file[name] for name in ROWS}
-                plain, statuses = json.loads(str(file["log"])), [str(word) for word in file["statuses"]]
-            robot, world = store.from_plain(plain.pop("robot")), plain.pop("world")
-            k = len(columns["t"])
-            fits = all(len(values) == k for values in (*columns.values(), statuses)) and columns["x"].shape == (k, robot.nx)
-            if not fits or set(world) != WORLD:
-                raise ValueError("its columns are of different lengths, or some of it is missing")
-            return Log(robot, float(plain.pop("tick")), None, columns, k, statuses, saved_world=world, **plain)
-        except FileNotFoundError as error:
-            raise RobotFileError(f"log file {path} does not exist") from error
-        except Exception as error:  # what a damaged file makes NumPy, zipfile and json raise is no short list
-            reason = " ".join(str(error).split())
-            raise RobotFileError(f"{path} is not a log that octo saved (.npz): {reason}") from error
+        with archive.opened(store.file_of(path, Log.FILE), "log", "log") as file:
+            robot = store.from_plain(file.plain["robot"])
+            k, sizes = len(file.array("t", (None,))), _sizes(robot, Convention(robot))
+            columns = {name: file.array(name, (k, *sizes.get(name, ())), finite=False) for name in ROWS}
+            falls, impulses = (file.array(name, (None,)).tolist() for name in ("falls", "impulses"))
+            begin, end = file.whole("memory_start"), file.whole("memory_end")
+            return Log(
+                robot, file.number("tick", positive=True), None, columns, k, _statuses(file, k), falls, impulses,
+                file.flag("interrupted"), begin, end, saved_world=_world(file.plain["world"]),
+            )  # fmt: skip
+
+
+def _sizes(robot: Character, convention: Convention) -> dict[str, tuple[int, ...]]:
+    """Of a row of each column that is no single number."""
+    nx, contacts = robot.nx, len(robot.terrain_contacts)
+    return {
+        "q": (convention.nq,), "v": (nx,), "x": (nx,), "plan_x": (nx,), "u": (robot.nu,), "force": (contacts, 3),
+        "point": (contacts, 3), "wanted": (3,),
+    }  # fmt: skip
+
+
+def _statuses(file: archive.Archive, count: int) -> list[str]:
+    found = file.arrays["statuses"]
+    if found.dtype.kind != "U":
+        raise ValueRangeError(f"statuses holds {found.dtype.name} values, must be words")
+    if found.shape != (count,):
+        raise ShapeError("statuses", found.shape, (count,))
+    return [archive.printable(str(word)) for word in found]
+
+
+def _world(plain: Any) -> dict[str, Any]:
+    """As of :attr:`Log.world`, each number checked."""
+    if not isinstance(plain, dict):
+        raise ValueRangeError(f"world is of type {type(plain).__name__}, must be a record")
+    own = archive.Archive({}, plain)
+    sizes = {name: own.number(name, positive=True) for name in ("weight", "length")}
+    return {**sizes, "normal": numbers("normal", plain.get("normal"), (3,)).tolist(), "height": own.number("height")}
 
 
 def memory_in_use() -> int:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import number
 from octo.errors import DeviceError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.solve import check_device_name
 
 Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
+LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
 
 
@@ -28,11 +30,20 @@ def measured(value: Any, size: int) -> Array:
 
 
 def time_of(t: Any) -> float:
-    """s; NaN where it is no number."""
+    """s; NaN where it is no number, or so far off that a tick later is the same number."""
     try:
-        return float(t)
+        time = float(t)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
+    return time if abs(time) <= LATEST else float("nan")
+
+
+def checked_time(t: Any) -> float:
+    """s. Raises ValueRangeError where a clock cannot go on from there."""
+    time = number("t", t)
+    if abs(time) > LATEST:
+        raise ValueRangeError(f"t is {time:g} s, must be at most {LATEST:g} from zero: a tick later would be the same number")
+    return time
 
 
 def plausible(q: Array, v: Array, convention: Convention) -> bool:

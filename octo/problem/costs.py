@@ -9,14 +9,14 @@ A new term is a subclass of :class:`Cost` with a residual, its references and, i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, positive, shares, vectors
+from octo.checks import number, numbers, owned, positive, shares, vectors
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
 
@@ -37,6 +37,10 @@ class Cost:
     weight: float | Array = 1.0
     steps: Steps = "all"
     name: str = ""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # the caller's arrays, lists and dicts stay the caller's
+            object.__setattr__(self, each.name, owned(getattr(self, each.name)))
 
     @property
     def label(self) -> str:

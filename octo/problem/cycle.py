@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, positive
+from octo.checks import number, owned, positive
 from octo.errors import MirrorError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.mirror import Mirror, mirror_of
@@ -82,6 +82,7 @@ class Cycle:
             raise ProblemError(f"cycle has {both}: one follows from the other, give one")
         if not isinstance(self.mirror, (bool, Mirror, Mapping)):
             raise ProblemError(f"cycle.mirror is {said(self.mirror)}, must be True, False, a mapping of names or an octo.Mirror")
+        object.__setattr__(self, "mirror", owned(self.mirror))
         if self.mirrored and self.turn != 0.0:
             raise ProblemError(f"cycle.turn is {self.turn:g} rad: a turning stride cannot be mirrored, give mirror=False")
         if self.mirrored and self.sideways != 0.0:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, number, numbers, positive, time_step, whole
+from octo.checks import asked, number, numbers, owned, positive, time_step, whole
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
@@ -55,6 +55,8 @@ class Problem(Shown):
         other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs (almost) nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
+    Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what they were made from.
+
     Raises
     ------
     ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the field and what is allowed.
@@ -93,6 +95,8 @@ class Problem(Shown):
         if self.law is not None and not all(hasattr(self.law, name) for name in ("parameters", "reach", "force")):
             raise ProblemError(f"law is {said(self.law)}, must be one of octo.laws, or have parameters, reach and force")
         self._check_costs()
+        object.__setattr__(self, "costs", tuple(self.costs))
+        object.__setattr__(self, "parameters", owned(self.parameters))
         self.basis_object.check(self.steps)
         if isinstance(self.pose, str) and self.pose != "balanced":
             raise UnknownNameError("pose", self.pose, ("balanced",))
@@ -165,13 +169,13 @@ class Problem(Shown):
             return
         rest = self.cycle is None and not self.start_velocity.any()
         times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
-        sized = [term.sized(self.length, times) if isinstance(term, SizedCost) else term for term in self.costs]
-        object.__setattr__(self, "costs", sized)
+        sized = (term.sized(self.length, times) if isinstance(term, SizedCost) else term for term in self.costs)
+        object.__setattr__(self, "costs", tuple(sized))
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)
         if value is not None:
-            object.__setattr__(self, name, numbers(name, value, (self.dynamics.nx,)))
+            object.__setattr__(self, name, owned(numbers(name, value, (self.dynamics.nx,))))
 
     def _check_ground(self, name: str) -> None:
         """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out."""
@@ -332,6 +336,11 @@ class Problem(Shown):
             torque_reference=self.torque_reference,
             character=robot,
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: the fields, and what makes two problems with the same fields differ; no generated code."""
+        kept = {field.name for field in fields(self)} | {"start", "anchor"}
+        return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def replace(self, **changes: Any) -> Problem:
         """A copy with other values. The compiled code is shared wherever the text did not change.

@@ -155,6 +155,13 @@ class _Tracks:
     drift: float = 0.0
     fell: bool = False
 
+    def keep(self) -> None:
+        """Where the plant is now as the next node."""
+        plant = self.controller.plant
+        self.nodes.append(plant.x)
+        self.torques.append(plant.torque)
+        self.forces.append(plant.contacts())
+
     def record(self, number: int) -> Start:
         error = float(np.sqrt(self.squares / max(self.steps, 1)))
         upright = self.steps * self.controller.plan.timestep
@@ -187,9 +194,7 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         plant.step(u)
         tracks.steps += 1
         if tracks.steps % every == 0:
-            tracks.nodes.append(plant.x)
-            tracks.torques.append(plant.torque)
-            tracks.forces.append(plant.contacts())
+            tracks.keep()
         if tracks.steps % often and tracks.steps < plan.steps:
             continue
         tracks.drift = float(np.linalg.norm(plan.q[k + 1, j : j + 2] - plant.base_place[:2]))
@@ -197,6 +202,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         if plant.height < FALLEN_HEIGHT * standing or not up > np.cos(FALLEN_TILT):
             tracks.fell = True
             break
+    if not tracks.torques:  # it fell before the first node: its end is one, or there would be no motion to show
+        tracks.keep()
     return tracks
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import zipfile
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -16,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import ending
-from octo.errors import OutputError, ProblemError, RobotFileError, said
-from octo.model import store
+from octo.errors import ProblemError, UnknownNameError, said
+from octo.files import replacing
+from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
 from octo.shown import Shown
-from octo.solver import export
+from octo.solver import export, saved
 from octo.solver.doubts import largest_step, warnings
 from octo.solver.gait import Gait, measure_cycle, measure_gait, stances
 from octo.solver.stride import ARRAYS as STRIDE
@@ -397,15 +397,8 @@ class Solution(Shown):
         plain["asked"] = [one.plain() for one in self.asked]
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
-        beside = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with beside.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            os.replace(beside, target)
-        except OSError as error:
-            raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
-        finally:
-            beside.unlink(missing_ok=True)
+        with replacing(target) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:
@@ -413,29 +406,19 @@ class Solution(Shown):
 
         Raises
         ------
-        RobotFileError: the file is missing or was not written by octo.
+        RobotFileError: the file is missing, or something in it is not as octo writes it; one line that says what.
         """
-        path = store.file_of(path, Solution.FILE)
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                data = {name: file[name] for name in file.files}
-            plain = json.loads(str(data.pop("plain")))
-            values: dict[str, Any] = {name: data[name] for name in _ARRAYS}
-            for group in ("ground", "history"):
-                values[group] = {k.removeprefix(f"{group}_"): v for k, v in data.items() if k.startswith(f"{group}_")}
-            plain["status"] = Status[plain["status"].upper()]
-            if plain.get("cycle") is not None:
-                plain["cycle"] = Stride(**plain["cycle"], **{name: data[f"cycle_{name}"] for name in STRIDE})
-            if plain["character"] is not None:
-                plain["character"] = store.from_plain(plain["character"])
-            for name in ("contact_names", "passes", "starts"):
-                plain[name] = tuple(plain[name])
-            plain["asked"] = tuple(Asked.from_plain(one) for one in plain.get("asked", ()))
-            return Solution(**values, **plain)
-        except FileNotFoundError as error:
-            raise RobotFileError(f"solution file {path} does not exist") from error
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise RobotFileError(f"{path} is not a solution that octo saved (.npz): {error}") from error
+        with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
+            status = _status(file.word("status"))
+            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
+
+
+def _status(label: str) -> Status:
+    """The status of the name that reports use."""
+    known = {status.label: status for status in Status}
+    if label not in known:
+        raise UnknownNameError("status", label, known)
+    return known[label]
 
 
 def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:

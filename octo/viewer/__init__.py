@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from octo.checks import ending
-from octo.errors import MissingExtraError, OutputError, ShapeError
+from octo.errors import MissingExtraError, ShapeError
+from octo.files import replacing
 from octo.model.figure import size
 from octo.saved import Motion, motion_of
 from octo.solver.solution import Solution
@@ -45,7 +46,8 @@ class Page:
         OutputError: it cannot be written, or its ending is not that of a page.
         """
         self.path = ending("path", path, PAGES)
-        _write(self.path, self.text)
+        with replacing(self.path) as beside:
+            beside.write_text(self.text, encoding="utf-8")
 
     def __repr__(self) -> str:
         where = "not written yet: .save(path)" if self.path is None else str(self.path)
@@ -161,14 +163,3 @@ def _quiet() -> Iterator[None]:
             yield
     finally:
         console.quiet = before
-
-
-def _write(target: Path, text: str) -> None:
-    scratch = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, target)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink()
-        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error

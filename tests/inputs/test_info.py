@@ -226,6 +226,41 @@ def test_a_cut_log_is_one_line(folders: Path) -> None:
             Log.load(folders / "cut.npz")
 
 
+def spoiled(path: Path, **changes: Any) -> Path:
+    """A log with other arrays, or with other entries of its JSON."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    plain = json.loads(str(arrays.pop("log")))
+    arrays.update({name: value for name, value in changes.items() if name in arrays})
+    plain.update({name: value for name, value in changes.items() if name not in arrays})
+    np.savez(path, **arrays, log=np.array(json.dumps(plain)))
+    return path
+
+
+WORLD = {"weight": 50.0, "length": 0.3, "normal": [0.0, 0.0, 1.0], "height": 0.0}
+LOGS: dict[str, tuple[dict[str, Any], str]] = {
+    "fewer rows": ({"u": np.zeros((1, 12))}, "u has shape (1, 12), expected (3, 12)"),
+    "words for numbers": ({"seconds": np.array(["a", "b", "c"])}, "must be numbers"),
+    "a time that is none": ({"t": np.array([0.0, np.nan, 0.02])}, "t is not finite"),
+    "fewer statuses": ({"statuses": np.array(["good"])}, "statuses has shape (1,)"),
+    "numbers for statuses": ({"statuses": np.zeros(3)}, "statuses holds float64 values, must be words"),
+    "a tick of zero": ({"tick": 0.0}, "tick is 0.0, must be a positive"),
+    "interrupted in words": ({"interrupted": "no"}, "interrupted is of type str"),
+    "no weight": ({"world": {**WORLD, "weight": 0.0}}, "weight is 0.0"),
+    "a normal of two": ({"world": {**WORLD, "normal": [0.0, 1.0]}}, "normal has shape (2,)"),
+    "no world": ({"world": None}, "world is of type NoneType"),
+    "another robot": ({"robot": []}, "is missing"),
+}
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_log_that_octo_never_wrote_is_one_line(folders: Path, name: str) -> None:
+    changes, sentence = LOGS[name]
+    with pytest.raises(RobotFileError, match="is not a log that octo saved") as caught:
+        Log.load(spoiled(folders / "loop" / "log.npz", **changes))
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
+
+
 def test_a_moved_folder_is_still_read(folders: Path) -> None:
     shutil.move(folders / "plan", folders / "elsewhere.d")
     assert octo.Solution.load(folders / "elsewhere.d").steps == 6
