@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import sysconfig
@@ -74,6 +75,23 @@ class Suite:
         done = subprocess.run([sys.executable, "-m", "pytest", *self.words.split()], capture_output=True, text=True)
         last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr.strip()[-200:]
         return Row(self.line, self.name, done.returncode == 0, last, time.perf_counter() - began)
+
+
+@dataclass(frozen=True)
+class Sanitized:
+    """Line S9: met when the sanitizers find nothing in octo's native code, in all lane widths, and what is planted."""
+
+    line: str = "S9"
+    name: str = "native code sanitized"
+
+    def run(self, out: Path) -> Row:
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "tests.sanitize", "--quick"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        lines = done.stdout.splitlines()
+        wrong = [line for line in lines if not re.search(r"  (clean|found)\b", line)]
+        found = "; ".join(wrong) or f"{len(lines)} runs clean or found" if lines else done.stderr.strip()[-200:]
+        return Row(self.line, self.name, done.returncode == 0, found, time.perf_counter() - began)
 
 
 SPEED = {  # the largest value of a record of octo bench
@@ -256,7 +274,7 @@ def comparisons() -> list[Compared | Committed]:
     return rows
 
 
-def cases() -> list[Case | Suite | Speed | Compared | Committed | Replayed]:
+def cases() -> list[Case | Suite | Sanitized | Speed | Compared | Committed | Replayed]:
     go2 = DATA / "go2_description/urdf/go2.urdf"
     robots = {
         "ant": GYM / "ant.xml",
@@ -290,6 +308,7 @@ def cases() -> list[Case | Suite | Speed | Compared | Committed | Replayed]:
         *(Case("S6", name, f"{path} --goal walk --speed 0.4 --seconds 4") for name, path in robots.items()),
         Suite("S7", "physics", "tests/dynamics/test_physics.py"),
         Suite("S8", "bad input", "tests/test_bad_input.py tests/test_bad_values.py"),
+        Sanitized(),
         Suite("C1", "one optimum, one E", "tests/reference/test_solvers.py"),
         *comparisons(),
         *(Replayed(walk) for walk in replay.WALKS),

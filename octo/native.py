@@ -1,6 +1,6 @@
 """C text to a loaded shared library, cached by what it was made from; says once when there is no compiler.
 
-``CC`` names the compiler (gcc, cc and clang are tried otherwise), ``OCTO_CACHE`` the cache folder, and
+``CC`` names the compiler (gcc, cc and clang are tried otherwise), ``OCTO_CACHE`` the cache folder (octo.cache), and
 ``OCTO_NO_COMPILER=1`` makes octo behave as on a machine without one.
 """
 
@@ -16,9 +16,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
+from octo import cache
 from octo.errors import DeviceError
+from octo.files import reason
 
 # No -ffast-math: it lets the compiler assume that NaN never happens, and the solver's checks live on NaN. What is
 # here keeps NaN and infinity exact: no errno from sqrt, no floating-point traps.
@@ -29,17 +32,31 @@ FLAGS = (
     "-fno-semantic-interposition", "-fPIC", "-shared", "-w",
 )  # fmt: skip
 LIBRARIES = ("-lm", "-lpthread")
+ASKED = 60.0  # s, in which a compiler must say its version
+
+_opened: dict[str, ctypes.CDLL] = {}  # by key: a library is read and checked once a process
 
 
 @functools.cache
 def compiler() -> tuple[str, ...] | None:
-    """Command words of the C compiler, or None when there is none (said once on stderr)."""
+    """Command words of the C compiler, or None when there is none (said once on stderr).
+
+    Raises
+    ------
+    DeviceError: ``CC`` is no command line.
+    """
     if os.environ.get("OCTO_NO_COMPILER", "0") not in ("", "0"):
         print("octo: OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, slowly", file=sys.stderr)
         return None
-    wanted = shlex.split(os.environ.get("CC", ""))
+    named = os.environ.get("CC", "")
+    try:
+        wanted = shlex.split(named)
+    except ValueError as error:
+        raise DeviceError(f"CC is {named!r}, must be a compiler and its options: {error}") from error
     for words in ([wanted] if wanted else []) + [["gcc"], ["cc"], ["clang"]]:
         path = shutil.which(words[0])
+        if path and wanted and words is not wanted:
+            print(f"octo: CC is {named!r}, which is no program: {words[0]} compiles in its place", file=sys.stderr)
         if path:
             return (path, *words[1:])
     print(
@@ -49,11 +66,33 @@ def compiler() -> tuple[str, ...] | None:
     return None
 
 
+def run_compiler(command: list[str], scratch: Path, seconds: float | None = None) -> str:
+    """Run a compiler, its own temporary files in ``scratch`` too; what it said.
+
+    Raises
+    ------
+    DeviceError: it cannot be run, or fails; one line.
+    """
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", check=False, stdin=subprocess.DEVNULL, timeout=seconds,
+            env={**os.environ, "TMPDIR": str(scratch)},
+        )  # fmt: skip
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
+        said = f"no answer in {seconds:g} s" if isinstance(error, subprocess.TimeoutExpired) else reason(error)
+        raise DeviceError(f"the compiler {command[0]} cannot be run: {said}; name another one with CC") from error
+    if done.returncode != 0:
+        end = f"ended by signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        said = " ".join((done.stderr or done.stdout).split())[:2000]
+        raise DeviceError(f"the compiler {command[0]} could not compile octo's text ({end}): {said or 'it says nothing'}")
+    return done.stdout
+
+
 @functools.cache
 def machine() -> str:
     """What ``-march=native`` and the compiler depend on."""
     words = compiler() or ()
-    version = subprocess.run([*words, "--version"], capture_output=True, text=True, check=False).stdout if words else ""
+    version = run_compiler([*words, "--version"], Path(tempfile.gettempdir()), ASKED) if words else ""
     processor = platform.machine() + platform.processor()
     try:
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
@@ -64,54 +103,54 @@ def machine() -> str:
     return "\n".join((*words, version, processor))
 
 
-def cache_folder() -> Path:
-    """Where compiled libraries are kept: ``$OCTO_CACHE``, else the user's cache folder."""
-    named = os.environ.get("OCTO_CACHE")
-    base = os.environ.get("XDG_CACHE_HOME")
-    return Path(named) if named else (Path(base) if base else Path.home() / ".cache") / "octo"
+def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
+    """The C ``text`` as a loaded library, compiled when it is not in the cache; None when there is no compiler.
 
-
-def usable_cache() -> Path:
-    """The cache folder, made where it is missing; a temporary one where nothing can be written there."""
-    folder = cache_folder()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="octo-"))  # read-only home: compiled once per process
-
-
-def build(text: str, flags: tuple[str, ...] = ()) -> Path | None:
-    """Path of the shared library made from the C ``text``, compiled when it is not in the cache; None: no compiler."""
+    Raises
+    ------
+    DeviceError: the compiler fails, or what it makes cannot be loaded; one line.
+    """
     words = compiler()
     if words is None:
         return None
     options = (*FLAGS, *flags)
     key = hashlib.sha256("\0".join((text, *options, machine())).encode()).hexdigest()[:24]
-    library = cache_folder() / f"{key}.so"
-    if library.exists():
+    found = _opened.get(key)
+    if found is None:
+        found = _opened.setdefault(key, _load(key, partial(_compile, (*words, *options), text, key)))
+    return found
+
+
+def _load(key: str, make: cache.Maker) -> ctypes.CDLL:
+    """Open a library; one that the system does not take is made anew, once in the same folder and once in another."""
+    name = f"{key}.so"
+    path = cache.path_of(name, make)
+    try:
+        return _open(path, key)
+    except DeviceError:
+        cache.discard(path)
+    try:
+        return _open(cache.path_of(name, make), key)
+    except DeviceError as error:
+        cache.discard(path)
+        library = _open(cache.path_in_temporary(name, make), key)
+        cache.give_up(path.parent, str(error))
         return library
-    folder = usable_cache()
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        source, made = Path(scratch) / "octo.c", Path(scratch) / "octo.so"
-        source.write_text(text)
-        command = [*words, *options, "-o", str(made), str(source), *LIBRARIES]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise DeviceError(f"{words[0]} could not compile octo's C text: {done.stderr.strip()[:2000]}")
-        library = folder / library.name
-        os.replace(made, library)  # atomic: another process sees the whole library or none
+
+
+def _compile(words: tuple[str, ...], text: str, key: str, path: Path) -> None:
+    source = path.with_name("octo.c")
+    source.write_text(f"{text}\nconst char octo_text_{key} = 1;\n", encoding="utf-8")
+    run_compiler([*words, "-o", str(path), str(source), *LIBRARIES], path.parent)
+    if not path.is_file():
+        raise DeviceError(f"the compiler {words[0]} made no library: name another one with CC")
+
+
+def _open(path: Path, key: str) -> ctypes.CDLL:
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise DeviceError(f"a compiled library cannot be loaded: {reason(error)}") from error
+    if not hasattr(library, f"octo_text_{key}"):
+        raise DeviceError(f"{path} is not the library of octo's text: what does the compiler do?")
     return library
-
-
-@functools.cache
-def _open(path: Path) -> ctypes.CDLL:
-    return ctypes.CDLL(str(path))
-
-
-def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
-    """The C ``text`` as a loaded library, or None when there is no compiler."""
-    path = build(text, flags)
-    return None if path is None else _open(path)

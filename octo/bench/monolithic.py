@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -16,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo import native
+from octo import cache, native
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 
@@ -99,14 +97,10 @@ def _compiled(text: str) -> Path:
     """The library at -O1, in octo's cache: a humanoid takes minutes."""
     words = native.compiler()
     assert words is not None
-    folder = native.cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    stem = folder / ("monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24])
-    library = stem.with_suffix(".so")
-    if not library.exists():
-        source, made = stem.with_suffix(".c"), stem.with_suffix(f".{os.getpid()}")
-        source.write_text(text)
-        subprocess.run([*words, "-O1", "-fPIC", "-shared", "-o", str(made), str(source), "-lm"], check=True)
-        source.unlink()
-        made.replace(library)
-    return library
+
+    def make(path: Path) -> None:
+        source = path.with_suffix(".c")
+        source.write_text(text, encoding="utf-8")
+        native.run_compiler([*words, "-O1", "-fPIC", "-shared", "-o", str(path), str(source), "-lm"], path.parent)
+
+    return cache.path_of("monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24] + ".so", make)

@@ -195,16 +195,20 @@ def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]
 
 def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]]) -> None:
     """The list, and the plot beside it where matplotlib is."""
-    from octo.cli.convergence import draw
-
     text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
     s = entries[0].solution
     title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
-    writers[f"{path.stem}.png"] = lambda scratch: draw(entries, title, scratch)
+    writers[f"{path.stem}.png"] = lambda scratch: _draw(entries, title, scratch)
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
 
 
+def _draw(entries: Sequence[Any], title: str, path: Path) -> None:
+    from octo.cli.convergence import draw  # here: what draws is loaded when the numbers are written
+
+    draw(entries, title, path)
+
+
 def _text(text: str, path: Path) -> None:
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")

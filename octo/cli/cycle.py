@@ -21,7 +21,7 @@ from octo.cli.arguments import (
     terrain_of,
     whole,
 )
-from octo.cli.output import OutputFolder
+from octo.cli.output import OutputFolder, default_folder
 from octo.cli.solve import FILES, write
 from octo.errors import MirrorError
 from octo.model.character import Character
@@ -72,7 +72,7 @@ def period(word: str) -> Period:
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
-    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-cycle")
+    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "cycle"))
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     prepared = time.perf_counter() - began
     solution = solve(problem, start=start, progress=True, **solver_options(arguments))
     solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
-    report = {**solution.report(), "starts": [dict(record) for record in solution.starts]}
-    write(folder, solution, report, solution.tile(PLOTTED))
+    starts = [dict(record) for record in solution.starts]
+    write(folder, solution, lambda: {**solution.report(), "starts": starts}, lambda cycle: cycle.tile(PLOTTED))
     print(solution)
     print(f"written to {folder.path}")
     if solution.status is Status.INTERRUPTED:

@@ -9,9 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from octo.cli.arguments import add_base_arguments, number, pose_of, positive, robot_of, terrain_of, whole
-from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import write_json
+from octo.cli.arguments import (
+    add_base_arguments,
+    add_device_argument,
+    number,
+    pose_of,
+    positive,
+    robot_of,
+    terrain_of,
+    whole,
+)
+from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -36,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)")
     parser.add_argument("--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)")
     parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
-    parser.add_argument("--device", default="cpu", help="cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
+    add_device_argument(parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
     parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
     parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
     parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")
@@ -64,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("friction", "noise", "bumps"):
         if getattr(arguments, name) < 0.0:
             raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
-    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-mpc")
+    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
     folder.check(FILES)
     robot = robot_of(arguments)
     goal.check(robot)
@@ -91,8 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
         controller, plant, arguments.seconds, rate=arguments.rate, realtime=arguments.realtime, noise=arguments.noise,
         delay=arguments.delay, push=push, seed=arguments.seed,
     )  # fmt: skip
-    report = {**log.report(), "robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
-    _write(folder, log, report)
+    known = {"robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
+    _write(folder, log, known)
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
@@ -157,14 +166,16 @@ def _push(word: str | None) -> Any:
     return Push(force, seconds, degrees)
 
 
-def _write(folder: OutputFolder, log: Any, report: dict[str, Any]) -> None:
-    from octo.cli.mpc_plot import plot_log
-    from octo.viewer import view
+def _write(folder: OutputFolder, log: Any, known: dict[str, Any]) -> None:
+    def write_plot(path: Path) -> None:
+        from octo.cli.mpc_plot import plot_log  # here: what draws is loaded when the numbers are written
+
+        plot_log(log, path)
 
     writers: dict[str, Writer] = {
         "log.npz": log.save,
-        "report.json": lambda path: write_json(path, report),
-        "plot.png": lambda path: plot_log(log, path),
-        "motion.html": lambda path: view(log.solution(), path),
+        "report.json": lambda path: write_json(path, {**log.report(), **known}),
+        "plot.png": write_plot,
+        "motion.html": lambda path: write_page(log.solution(), path),
     }
     say_left_out(folder.write(writers))

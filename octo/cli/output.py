@@ -1,4 +1,4 @@
-"""Files of a command: the folder is checked first, files are written beside, then renamed."""
+"""Files of a command: the folder is checked first, files are written beside, then renamed; numbers before pictures."""
 
 from __future__ import annotations
 
@@ -6,17 +6,25 @@ import contextlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from octo.cli.interrupts import postponed
 from octo.errors import MissingExtraError, OctoError, OutputError
+from octo.files import file_name, place, reason, scratch
 
-Writer = Callable[[Path], None]
+Writer = Callable[[Path], object]
 PICTURES = (".png", ".html", ".pdf", ".svg")  # that cost no numbers when they fail
+RESCUED = "octo-rescued-"  # how the names of folders begin that receive what found no room where it should go
+
+
+def default_folder(robot: str, what: str) -> str:
+    """The folder of a command that was given none: "octo-ROBOT-GOAL", here and nowhere else whatever the robot is called."""
+    return f"octo-{file_name(robot)}-{file_name(what)}"
 
 
 class OutputFolder:
-    """A folder that receives files, all of them or none."""
+    """A folder that receives files: first all numbers or none, then the pictures that can be drawn."""
 
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
@@ -28,25 +36,26 @@ class OutputFolder:
         ------
         OutputError: says why.
         """
-        made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        made: list[Path] = []
         try:
+            made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
             self.path.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=self.path):
+            with scratch(self.path):
                 pass
-        except OSError as error:
-            raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {error.strerror or error}") from error
+            blocked = [name for name in names if (self.path / name).is_dir()]
+        except (OSError, ValueError) as error:
+            raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {reason(error)}") from error
         finally:
             for folder in made:
-                with contextlib.suppress(OSError):
+                with contextlib.suppress(OSError, ValueError):
                     folder.rmdir()
-        for name in names:
-            if (self.path / name).is_dir():
-                raise OutputError(f"out is {str(self.path)!r}, where {name} is a folder and not a file")
+        if blocked:
+            raise OutputError(f"out is {str(self.path)!r}, where {blocked[0]} is a folder and not a file")
 
     def write(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
         """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever reason, is left out.
 
-        An earlier picture of that name goes: beside new numbers it would show other ones.
+        All numbers are in place before anything is drawn, and earlier pictures are gone: they would show other numbers.
 
         Returns
         -------
@@ -54,27 +63,75 @@ class OutputFolder:
 
         Raises
         ------
-        OutputError: another file cannot be written; none is.
+        OutputError: the numbers cannot be written here; says where they are instead. KeyboardInterrupt: while pictures were
+        drawn; says where the numbers are.
         """
-        failed: dict[str, Exception] = {}
+        numbers = {name: writer for name, writer in writers.items() if Path(name).suffix not in PICTURES}
+        pictures = {name: writer for name, writer in writers.items() if name not in numbers}
+        written = False
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=self.path, prefix=".octo-") as scratch:
-                for name, writer in writers.items():
-                    try:
-                        writer(Path(scratch) / name)
-                    except Exception as error:  # a drawing library may raise anything
-                        if Path(name).suffix not in PICTURES:
-                            raise
-                        failed[name] = error
-                for name in writers:
-                    if name not in failed:
-                        os.replace(Path(scratch) / name, self.path / name)
-                    elif len(failed) < len(writers):
-                        (self.path / name).unlink(missing_ok=True)
-        except OSError as error:
-            raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {error.strerror or error}") from error
+            with postponed():
+                try:
+                    self._write(self.path, numbers)
+                except (OSError, OutputError) as error:
+                    raise OutputError(self._rescued(numbers, error)) from error
+                if numbers:
+                    for name in pictures:
+                        with contextlib.suppress(OSError):
+                            (self.path / name).unlink(missing_ok=True)
+                written = bool(numbers)
+            return self._draw(pictures)
+        except KeyboardInterrupt:
+            if not written:
+                raise
+            said = f"{_listed(numbers)} in {self.path}, not all of {_listed(pictures)}" if pictures else f"all is in {self.path}"
+            raise KeyboardInterrupt(said) from None
+
+    @staticmethod
+    def _write(folder: Path, writers: Mapping[str, Writer]) -> None:
+        """All of the files, or none."""
+        folder.mkdir(parents=True, exist_ok=True)
+        with scratch(folder) as beside:
+            for name, writer in writers.items():
+                writer(beside / name)
+            for name in writers:
+                place(beside / name, folder / name)
+
+    def _draw(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
+        failed: dict[str, Exception] = {}
+        for name, writer in writers.items():
+            try:
+                self._write(self.path, {name: writer})
+            except Exception as error:  # a drawing library may raise anything
+                failed[name] = error
         return failed
+
+    def _rescued(self, writers: Mapping[str, Writer], error: Exception) -> str:
+        """The files in another folder, and a sentence that says so."""
+        found = f"out is {str(self.path)!r}, which cannot be written: {reason(error)}"
+        for base in _elsewhere():
+            with contextlib.suppress(OSError, OutputError):
+                folder = Path(tempfile.mkdtemp(prefix=RESCUED, dir=base))
+                try:
+                    self._write(folder, writers)
+                except BaseException:
+                    folder.rmdir()
+                    raise
+                return f"{found}; {_listed(writers)} are in {folder} instead"
+        return found
+
+
+def _elsewhere() -> Iterable[str]:
+    """Where a solution may go whose folder is full: the user's home, a temporary folder."""
+    home = os.path.expanduser("~")
+    if os.path.isabs(home):
+        yield home
+    with contextlib.suppress(OSError):
+        yield tempfile.gettempdir()
+
+
+def _listed(names: Iterable[str]) -> str:
+    return " and ".join(names)
 
 
 def say_left_out(failed: Mapping[str, Exception]) -> None:

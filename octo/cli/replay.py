@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from octo.cli.arguments import positive, whole
-from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import write_json
+from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError
 from octo.replay import Replay, replay
 from octo.replay.run import FEEDBACKS
@@ -36,9 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
     for kind, name, valid in (("plant", arguments.plant, PLANTS), ("feedback", arguments.feedback, FEEDBACKS)):
         if name not in valid:
             raise UnknownNameError(kind, name, valid)
-    path = Path(arguments.solution)
-    plan = Solution.load(path / "solution.npz" if path.is_dir() else path)
-    folder = OutputFolder(arguments.out or f"octo-{plan.name}-replay")
+    plan = Solution.load(arguments.solution)
+    folder = OutputFolder(arguments.out or default_folder(plan.name, "replay"))
     folder.check(FILES)
     if not plan.converged:
         print(f"octo: the plan is {plan.status.label}: what a plant makes of it says little", file=sys.stderr)
@@ -60,10 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def write(folder: OutputFolder, done: Replay) -> None:
     """The two files; without the extra 'view' the picture is left out."""
-    from octo.viewer import view
-
     writers: dict[str, Writer] = {
         "report.json": lambda path: write_json(path, done.report()),
-        "motion.html": lambda path: view([done.plan, done.motion], path, labels=("plan", "plant")),
+        "motion.html": lambda path: write_page([done.plan, done.motion], path, labels=("plan", "plant")),
     }
     say_left_out(folder.write(writers))

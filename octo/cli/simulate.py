@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, robot_of, steps_of, terrain_of
-from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import write_json
+from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.solve import write_json, write_page
 from octo.dynamics.balance import GRAVITY, Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     steps = steps_of(arguments.seconds, arguments.dt)
-    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-simulate")
+    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "simulate"))
     folder.check(FILES)
     robot = robot_of(arguments)
     pose = pose_of(robot, arguments.pose)
@@ -107,11 +107,9 @@ def measured_motion(problem: Problem, motion: Motion, setup: float, seconds: flo
 
 
 def write(folder: OutputFolder, solution: Solution) -> None:
-    from octo.viewer import view
-
     writers: dict[str, Writer] = {
         "solution.npz": solution.save,
         "report.json": lambda path: write_json(path, solution.report()),
-        "motion.html": lambda path: view(solution, path),
+        "motion.html": lambda path: write_page(solution, path),
     }
     say_left_out(folder.write(writers))

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from octo.cli.arguments import (
     steps_of,
     terrain_of,
 )
-from octo.cli.output import OutputFolder, Writer, say_left_out
+from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
-    folder = OutputFolder(arguments.out or f"octo-{Path(arguments.robot).stem}-{goal.kind}")
+    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, goal.kind))
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         solution = as_one_problem(described(robot, goal, steps, arguments), goal, start, arguments, began)
     solution = goal.said(solution)
-    write(folder, solution, report(solution, goal))
+    write(folder, solution, lambda: report(solution, goal))
     print(solution)
     if goal.met(solution):
         print(f"  {goal.verdict(solution)}")
@@ -193,22 +193,36 @@ def report(solution: Solution, goal: Goal) -> dict[str, Any]:
     }
 
 
-def write(folder: OutputFolder, solution: Solution, values: Mapping[str, Any], plotted: Solution | None = None) -> None:
+def write(
+    folder: OutputFolder,
+    solution: Solution,
+    report: Callable[[], Mapping[str, Any]],
+    plotted: Callable[[Solution], Solution] = lambda solution: solution,
+) -> None:
     """The four files; a picture that cannot be drawn, as without the extra 'view', is left out."""
-    from octo.plot import plot
-    from octo.viewer import view
-
     writers: dict[str, Writer] = {
         "solution.npz": solution.save,
-        "report.json": lambda path: write_json(path, values),
-        "plot.png": lambda path: plot(plotted or solution, path),
-        "motion.html": lambda path: view(solution, path),
+        "report.json": lambda path: write_json(path, report()),
+        "plot.png": lambda path: write_plot(plotted(solution), path),
+        "motion.html": lambda path: write_page(solution, path),
     }
     say_left_out(folder.write(writers))
 
 
+def write_plot(solution: Solution, path: Path) -> None:
+    from octo.plot import plot  # here: what draws is loaded when the numbers are written
+
+    plot(solution, path)
+
+
+def write_page(solution: Solution | Sequence[Solution], path: Path, **options: Any) -> None:
+    from octo.viewer import view
+
+    view(solution, path, **options)
+
+
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    path.write_text(json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def finite(value: Any) -> Any:

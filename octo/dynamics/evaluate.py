@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -34,17 +35,22 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))  # from the rest, and large or of this process alone
 
     def __init__(self, symbolic: ca.Function, actuated: Sequence[int] | NDArray[np.intp], layout: Layout):
         self.symbolic = symbolic
         self.nx = int(symbolic.size1_in(0))
         self.layout = layout
-        self.actuated = np.asarray(actuated, dtype=np.intp).reshape(-1)
+        self.actuated = np.array(actuated, dtype=np.intp).reshape(-1)
         self.unactuated = np.setdiff1d(np.arange(self.nx), self.actuated).astype(np.intp)
 
     @property
     def nu(self) -> int:
         return len(self.actuated)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: all but what was generated and compiled."""
+        return {name: value for name, value in self.__dict__.items() if name not in self.generated}
 
     def text(self) -> str:
         """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and octo_step."""
@@ -155,6 +161,7 @@ class RobotDynamics(Dynamics):
     """The dynamics of §4 of a character, with a contact law and a terrain."""
 
     curvature_blocks = 5
+    generated = Dynamics.generated | {"symbolic"}
 
     def __init__(self, character: Character, law: ContactLaw | None = None, terrain: Plane | Terrain | None = None):
         self.character = character

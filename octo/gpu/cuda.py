@@ -6,7 +6,6 @@ import functools
 import hashlib
 import importlib
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo import native
+from octo import cache
 from octo.arrays import host
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import nvrtc
@@ -42,7 +41,7 @@ def reason() -> str | None:
     try:
         compiler = nvrtc.version()
     except MissingExtraError:
-        return "NVRTC is missing: pip install nvidia-cuda-nvrtc (CUDA 13) or nvidia-cuda-nvrtc-cu12"
+        return "NVRTC is missing: pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
     driver = int(cupy.cuda.runtime.driverGetVersion()) // 1000
     if int(compiler.split(".")[0]) > driver:
         return f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not load"
@@ -182,15 +181,7 @@ def cubin(text: str, architecture: str, cupy_version: str = "") -> Path:
     """Path of the machine code of ``text``: from the cache, by text, architecture, options and the versions of CuPy and NVRTC."""
     key = "\0".join((text, architecture, *nvrtc.OPTIONS, cupy_version, nvrtc.version()))
     name = f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.cubin"
-    path = native.cache_folder() / name
-    if path.exists():
-        return path
-    folder = native.usable_cache()
-    made = nvrtc.compile_text(text, architecture)
-    with tempfile.NamedTemporaryFile(dir=folder, delete=False) as scratch:
-        scratch.write(made.cubin)
-    os.replace(scratch.name, folder / name)  # atomic: another process sees the whole file or none
-    return folder / name
+    return cache.path_of(name, lambda path: path.write_bytes(nvrtc.compile_text(text, architecture).cubin))
 
 
 @functools.cache

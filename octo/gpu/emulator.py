@@ -9,11 +9,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
-import os
 import re
 import shutil
-import subprocess
-import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
@@ -24,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo import native
+from octo import cache, native
 from octo.arrays import host
 from octo.errors import DeviceError
 from octo.gpu.device import source
@@ -57,19 +54,13 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
     if words is None:
         raise DeviceError("no C++ compiler (g++, c++ or clang++): octo's kernels cannot be run on the CPU")
     key = hashlib.sha256("\0".join((text, *flags, words, native.machine())).encode()).hexdigest()[:24]
-    made = native.cache_folder() / f"{key}{suffix}"
-    if made.exists():
-        return made
-    folder = native.usable_cache()
-    made = folder / made.name
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        written, compiled = Path(scratch) / "octo.cpp", Path(scratch) / "made"
-        written.write_text(text)
-        done = subprocess.run([words, *flags, "-o", str(compiled), str(written)], capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise DeviceError(f"{words} could not compile octo's CUDA text: {done.stderr.strip()[:2000]}")
-        os.replace(compiled, made)
-    return made
+
+    def make(path: Path) -> None:
+        written = path.with_name("octo.cpp")
+        written.write_text(text, encoding="utf-8")
+        native.run_compiler([words, *flags, "-o", str(path), str(written)], path.parent)
+
+    return cache.path_of(f"{key}{suffix}", make)
 
 
 def _library(text: str) -> Path:

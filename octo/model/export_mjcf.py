@@ -10,7 +10,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from octo.checks import ending
-from octo.errors import ModelError, OutputError
+from octo.errors import ModelError
+from octo.files import replacing
 from octo.model.character import Array, Body, Character, Joint
 from octo.model.kinematics import body_poses
 from octo.model.quaternions import quaternions
@@ -53,14 +54,8 @@ def export_mjcf(
     """
     target = ending("path", path, (".xml", ".mjcf"))
     text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
+    with replacing(target) as beside:
         beside.write_text(text, encoding="utf-8")
-        os.replace(beside, target)
-    except OSError as error:
-        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def mjcf_text(

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from octo.checks import numbers, whole
+from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.character import Body, Character, ContactSphere, Joint
+
+SHAPES = {
+    "axis": (3,), "anchor": (3,), "position": (3,), "rotation": (3, 3), "com": (3,), "inertia": (3, 3),
+}  # fmt: skip
+KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, float)}  # of the words of annotations
 
 
 def to_plain(value: Any) -> Any:
@@ -26,24 +35,69 @@ def to_plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _make(kind: type, plain: dict[str, Any], arrays: tuple[str, ...]) -> Any:
-    values = {k: float(v) if v in ("inf", "-inf") else v for k, v in plain.items() if not isinstance(v, list)}
-    values |= {k: np.asarray(v, dtype=float) if k in arrays else tuple(v) for k, v in plain.items() if isinstance(v, list)}
+def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
+    """A dataclass of plain fields, each of the type that it is declared with; ``given`` ones are taken as they are."""
+    values = dict(given)
+    declared = {f.name: str(f.type) for f in dataclasses.fields(kind)}
+    for name, value in plain.items():
+        if name not in declared:
+            raise UnknownNameError(f"field of a {kind.__name__.lower()}", name, declared)
+        if name in given:
+            continue
+        if name in SHAPES:
+            values[name] = numbers(name, value, SHAPES[name])
+            continue
+        word = declared[name].split("[")[0]
+        infinite = word == "float" and value in ("inf", "-inf")
+        fits = isinstance(value, KINDS.get(word, str)) and isinstance(value, bool) == (word == "bool")
+        if not (fits or infinite):
+            raise ValueRangeError(f"{name} is of type {type(value).__name__}, must be of type {word}")
+        values[name] = float(value) if word == "float" else value
     return kind(**values)
 
 
 def from_plain(plain: dict[str, Any]) -> Character:
-    """The character that :func:`to_plain` took apart."""
-    bodies = []
-    for body in plain["bodies"]:
-        joints = [_make(Joint, joint, ("axis", "anchor")) for joint in body["joints"]]
-        bodies.append(_make(Body, {**body, "joints": joints}, ("position", "rotation", "com", "inertia")))
-    contacts = tuple(_make(ContactSphere, contact, ("position",)) for contact in plain["contacts"])
-    pairs = tuple((int(a), int(b)) for a, b in plain["pairs"])
-    rest = {k: v for k, v in plain.items() if k not in ("bodies", "contacts", "pairs")}
-    rest = {k: tuple(v) if k == "dropped" else v for k, v in rest.items()}
-    if rest.get("default_pose") is not None:
-        rest["default_pose"] = np.asarray(rest["default_pose"], dtype=float)
-    if rest.get("poses") is not None:
-        rest["poses"] = {name: np.asarray(pose, dtype=float) for name, pose in rest["poses"].items()}
-    return Character(bodies=tuple(bodies), contacts=contacts, pairs=pairs, **rest)
+    """The character that :func:`to_plain` took apart.
+
+    Raises
+    ------
+    OctoError: a field is missing, unknown, of another type or out of what a character allows.
+    """
+    bodies = [
+        _make(Body, body, joints=tuple(_make(Joint, joint) for joint in _list("joints", body))) for body in _list("bodies", plain)
+    ]
+    contacts = tuple(_make(ContactSphere, contact) for contact in _list("contacts", plain))
+    pairs = tuple((whole("pair", a, 0), whole("pair", b, 0)) for a, b in _list("pairs", plain))
+    size = (sum(len(body.joints) for body in bodies),)
+    pose, poses = plain.get("default_pose"), plain.get("poses") or {}
+    return _make(
+        Character, plain, bodies=tuple(bodies), contacts=contacts, pairs=pairs,
+        default_pose=None if pose is None else numbers("default_pose", pose, size),
+        poses={str(name): numbers(f"pose {name}", values, size) for name, values in poses.items()},
+        dropped=tuple(str(sentence) for sentence in plain.get("dropped", ())),
+    )  # fmt: skip
+
+
+def _list(name: str, plain: Any) -> list[Any]:
+    if not isinstance(plain, dict) or not isinstance(plain.get(name), list):
+        raise ValueRangeError(f"{name} is missing, must be a list")
+    return list(plain[name])
+
+
+def file_of(path: str | os.PathLike[str], name: str) -> Path:
+    """The file itself, or the one of that name where ``path`` is a folder.
+
+    Raises
+    ------
+    RobotFileError: a folder has no such file; says what octo's files in it are. Or it is no path at all.
+    """
+    try:
+        given = Path(path)
+    except TypeError:
+        raise RobotFileError(f"path is {said(path)}, must be that of a file or a folder") from None
+    if not os.path.isdir(given):  # which, unlike Path.is_dir, is false also of names that are too long
+        return given
+    if not os.path.isfile(given / name):
+        others = sorted(entry.name for entry in given.glob("*.npz"))
+        raise RobotFileError(f"folder {given} holds no {name}; of this kind it has {', '.join(others[:5]) or 'nothing'}")
+    return given / name

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number
+from octo.checks import number, owned
 from octo.errors import ValueRangeError
 
 Array = NDArray[np.float64]
@@ -60,6 +60,9 @@ class Terrain:
 
     expression: Callable[[ca.SX, Mapping[str, ca.SX]], ca.SX]
     parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", owned(self.parameters))
 
     def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self.expression(point, p)

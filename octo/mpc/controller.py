@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
-from octo.mpc.measurement import check_device, checked, measured, plausible, time_of
+from octo.mpc.measurement import check_device, checked, checked_time, measured, plausible, time_of
 from octo.mpc.plan import Grid, Plan
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Cost
@@ -81,7 +81,7 @@ class Controller:
         if not isinstance(problem, Problem):
             raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
         if guide is not None and not callable(guide):
-            raise ProblemError(f"guide is {guide!r}, must be a function guide(controller, t, x)")
+            raise ProblemError(f"guide is {said(guide)}, must be a function guide(controller, t, x)")
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
         if problem.basis_object.name != "nodes" or problem.end is not None:
@@ -204,7 +204,7 @@ class Controller:
         ------
         ShapeError, ValueRangeError: q or v have another shape, are not finite or out of all bounds.
         """
-        nodes, t = self.horizon.nodes, number("t", t)
+        nodes, t = self.horizon.nodes, checked_time(t)
         if q is None:
             x, before = self.problem.start, self.problem.start - self.dt * self.problem.start_velocity
         else:
@@ -215,7 +215,7 @@ class Controller:
         self._forget(x)
         if self.guide is not None:
             getattr(self.guide, "reset", lambda: None)()
-            self.guide(self, t, x)
+            self.guide(self, t, x.copy())
         good = True
         self.horizon.evaluate()
         for _ in range(SETTLE):
@@ -245,7 +245,7 @@ class Controller:
         ------
         ProblemError: no solution. ShapeError: of another robot, or shorter than the horizon. ValueRangeError: another dt.
         """
-        N, n, t = self.problem.steps, self.robot.nx, number("t", t)
+        N, n, t = self.problem.steps, self.robot.nx, checked_time(t)
         if not isinstance(solution, Solution):
             raise ProblemError(f"solution is {type(solution).__name__!r}, must be a Solution")
         if solution.x.shape[1] != n or solution.steps < N:
@@ -284,7 +284,7 @@ class Controller:
             t = self._last_time + self._tick if np.isfinite(self._last_time) else plan.time
         plan.shift(t, self.horizon.nodes)
         if self.guide is not None:
-            self.guide(self, t, self.horizon.nodes[1])
+            self.guide(self, t, self.horizon.nodes[1].copy())
         if self._failures >= GIVE_UP:
             self.horizon.nodes[:] = self._near
             self.horizon.guess[:] = 0.0

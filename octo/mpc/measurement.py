@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import DeviceError, ShapeError, ValueRangeError
+from octo.checks import number
+from octo.errors import DeviceError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.solve import check_device_name
 
 Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
+LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
 
 
@@ -28,11 +30,20 @@ def measured(value: Any, size: int) -> Array:
 
 
 def time_of(t: Any) -> float:
-    """s; NaN where it is no number."""
+    """s; NaN where it is no number, or so far off that a tick later is the same number."""
     try:
-        return float(t)
+        time = float(t)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
+    return time if abs(time) <= LATEST else float("nan")
+
+
+def checked_time(t: Any) -> float:
+    """s. Raises ValueRangeError where a clock cannot go on from there."""
+    time = number("t", t)
+    if abs(time) > LATEST:
+        raise ValueRangeError(f"t is {time:g} s, must be at most {LATEST:g} from zero: a tick later would be the same number")
+    return time
 
 
 def plausible(q: Array, v: Array, convention: Convention) -> bool:
@@ -49,7 +60,7 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
         try:
             arrays.append(np.asarray(value, dtype=float))
         except (TypeError, ValueError, OverflowError):
-            raise ValueRangeError(f"{name} is {value!r}, must be numbers") from None
+            raise ValueRangeError(f"{name} is {said(value)}, must be numbers") from None
         if arrays[-1].shape != (size,):
             raise ShapeError(name, arrays[-1].shape, (size,))
     if not plausible(arrays[0], arrays[1], convention):
@@ -70,4 +81,4 @@ def check_device(device: str) -> None:
 
 @cache
 def _say_cpu() -> None:
-    print("octo: using the CPU: this version has no control loop on a GPU", file=sys.stderr)
+    logging.getLogger("octo").info("using the CPU: this version has no control loop on a GPU")

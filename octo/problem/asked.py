@@ -103,12 +103,6 @@ class Asked:
         """For files."""
         return asdict(self)
 
-    @classmethod
-    def from_plain(cls, values: dict[str, Any]) -> Asked:
-        """What :meth:`plain` made, read back."""
-        pair = {name: tuple(float(v) for v in values[name]) for name in ("found", "wanted")}
-        return cls(**{**values, **pair})
-
     def report(self) -> dict[str, Any]:
         """For report.json."""
         return {**asdict(self), "error": self.error, "met": self.met}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.arrays import every, host, like, some
+from octo.checks import doubles
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
@@ -225,7 +226,7 @@ class CompiledProblem:
     def take(self, members: NDArray) -> CompiledProblem:
         """A batch of some members, by index; everything generated is shared."""
         part: CompiledProblem = object.__new__(CompiledProblem)
-        part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_task", "_chunks", "_machine")})
+        part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_free_tasks", "_chunks", "_machine")})
         part.problems = tuple(self.problems[int(k)] for k in members)
         part.batch = len(part.problems)
         for name in BATCHED:
@@ -242,7 +243,7 @@ class CompiledProblem:
 
     def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
-        unknowns = self.basis.fit(nodes, float(self.problems[0].dt))
+        unknowns = self.basis.fit(np.asarray(nodes, dtype=float), float(self.problems[0].dt))
         unknowns[:, self.fixed] = 0.0
         return np.ascontiguousarray(unknowns)
 
@@ -252,7 +253,7 @@ class CompiledProblem:
 
     def evaluate_nodes(self, unknowns: Array, nodes: Array) -> Evaluation:
         """E and C of a trajectory (batch, N+2, n), which the unknowns need not make."""
-        nodes = np.ascontiguousarray(nodes)
+        nodes = doubles("nodes", nodes, (self.batch, self.steps + 2, self.n))
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         if self._library is not None:
@@ -273,6 +274,7 @@ class CompiledProblem:
 
     def linearize(self, at: Evaluation, lam: Array | None) -> Model:
         """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC, torque and contact terms."""
+        lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
         b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
@@ -337,7 +339,19 @@ class CompiledProblem:
         return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
 
     @cached_property
-    def _task(self) -> tuple[_Task, list[Any]]:
+    def _free_tasks(self) -> list[tuple[_Task, list[Any]]]:
+        """Those that no thread is using: each call has one of its own, for it is where the native code writes."""
+        return []
+
+    def _own_task(self) -> tuple[_Task, list[Any]]:
+        """One for a call, which gives it back to ``_free_tasks``."""
+        try:
+            return self._free_tasks.pop()
+        except IndexError:
+            return self._make_task()
+
+    def _make_task(self) -> tuple[_Task, list[Any]]:
+        """octo_task, and the arrays that must outlive it."""
         step, unit, row = self._chunks
         chunks, s = len(unit), self.stencil
         size = 6 * self.nc**2 + 3 * self.ma * self.nc + 2 * self.nc + self.ma
@@ -356,24 +370,29 @@ class CompiledProblem:
         """Take over references and weights that changed in place in the problems' terms. Nothing is recompiled."""
         for k, problem in enumerate(self.problems):
             self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
-        self.__dict__.pop("_task", None)
+        self.__dict__.pop("_free_tasks", None)
 
     def _native_evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         assert self._library is not None
-        task, _ = self._task
+        own = self._own_task()
+        task = own[0]
         task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
         if self._library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
+        self._free_tasks.append(own)
 
     def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
         assert self._library is not None
-        task, _ = self._task
-        lam = None if lam is None else np.ascontiguousarray(lam)
-        task.nodes, task.fd = at.nodes.ctypes.data, at.fd.ctypes.data
+        nodes = doubles("nodes", at.nodes, (self.batch, self.steps + 2, self.n))
+        fd = doubles("fd", at.fd, (self.batch, self.steps, self.n))
+        own = self._own_task()
+        task = own[0]
+        task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
         task.lam = None if lam is None else lam.ctypes.data
         task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
         if self._library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
+        self._free_tasks.append(own)
 
     @cached_property
     def kinematics(self) -> ca.Function:

@@ -15,7 +15,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import has_neighbours, multipliers_of, nlp, point_of, rows_of, start_nodes, unknowns_of
-from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, prepare, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -73,7 +73,7 @@ class Ipopt:
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
         solver = self.solvers[multipliers is not None]
-        with one_core():
+        with one_solve(), one_core():
             began, began_processor = time.perf_counter(), time.process_time()
             if self.library is not None:
                 self.library.activate()

@@ -23,10 +23,13 @@ from octo.reference.program import parameter_vector
 
 Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
+_ACTIVE: dict[str, list[Any]] = {}  # by library, the arrays that its code points to
 
 
 class Library:
     """One problem structure, compiled. One solve at a time: the library keeps the point it evaluated last.
+
+    Functions of the library may outlive this object: they work on the tables of the last one that was activated.
 
     Attributes
     ----------
@@ -41,11 +44,10 @@ class Library:
         text = _text(compiled, costs, layout.stagewise)
         shape = [layout.local, layout.weight, layout.test_row, layout.test_value, self.places.jacobian, self.places.hessian]
         mark = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in shape)).hexdigest()[:16]
-        path = native.build(f"{text}\n/* structure {mark} */\n")
-        if path is None:
+        handle = native.load(f"{text}\n/* structure {mark} */\n")
+        if handle is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
-        self.path = str(path)
-        self.handle = ctypes.CDLL(self.path)
+        self.handle, self.path = handle, handle._name
         self.handle.octo_watch_set.argtypes = (ctypes.c_double, ctypes.c_double, ctypes.c_int)
         self.handle.octo_log_rows.restype = ctypes.POINTER(ctypes.c_double)
         self._tables, self._kept = _tables(compiled, layout, self.places, self.size, self.numbers)
@@ -55,6 +57,7 @@ class Library:
         """Hand the tables to the library: needed again after another problem of the same structure used it."""
         if self.handle.octo_nlp_set(ctypes.byref(self._tables)) != 0:
             raise MemoryError("the reference library could not allocate its work arrays")
+        _ACTIVE[self.path] = self._kept
 
     def function(self, name: str) -> ca.Function:
         """nlp_f, nlp_grad_f, … as a CasADi function."""

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem
 from octo.reference.library import Library
-from octo.solver import measure
+from octo.solver import blas, measure
 from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Solution, Status
 
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
+_ALONE = threading.RLock()
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
 
 
@@ -54,6 +55,11 @@ def _know_casadi_blas() -> None:
     threadpoolctl.register(CasadiBlas)
 
 
+def one_solve() -> threading.RLock:
+    """``with one_solve():`` no other thread is in a compiled reference, which keeps the point it evaluated last."""
+    return _ALONE
+
+
 @contextlib.contextmanager
 def one_core() -> Any:
     """Every thread pool that is loaded has one thread inside, IPOPT's too."""
@@ -63,12 +69,12 @@ def one_core() -> Any:
         yield
         return
     _know_casadi_blas()
-    with threadpool_limits(limits=1):
+    with blas.shared("all", lambda: threadpool_limits(limits=1)):
         yield
 
 
 class Interruption:
-    """Whether Ctrl-C was pressed while another solver ran."""
+    """Whether Ctrl-C was pressed, or the process told to end, while another solver ran."""
 
     caught = False
 
@@ -76,6 +82,8 @@ class Interruption:
 @contextlib.contextmanager
 def interruptible(library: Library | None) -> Iterator[Interruption]:
     """Ctrl-C inside ends the solver and is noted: CasADi would swallow it, and call what is left a stall or go on.
+
+    So do SIGTERM and SIGHUP where they are handled like it.
 
     library: of the compiled functions, which are told to fail; without one CasADi is told by an exception.
     """
@@ -90,11 +98,17 @@ def interruptible(library: Library | None) -> Iterator[Interruption]:
             raise KeyboardInterrupt
         library.stop()
 
-    before = signal.signal(signal.SIGINT, note)
+    before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.default_int_handler:  # the command line: they stop as Ctrl-C does
+            before[number] = signal.default_int_handler
+    for number in before:
+        signal.signal(number, note)
     try:
         yield told
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
         if library is not None:
             library.stop(False)
 

@@ -17,7 +17,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
-from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, prepare, settled, solution_of
+from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -84,7 +84,7 @@ class Fatrop:
         first = np.stack([nodes[1:-1], nodes[:-2], nodes[2:]], axis=1)
         lower, upper = self._bounds()
         rows = np.zeros(self.layout.rows)
-        with one_core():
+        with one_solve(), one_core():
             began, began_processor = time.perf_counter(), time.process_time()
             self.library.activate()
             self.library.begin(o.tolerance, o.plateau_change, o.plateau)

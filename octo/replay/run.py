@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from octo.model.character import Array
 from octo.plant import MujocoPlant, from_chart
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
-from octo.solver.solution import Solution, Status
+from octo.solver.solution import Solution, Status, solution_of
 
 FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell
@@ -77,7 +78,7 @@ class Replay:
 
 
 def replay(
-    solution: Solution,
+    solution: Solution | str | os.PathLike[str],
     *,
     kp: float | None = None,
     kd: float | None = None,
@@ -87,7 +88,7 @@ def replay(
     feedback: str = "base",
     timestep: float = 0.001,
 ) -> Replay:
-    """Run a plan in MuJoCo.
+    """Run a plan, a Solution or the path of one, in MuJoCo.
 
     Planned torques are feed-forward, beside a PD on the joints and, with ``feedback`` "base", a wrench that pulls the base to
     the plan through the feet planned to be in stance. Torques are clipped to the robot's limits. A run ends with the plan or
@@ -111,6 +112,7 @@ def replay(
             positive(name, value)
     if starts is not None:
         whole("starts", starts)
+    solution = solution_of(solution)
     if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
         raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s")
     robot = solution.character
@@ -153,6 +155,13 @@ class _Tracks:
     drift: float = 0.0
     fell: bool = False
 
+    def keep(self) -> None:
+        """Where the plant is now as the next node."""
+        plant = self.controller.plant
+        self.nodes.append(plant.x)
+        self.torques.append(plant.torque)
+        self.forces.append(plant.contacts())
+
     def record(self, number: int) -> Start:
         error = float(np.sqrt(self.squares / max(self.steps, 1)))
         upright = self.steps * self.controller.plan.timestep
@@ -185,9 +194,7 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         plant.step(u)
         tracks.steps += 1
         if tracks.steps % every == 0:
-            tracks.nodes.append(plant.x)
-            tracks.torques.append(plant.torque)
-            tracks.forces.append(plant.contacts())
+            tracks.keep()
         if tracks.steps % often and tracks.steps < plan.steps:
             continue
         tracks.drift = float(np.linalg.norm(plan.q[k + 1, j : j + 2] - plant.base_place[:2]))
@@ -195,6 +202,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         if plant.height < FALLEN_HEIGHT * standing or not up > np.cos(FALLEN_TILT):
             tracks.fell = True
             break
+    if not tracks.torques:  # it fell before the first node: its end is one, or there would be no motion to show
+        tracks.keep()
     return tracks
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from octo.arrays import Array
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
-from octo.solver import kkt
+from octo.solver import elimination, kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.factors import Factors, HostFactors
 from octo.solver.normal import NormalFactor
@@ -34,6 +34,10 @@ class Backend:
         """Generate and compile what is not there yet: set-up, not solving."""
         problem.prepare()
         kkt.prepare(problem.nc, problem.ma, options.linear_solver)
+
+    def release(self) -> None:
+        """At the end of a solve: give back the memory that was kept for its next iteration."""
+        elimination.release()
 
     def finish(self) -> None:
         """At the end of a stage of an iteration: wait for the device, where stages are timed."""

@@ -5,7 +5,37 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+import threading
+from collections.abc import Callable, Iterator
 from typing import Any
+
+Limit = Callable[[], contextlib.AbstractContextManager[Any]]
+
+_lock = threading.Lock()
+_inside = 0  # threads of Python that are inside a limit
+_held: dict[str, contextlib.AbstractContextManager[Any]] = {}  # the limits that hold, in the order in which they were set
+
+
+@contextlib.contextmanager
+def shared(name: str, limit: Limit) -> Iterator[None]:
+    """``limit()`` holds inside; of several threads' the last one to leave sets everything back to what it was at first.
+
+    A limit sets back what it found: two that overlap without this leave the second one's finding, the first one's limit.
+    """
+    global _inside
+    with _lock:
+        if name not in _held:
+            made = limit()
+            made.__enter__()
+            _held[name] = made
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            while _inside == 0 and _held:
+                _held.popitem()[1].__exit__(None, None, None)
 
 
 @functools.cache
@@ -20,4 +50,6 @@ def _controller() -> Any:
 def one_thread() -> contextlib.AbstractContextManager[Any]:
     """``with one_thread():`` BLAS has one thread inside (25 µs); nothing changes where threadpoolctl is missing."""
     controller = _controller()
-    return contextlib.nullcontext() if controller is None else controller.limit(limits=1, user_api="blas")
+    if controller is None:
+        return contextlib.nullcontext()
+    return shared("blas", lambda: controller.limit(limits=1, user_api="blas"))

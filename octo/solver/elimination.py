@@ -27,6 +27,8 @@ _INT: Any = ctypes.c_int
 _DOUBLE: Any = ctypes.c_double
 _SIZE: Any = ctypes.c_ssize_t
 SHARED_WORK = 40_000  # K·nc² from which two threads for one problem save more than starting the second costs
+_MUCH = 2**24  # bytes, from which the C library is asked to give back what it keeps of them too: that takes milliseconds
+_trim: Any = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
 _POOLED = 4  # memories kept for the next factorisation of the same shape
 
 
@@ -95,7 +97,23 @@ class Memory:
         return address(self._scratch)
 
 
-_pool: dict[tuple[int, ...], list[Memory]] = {}
+_pool: dict[tuple[int, ...], list[Memory]] = {}  # changed by single operations: threads, and what ends in any of them, share it
+
+
+def _pooled(key: tuple[int, ...]) -> Memory | None:
+    """A memory that no factor is stored in."""
+    try:
+        return _pool[key].pop()
+    except (KeyError, IndexError):
+        return None
+
+
+def release() -> None:
+    """Give back the memories that are kept for the next factorisation: at the end of a solve there is none."""
+    kept = sum(memory.units.nbytes + memory.store.nbytes for free in list(_pool.values()) for memory in list(free))
+    _pool.clear()
+    if kept > _MUCH and _trim is not None:
+        _trim(0)
 
 
 def address(array: NDArray) -> int:
@@ -120,8 +138,7 @@ class EliminationFactor:
         self._library, self._key = made, (*self.shape, threads)
         self._sizes = (batch, threads, K, _split(batch, threads, K, nc))
         self._held = (H, A, sigma)
-        free = _pool.get(self._key)
-        self._memory = free.pop() if free else Memory(made, batch, K, threads)
+        self._memory = _pooled(self._key) or Memory(made, batch, K, threads)
         per_variable = int(sigma is not None and sigma.ndim == 3)
         self._problem = (address(H), address(A), None if sigma is None else address(sigma), per_variable)
         verdict = np.empty((batch, 4), dtype=np.int32)
@@ -141,8 +158,8 @@ class EliminationFactor:
             free = _pool.setdefault(self._key, [])
             if len(free) < _POOLED:
                 free.append(self._memory)
-            while len(_pool) > 2 * _POOLED:
-                del _pool[next(iter(_pool))]
+            for key in list(_pool)[: -2 * _POOLED]:
+                _pool.pop(key, None)
 
     def solve(
         self,

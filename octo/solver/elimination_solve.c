@@ -9,7 +9,8 @@ typedef struct {
 
 #define HELD (2 * NC)                                 /* a unit's t (r), g_B (r), w (n), kept between the two sweeps */
 
-ptrdiff_t octo_scratch_room(ptrdiff_t K) { return ROUND(K * (2 * (NC + MA) + HELD) + 2 * (ptrdiff_t)sizeof(sweep) / 8, VL); }
+/* a multiple of 64 bytes, where the next right-hand side's sweeps begin */
+ptrdiff_t octo_scratch_room(ptrdiff_t K) { return ROUND(K * (2 * (NC + MA) + HELD) + 2 * (ptrdiff_t)sizeof(sweep) / 8, 8); }
 
 #if VL == 8
 typedef double quad __attribute__((vector_size(32)));

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import ending
-from octo.errors import OutputError, ProblemError, UnknownNameError
+from octo.errors import ProblemError, UnknownNameError
+from octo.files import replacing
 from octo.model.character import Character
 from octo.model.kinematics import axis_rotation, body_poses
 from octo.model.quaternions import quaternions, turning
@@ -76,26 +77,25 @@ def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     turns = [robot is not None and joint.kind == "hinge" for joint in robot.joints] if robot is not None else []
     places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
     efforts = [("N m" if turns[j] else "N") for j in robot.actuated] if robot is not None else [""] * solution.u.shape[1]
+    contacts = len(solution.contact_names)
     names = [
         "time (s)",
         *_headed(solution.joint_names, places),
         *_headed([f"torque {name}" for name in solution.actuated_names], efforts),
-        *(f"force {name} {axis} (N)" for name in solution.contact_names for axis in "xyz"),
+        *_headed([f"force {name} {axis}" for name in solution.contact_names for axis in "xyz"], ["N"] * 3 * contacts),
     ]
     force = solution.contact_force.reshape(len(solution.contact_force), -1)
     torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
     rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
-    try:
-        np.savetxt(target, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror or error}") from error
+    with replacing(target) as beside:
+        np.savetxt(beside, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
 
 
 def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Names with their units, without commas."""
+    """Names with their units, without what a table reads as its own: commas, quotes, line breaks."""
     headed = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
-    return [name.replace(",", ";") for name in headed]
+    return [" ".join(name.replace(",", ";").replace('"', "'").split()) for name in headed]
 
 
 class _Part:

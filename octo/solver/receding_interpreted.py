@@ -72,7 +72,7 @@ def _every_node_a_unit(compiled: CompiledProblem) -> CompiledProblem:
     """The same problem (its p and q are shared) with x_{-1} and x_0 as units too."""
     N, K = compiled.steps, compiled.steps + PAST
     whole: CompiledProblem = object.__new__(CompiledProblem)
-    cached = ("_task", "_chunks", "_machine", "_test_matrix")
+    cached = ("_free_tasks", "_chunks", "_machine", "_test_matrix")
     whole.__dict__.update({name: value for name, value in compiled.__dict__.items() if name not in cached})
     unit, none = np.arange(K, dtype=np.int32)[:, None], np.zeros((K, 1), dtype=np.int32)
     whole.stencil = Stencil(K, 1, unit, none, np.ones((K, 1)), unit[PAST:].copy(), none[PAST:].copy(), np.ones((N, 1)))

@@ -5,26 +5,26 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import zipfile
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import ending
-from octo.errors import OutputError, RobotFileError
-from octo.model import store
+from octo.errors import ProblemError, UnknownNameError, said
+from octo.files import replacing
+from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
-from octo.solver import export
+from octo.shown import Shown
+from octo.solver import export, saved
 from octo.solver.doubts import largest_step, warnings
-from octo.solver.gait import Gait, measure_cycle, measure_gait
+from octo.solver.gait import Gait, measure_cycle, measure_gait, stances
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
 
@@ -72,9 +72,24 @@ HISTORY = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Shown):
     """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came from.
+
+    A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a row is of:
+
+    ===========================  ==============  =======================================================
+    array                        shape           row i
+    ===========================  ==============  =======================================================
+    times                        (N+1,)          moment i, s
+    x[1:]                        (N+1, nx)       configuration at moment i
+    x                            (N+2, nx)       the same behind one row for moment −1, which says v[0]
+    v                            (N+1, nx)       velocity over the step that ends at moment i
+    com, yaw                     (N+1, 3), (N+1) at moment i
+    u                            (N, nu)         torque from moment i to moment i+1
+    contact_*, normal_force,
+    loaded, stance               (N, c, …)       at moment i+1
+    ===========================  ==============  =======================================================
 
     Attributes
     ----------
@@ -91,6 +106,8 @@ class Solution:
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
+
+    FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
 
     name: str
     character: Character | None
@@ -139,6 +156,11 @@ class Solution:
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
         return np.asarray(self.dt * np.arange(self.steps + 1), dtype=float)
+
+    @property
+    def v(self) -> Array:
+        """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as x."""
+        return np.diff(self.x, axis=0) / self.dt
 
     @property
     def converged(self) -> bool:
@@ -197,6 +219,11 @@ class Solution:
     def loaded(self) -> NDArray[np.bool_]:
         """(N, c) contacts that carry at least 1 % of the weight."""
         return self.normal_force >= LOADED * self.weight
+
+    @property
+    def stance(self) -> NDArray[np.bool_]:
+        """(N, c) contacts that stand at x_1 … x_N, without the flicker of a threshold: what ``gait`` counts."""
+        return stances(self.normal_force, self.weight)
 
     def _loaded(self, values: Array) -> Array:
         chosen = values[self.loaded]
@@ -314,10 +341,13 @@ class Solution:
     def _piece(self) -> str:
         return "in half a stride the " if self.cycle is not None and self.cycle.mirrored else ""
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         lines = [
             f"{self.name}, {self._sampled}: {self.status.value}",
-            f"  {self.iterations} iterations in {self.seconds:.2f} s, E = {self.energy:.5g} "
+            f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = {self.energy:.5g} "
             f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual {self.pointwise_residual:.1e} N",
         ]
@@ -367,44 +397,41 @@ class Solution:
         plain["asked"] = [one.plain() for one in self.asked]
         plain["character"] = None if self.character is None else store.to_plain(self.character)
         arrays["plain"] = np.array(json.dumps(plain))
-        beside = target.with_name(f".{target.name}.{os.getpid()}")
-        try:
-            with beside.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            os.replace(beside, target)
-        except OSError as error:
-            raise OutputError(f"{target} cannot be written: {error.strerror or error}") from error
-        finally:
-            beside.unlink(missing_ok=True)
+        with replacing(target) as beside, beside.open("wb") as file:
+            np.savez_compressed(file, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:
-        """Read a solution that :meth:`save` wrote.
+        """Read a solution that :meth:`save` wrote: the file, or the folder of a command that holds a solution.npz.
 
         Raises
         ------
-        RobotFileError: the file is missing or was not written by octo.
+        RobotFileError: the file is missing, or something in it is not as octo writes it; one line that says what.
         """
-        try:
-            with np.load(Path(path), allow_pickle=False) as file:
-                data = {name: file[name] for name in file.files}
-            plain = json.loads(str(data.pop("plain")))
-            values: dict[str, Any] = {name: data[name] for name in _ARRAYS}
-            for group in ("ground", "history"):
-                values[group] = {k.removeprefix(f"{group}_"): v for k, v in data.items() if k.startswith(f"{group}_")}
-            plain["status"] = Status[plain["status"].upper()]
-            if plain.get("cycle") is not None:
-                plain["cycle"] = Stride(**plain["cycle"], **{name: data[f"cycle_{name}"] for name in STRIDE})
-            if plain["character"] is not None:
-                plain["character"] = store.from_plain(plain["character"])
-            for name in ("contact_names", "passes", "starts"):
-                plain[name] = tuple(plain[name])
-            plain["asked"] = tuple(Asked.from_plain(one) for one in plain.get("asked", ()))
-            return Solution(**values, **plain)
-        except FileNotFoundError as error:
-            raise RobotFileError(f"solution file {path} does not exist") from error
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise RobotFileError(f"{path} is not a solution that octo saved (.npz): {error}") from error
+        with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
+            status = _status(file.word("status"))
+            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
+
+
+def _status(label: str) -> Status:
+    """The status of the name that reports use."""
+    known = {status.label: status for status in Status}
+    if label not in known:
+        raise UnknownNameError("status", label, known)
+    return known[label]
+
+
+def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
+    """A Solution as it is, or the one that a file or a folder of octo's holds.
+
+    Raises
+    ------
+    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
+    """
+    found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
+    if not isinstance(found, Solution):
+        raise ProblemError(f"solution is {said(found)}, must be a Solution, or the path of a file or folder of octo's")
+    return found
 
 
 _ARRAYS = (

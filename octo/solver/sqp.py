@@ -27,19 +27,24 @@ from octo.solver.trust_region import TrustRegion
 
 @dataclass(eq=False)
 class Iterate:
-    """What a callback sees after an iteration; arrays are over the members still at work."""
+    """What a callback sees after an iteration; arrays are over the members still at work, and the callback's to change."""
 
     number: int  # of the pass, counted from 1
     passes: int
     iteration: int
     energy: Array  # (batch,)
     violation: Array  # (batch,) N
-    at: Evaluation = field(repr=False)
+    _at: Evaluation = field(repr=False)
+
+    @cached_property
+    def at(self) -> Evaluation:
+        """A copy of all that is known of the iterate; of a device only for those who ask."""
+        return self._at.copy()
 
     @cached_property
     def nodes(self) -> Array:
         """(batch, N+2, n); of a device only for those who ask."""
-        return host(self.at.nodes)
+        return np.array(host(self._at.nodes))
 
     @property
     def words(self) -> str:
@@ -67,7 +72,7 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(self.number, self.passes, iteration, at.energy, violation, at)
+        self.last = Iterate(self.number, self.passes, iteration, at.energy.copy(), violation.copy(), at)
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))

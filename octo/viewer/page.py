@@ -115,7 +115,7 @@ def _text(name: str) -> str:
 
 def _json(data: Any) -> str:
     """JSON that is safe inside a script element."""
-    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _character(actor: Actor, names: Nodes, label: str, k: int, numbers: Numbers) -> dict[str, Any]:

@@ -100,9 +100,9 @@ def test_numbers_that_are_none_are_refused_by_name(term):
 
 def test_presets_take_a_speed_or_a_velocity():
     for terms in (
-        octo.costs.natural(0.4),
-        octo.costs.robot(0.4),
-        octo.costs.natural((0.4, 0.0, 0.0)),
+        octo.costs.natural(0.4, length=0.3),
+        octo.costs.robot(0.4, length=0.3),
+        octo.costs.natural((0.4, 0.0, 0.0), length=0.3),
     ):
         np.testing.assert_allclose(terms[0].velocity, (0.4, 0.0, 0.0))
     for make in (octo.costs.natural, octo.costs.robot):

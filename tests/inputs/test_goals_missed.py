@@ -148,9 +148,9 @@ def test_a_slope_may_be_climbed_by_a_walk_on_the_level():
     assert not moved(up, x=0.25).asked[0].met
 
 
-def written(folder, solution, values):
+def written(folder, solution, report):
     """The report without the pictures."""
-    folder.write({"report.json": lambda path: command.write_json(path, values)})
+    folder.write({"report.json": lambda path: command.write_json(path, report())})
 
 
 @pytest.mark.parametrize("kind", ["walk", "stride", "turn", "jump", "stand"])

@@ -51,14 +51,14 @@ def test_changed_in_place_and_refreshed(no_compilation, basis):
     def rise(c, c_next, p):
         return p["gain"] * (c_next - c)
 
-    values, weight = {"gain": np.array([0.5])}, np.ones(STEPS)
-    shared = point(basis, [octo.Effort(), octo.NeighbourCost(rise, values, weight=weight)])
+    term = octo.NeighbourCost(rise, {"gain": np.array([0.5])}, weight=np.ones(STEPS))
+    shared = point(basis, [octo.Effort(), term])
     problem = CompiledProblem([shared])
     at = moving(problem)
     before = problem.term_values(problem.evaluate(at))[0]
     no_compilation()
-    values["gain"][:] = 1.0
-    weight[:] = 3.0
+    term.values["gain"][:] = 1.0
+    term.weight[:] = 3.0
     problem.refresh()
     evaluation = problem.evaluate(at)
     np.testing.assert_allclose(problem.term_values(evaluation)[0], before * [1.0, 4.0 * 3.0], rtol=1e-12)
