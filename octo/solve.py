@@ -23,7 +23,7 @@ from octo.gpu.backend import DeviceBackend
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
-from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
+from octo.passes import RAMP_ITERATIONS, Pass, between, early, moved, record, schedule
 from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Closure
@@ -213,7 +213,7 @@ def _solve(
         raise ProblemError(f"the contact laws of the problems differ in stiffness or friction: {told}, solve them one by one")
     plans = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
-    current = [_for_pass(problem, plan[0]) for problem, plan in zip(batch, plans, strict=True)]
+    current = _for_pass(batch, [plan[0] for plan in plans])
     compiled = CompiledProblem(current, run.threads)
     starts = _each(start, problems, seeds)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
@@ -264,8 +264,14 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     return failed, passes, infeasible, flawed, member.power * (member.cycle.period if a_stride else 1.0)
 
 
-def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
-    return problem if stage is None else problem.replace(parameters=stage.parameters(problem.weight))
+def _for_pass(problems: Sequence[Problem], stages: Sequence[Pass | None]) -> list[Problem]:
+    """Problems with the contact laws of their passes: what is the same problem and pass is one object."""
+    made: dict[tuple[int, Pass | None], Problem] = {}
+    for problem, stage in zip(problems, stages, strict=True):
+        if (id(problem), stage) not in made:
+            parameters = None if stage is None else stage.parameters(problem.weight)
+            made[id(problem), stage] = problem if parameters is None else problem.replace(parameters=parameters)
+    return [made[id(problem), stage] for problem, stage in zip(problems, stages, strict=True)]
 
 
 def _passes(
@@ -335,7 +341,8 @@ def _kept(converged: Solution, failed: Solution) -> Solution:
 
 def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor, iterations: int) -> sqp.Result:
     """One solve with what is left of the time."""
-    options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
+    wanted = run.options if monitor.number == monitor.passes else early(run.options)
+    options = replace(wanted, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
     problem = run.backend.place(compiled)
     result = sqp.run(problem, problem.unknowns(nodes), run.backend.array(lam), options, monitor, run.backend)
     run.seconds += result.seconds
@@ -345,7 +352,7 @@ def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None,
 def _stiffer(run: _Run, compiled: CompiledProblem, nodes: Array, stages: Sequence[Pass]) -> tuple[CompiledProblem, Array]:
     """The same problems with stiffer contact laws, and the nodes shifted to their new starts."""
     began = time.perf_counter()
-    problems = [_for_pass(problem, stage) for problem, stage in zip(compiled.problems, stages, strict=True)]
+    problems = _for_pass(compiled.problems, stages)
     shifted = np.stack([moved(x, old, new) for x, old, new in zip(nodes, compiled.problems, problems, strict=True)])
     stiffer = CompiledProblem(problems, run.threads, like=compiled)
     run.setup_seconds += time.perf_counter() - began

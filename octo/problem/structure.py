@@ -9,6 +9,7 @@ instruction, of references with the same names and sizes.
 from __future__ import annotations
 
 import dataclasses
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.problem.basis import Hermite
-from octo.problem.codegen import step_symbols, touching
+from octo.problem.codegen import CostFunctions, cost_functions, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
 from octo.problem.costs import Cost, NeighbourCost
@@ -108,6 +109,29 @@ class Reader:
         own = self.read(term)
         new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
         return [name for name, changed in new.items() if self.read(changed) != own]
+
+
+KEPT = 8  # generated functions of as many problems
+_functions: OrderedDict[Any, CostFunctions] = OrderedDict()
+
+
+def functions_of(problem: Problem) -> CostFunctions:
+    """The functions of the terms; those of the last few problems are kept, for others of one structure.
+
+    Raises
+    ------
+    OctoError: a term's residual or its references cannot be formed.
+    """
+    reader, dynamics = Reader(problem), problem.dynamics
+    model = (type(dynamics), dynamics.lanes_text(), dynamics.layout.names, tuple(dynamics.actuated.tolist()))
+    key = (*model, reader.between, tuple(reader.read(term) for term in problem.costs))
+    found = _functions.pop(key, None)
+    if found is None:
+        found = cost_functions(dynamics, problem.costs, problem.setting, reader.between)
+    _functions[key] = found
+    while len(_functions) > KEPT:
+        _functions.popitem(last=False)
+    return found
 
 
 def check_alike(problems: Sequence[Problem]) -> None:
