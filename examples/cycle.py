@@ -11,8 +11,7 @@ SHORT = "--short" in sys.argv
 PERIOD = 0.6 if SHORT else (0.45, 0.8)  # s
 
 robot = octo.gallery.mammal()
-problem = octo.Problem(robot, costs=[octo.Effort()], cycle=octo.Cycle(speed=0.5, period=PERIOD))
-problem = problem.replace(costs=octo.costs.natural(length=problem.length))
+problem = octo.Problem(robot, costs=octo.costs.natural(), cycle=octo.Cycle(speed=0.5, period=PERIOD))
 stride = octo.solve(problem, seeds=1 if SHORT else 3, passes=2 if SHORT else None, progress=True)
 print(stride)
 print(f"period {stride.cycle.period:.3g} s; {stride.gait}")

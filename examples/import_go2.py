@@ -17,10 +17,7 @@ files = [word for word in sys.argv[1:] if not word.startswith("--")]
 robot = octo.load(files[0] if files else PACKAGE)
 print(f"{robot.name}: {robot.nx} degrees of freedom, {robot.mass:.1f} kg; not modelled: {'; '.join(robot.dropped) or 'nothing'}")
 
-steps = round(SECONDS / DT)
-problem = octo.Problem(robot, steps=steps, dt=DT, costs=[octo.Effort()])
-times = [DT * (i + 1) for i in range(steps)]  # the walk starts from rest
-problem = problem.replace(costs=octo.costs.robot(speed=0.4, length=problem.length, times=times))
+problem = octo.Problem(robot, steps=round(SECONDS / DT), dt=DT, costs=octo.costs.robot(speed=0.4))
 solution = octo.solve(problem, progress=True)
 print(solution)
 print(f"torques use {100 * solution.torque_excess:.0f} % of the motors' limits; friction {solution.friction_use_95:.2f} (95 %)")

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 import octo
-from octo.model.kinematics import sphere_centers
 from octo.mpc import Controller, walking_problem
 from octo.plant import MujocoPlant
 
@@ -44,7 +43,7 @@ def lying(robot: octo.Character, standing: np.ndarray, roll: float, rng: np.rand
     x[base + 4 : base + 6] = rng.uniform(-0.2, 0.2), roll + rng.uniform(-0.2, 0.2)
     moved = x[robot.actuated] + 0.3 * rng.standard_normal(robot.nu)
     x[robot.actuated] = np.clip(moved, robot.lower[robot.actuated] + 0.05, robot.upper[robot.actuated] - 0.05)
-    lowest = sphere_centers(robot, x)[:, 2] - [contact.radius for contact in robot.contacts]
+    lowest = octo.kinematics.sphere_centers(robot, x)[:, 2] - [contact.radius for contact in robot.contacts]
     x[base + 2] -= lowest[list(robot.terrain_contacts)].min()
     return x
 

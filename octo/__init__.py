@@ -6,6 +6,7 @@ Everything a user needs is a name of this module; each is imported when it is fi
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 import types
@@ -17,6 +18,7 @@ _HOME = {
     "Character": "octo.model.character",
     "load": "octo.model.load",
     "describe": "octo.model.describe",
+    "devices": "octo.devices",
     "export_mjcf": "octo.model.export_mjcf",
     "mirror_of": "octo.model.mirror",
     "Plane": "octo.model.terrain",
@@ -78,6 +80,7 @@ _MODULES = {
     "costs": "octo.costs",
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
+    "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "mpc": "octo.mpc",
     "plant": "octo.plant",
@@ -122,12 +125,14 @@ if TYPE_CHECKING:
     from octo.costs import SwingClearance as SwingClearance
     from octo.costs import TorqueLimit as TorqueLimit
     from octo.costs import Upright as Upright
+    from octo.devices import devices as devices
     from octo.dynamics import laws as laws
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump
     from octo.model import gallery as gallery
+    from octo.model import kinematics as kinematics
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
     from octo.model.export_mjcf import export_mjcf as export_mjcf
@@ -158,7 +163,8 @@ def __getattr__(name: str) -> Any:
     elif name in _HOME:
         value = getattr(importlib.import_module(_HOME[name]), name)
     else:
-        raise AttributeError(f"module 'octo' has no attribute {name!r}")
+        near = " or ".join(difflib.get_close_matches(name, __all__, n=2))
+        raise AttributeError(f"module 'octo' has no attribute {name!r}" + (f"; did you mean {near}?" if near else ""))
     globals()[name] = value
     return value
 

@@ -3,18 +3,47 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, ShapeError, ValueRangeError
+from octo.errors import OutputError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
 
 Array = NDArray[np.float64]
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
 LONGEST_STEP = 1.0  # s, of a robot's motion
+
+
+def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """``function`` of the package octo, with a call that does not fit its signature refused in octo's own words.
+
+    Raises
+    ------
+    UnknownNameError: no such option; says the nearest. UsageError: an argument is missing, or given twice.
+    """
+    signature = inspect.signature(function)
+    name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
+    named = [key for key in signature.parameters if key != "self"]
+
+    @wraps(function)
+    def checked(*args: Given.args, **options: Given.kwargs) -> Result:
+        for option in options:
+            if option not in named:
+                raise UnknownNameError(f"option of {name}", option, named)
+        try:
+            signature.bind(*args, **options)
+        except TypeError as error:
+            raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
+        return function(*args, **options)
+
+    return checked
 
 
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -27,7 +56,7 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
-        raise ValueRangeError(f"{field} is {value!r}, must be numbers") from None
+        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
     if shape is not None and array.shape != shape:
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
@@ -48,7 +77,7 @@ def positive(field: str, value: Any, unit: str = "") -> float:
     except (TypeError, ValueError):
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
-        raise ValueRangeError(f"{field} is {value!r}{unit and ' '}{unit}, must be positive and finite")
+        raise ValueRangeError(f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite")
     return found
 
 
@@ -61,7 +90,8 @@ def time_step(value: Any) -> float:
     """
     dt = positive("dt", value, "s")
     if dt > LONGEST_STEP:
-        raise ValueRangeError(f"dt is {value!r} s, must be at most {LONGEST_STEP:g} s: within one step a robot falls over unseen")
+        why = "within one step a robot falls over unseen"
+        raise ValueRangeError(f"dt is {said(value)} s, must be at most {LONGEST_STEP:g} s: {why}")
     return dt
 
 
@@ -93,7 +123,7 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
     try:
         found = Path(path)
     except TypeError:
-        raise OutputError(f"{field} is a {type(path).__name__}, must be a file's path") from None
+        raise OutputError(f"{field} is {said(path)}, must be a file's path") from None
     if found.suffix.lower() not in allowed:
         *others, last = allowed
         words = f"{', '.join(others)} or {last}" if others else last
@@ -103,7 +133,7 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
 
 def whole(field: str, value: Any, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueRangeError(f"{field} is {value!r}, must be a whole number of at least {least}")
+        raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
     return int(value)
 
 

@@ -8,6 +8,31 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
+
+SHORT = 60  # characters of a value that a message quotes
+PLAIN = (type(None), bool, int, float, complex, str, bytes)
+
+
+def said(value: object) -> str:
+    """A value in a message, in one short line: plain ones as they are written, of others the kind."""
+    shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
+    held = shown if isinstance(shown, (list, tuple)) else [*shown, *shown.values()] if isinstance(shown, dict) else [object()]
+    kind_of_array = getattr(getattr(value, "dtype", None), "kind", "O")
+    listed = all(isinstance(entry, PLAIN) for entry in held)
+    if isinstance(value, int) and abs(value) >= 10**SHORT:
+        text = f"a number of {value.bit_length()} bits"
+    elif listed or isinstance(value, PLAIN) or (kind_of_array != "O" and getattr(value, "shape", None) == ()):
+        try:
+            text = repr(shown)
+        except ValueError:  # Python does not write numbers of more than 4300 digits
+            text = f"a {type(value).__name__} with a number of more digits than can be written"
+    elif hasattr(value, "shape") and hasattr(value, "dtype"):
+        text = f"an array of shape {tuple(value.shape)}"
+    else:
+        kind = type(value).__name__
+        text = f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
+    return text if len(text) <= SHORT else f"{text[: SHORT - 1]}…"
 
 
 class OctoError(Exception):
@@ -15,7 +40,7 @@ class OctoError(Exception):
 
 
 class UsageError(OctoError):
-    """A command line that octo does not understand."""
+    """A command line or a call that octo does not understand."""
 
 
 class ModelError(OctoError):
@@ -35,10 +60,11 @@ class UnknownNameError(OctoError):
 
     def __init__(self, kind: str, name: object, valid: Iterable[str], hint: str = ""):
         names = sorted(str(v) for v in valid)
-        begun = [valid_name for valid_name in names if str(name) and valid_name.startswith(str(name))]
-        near = begun or difflib.get_close_matches(str(name), names, n=3, cutoff=0.4)
+        word = name if isinstance(name, str) else said(name)
+        begun = [valid_name for valid_name in names if word and valid_name.startswith(word)]
+        near = begun or difflib.get_close_matches(word[:SHORT], names, n=3, cutoff=0.4)
         nearest = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
-        super().__init__(f"{kind} {name!r} is not known; {hint or nearest}")
+        super().__init__(f"{kind} {said(name)} is not known; {hint or nearest}")
 
 
 class ShapeError(OctoError):
@@ -76,4 +102,4 @@ class MissingExtraError(OctoError):
     """An optional dependency is needed for what was asked."""
 
     def __init__(self, what: str, extra: str):
-        super().__init__(f"{what} needs the extra '{extra}': pip install -e '.[{extra}]' in octo's folder")
+        super().__init__(f"{what} needs the extra '{extra}': pip install 'octo-trajopt[{extra}]'")

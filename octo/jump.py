@@ -6,17 +6,18 @@ half way); what it needs beside that is a first guess that leaves the ground.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from octo.checks import number, positive, whole
+from octo.checks import asked, number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
-from octo.errors import ProblemError, ValueRangeError
+from octo.errors import ProblemError, ValueRangeError, said
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
@@ -27,7 +28,9 @@ from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
 from octo.problem.problem import Array, Problem
 from octo.solve import best_of, smooth_noise, solve
+from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution
+from octo.solver.sqp import Iterate
 
 TOP = 30.0  # weight of the place at the top: it is missed by millimetres
 AIR = 30.0  # weight of (f_n/mg)² in flight …
@@ -45,6 +48,7 @@ TUCK = 0.15  # ℓ, by which the feet of the first guess are drawn up at the top
 REACH = 0.02  # rad and m, kept from the joints' limits in the first guess
 
 
+@asked
 def jump(
     robot: Character,
     height: float = 0.2,
@@ -57,7 +61,16 @@ def jump(
     pose: Array | None = None,
     seeds: int = 5,
     seed: int = 0,
-    **options: Any,
+    start: Solution | Array | None = None,
+    passes: int | None = None,
+    options: SqpOptions | None = None,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
     """Find a jump that starts at rest, lands and stands.
 
@@ -70,7 +83,8 @@ def jump(
     dt: s. terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
     seeds: starts that differ in the depth of the crouch and in noise, solved as one batch;
         ``seed`` is the number of the first.
-    options: of :func:`octo.solve`.
+    start, passes, options, max_iterations, time_limit, tolerance, device, threads, progress,
+        callback: as those of :func:`octo.solve`.
 
     Returns
     -------
@@ -83,8 +97,22 @@ def jump(
     problem = jump_problem(
         robot, height, distance, seconds=seconds, dt=dt, terrain=terrain, law=law, pose=pose
     )
-    goal = Goal("jump", distance=distance, height=height)
-    return goal.said(solve_jump(problem, seeds=seeds, seed=seed, **options))
+    found = solve_jump(
+        problem,
+        seeds=seeds,
+        seed=seed,
+        start=start,
+        passes=passes,
+        options=options,
+        max_iterations=max_iterations,
+        time_limit=time_limit,
+        tolerance=tolerance,
+        device=device,
+        threads=threads,
+        progress=progress,
+        callback=callback,
+    )
+    return Goal("jump", distance=distance, height=height).said(found)
 
 
 def jump_problem(
@@ -104,6 +132,8 @@ def jump_problem(
     ------
     ProblemError: the robot cannot jump. ValueRangeError: height, distance, seconds or dt.
     """
+    if not isinstance(robot, Character):
+        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
     positive("height", height, "m")
     number("distance", distance)
     if robot.base != "floating" or robot.nu == 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,21 +17,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, positive
+from octo.checks import asked, number, positive
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
-from octo.errors import MirrorError, ProblemError, StaticPoseError
+from octo.errors import MirrorError, ProblemError, StaticPoseError, said
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
+from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
-from octo.problem.cycle import Cycle, along_arc, plane_normal, usual_period
+from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
 from octo.solve import best_of, evaluated, smooth_noise, solve, solve_all
 from octo.solver.gait import SHORT, flaws, runs, stances
+from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
+from octo.solver.sqp import Iterate
 
 Array = NDArray[np.float64]
 Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better
@@ -48,14 +52,41 @@ DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 20, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
 
-def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+@asked
+def walk(
+    robot: Character,
+    speed: float = 0.5,
+    seconds: float = 10.0,
+    *,
+    dt: float = TIME_STEP,
+    period: float | Sequence[float] | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+    terrain: Plane | Terrain | None = None,
+    law: ContactLaw | None = None,
+    pose: Array | None = None,
+    passes: int | None = None,
+    options: SqpOptions | None = None,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> Solution:
     """Walk along x, from rest to rest.
 
     Parameters
     ----------
     speed: m/s, of the whole motion: the strides in the middle are a little faster. Negative is backward.
     seconds: s, of the whole motion.
-    options: as the fields of :class:`Journey`, and as :func:`octo.solve`'s device, threads, time_limit, progress.
+    dt: s, of one step.
+    period: s of a stride, or several to try; by default those of the robot's own length.
+    starts: of the stride, for each period; ``seed`` is the first one's number.
+    terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
+    passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as those of
+        :func:`octo.solve`; ``time_limit`` is of the whole motion.
 
     Returns
     -------
@@ -65,24 +96,80 @@ def walk(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options:
     ------
     OctoError: in one line that names the field; nothing was computed.
     """
+    given = locals()
     goal = Goal("walk", number("speed", speed))
-    return goal.said(_journey(robot, (goal.speed, 0.0), 0.0, seconds, options).solve())
+    return goal.said(_journey(given, (goal.speed, 0.0), 0.0).solve())
 
 
-def stride(robot: Character, speed: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+@asked
+def stride(
+    robot: Character,
+    speed: float = 0.5,
+    seconds: float = 10.0,
+    *,
+    dt: float = TIME_STEP,
+    period: float | Sequence[float] | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+    terrain: Plane | Terrain | None = None,
+    law: ContactLaw | None = None,
+    pose: Array | None = None,
+    passes: int | None = None,
+    options: SqpOptions | None = None,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> Solution:
     """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as :func:`walk`."""
+    given = locals()
     goal = Goal("stride", number("speed", speed))
-    return goal.said(_journey(robot, (0.0, goal.speed), 0.0, seconds, options).solve())
+    return goal.said(_journey(given, (0.0, goal.speed), 0.0).solve())
 
 
-def turn(robot: Character, rate: float = 0.5, seconds: float = 10.0, **options: Any) -> Solution:
+@asked
+def turn(
+    robot: Character,
+    rate: float = 0.5,
+    seconds: float = 10.0,
+    *,
+    dt: float = TIME_STEP,
+    period: float | Sequence[float] | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+    terrain: Plane | Terrain | None = None,
+    law: ContactLaw | None = None,
+    pose: Array | None = None,
+    passes: int | None = None,
+    options: SqpOptions | None = None,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> Solution:
     """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise as :func:`walk`."""
+    given = locals()
     goal = Goal("turn", number("rate", rate))
-    return goal.said(_journey(robot, (0.0, 0.0), goal.speed, seconds, options).solve())
+    return goal.said(_journey(given, (0.0, 0.0), goal.speed).solve())
 
 
-def _journey(robot: Character, velocity: tuple[float, float], rate: float, seconds: float, options: dict[str, Any]) -> Journey:
-    own = {name: options.pop(name) for name in tuple(options) if name in Journey.__dataclass_fields__}
+OWN = ("dt", "period", "starts", "seed", "terrain", "law", "pose")  # fields of a Journey; other arguments are octo.solve's
+
+
+def _journey(given: Mapping[str, Any], velocity: tuple[float, float], rate: float) -> Journey:
+    """The motion that a call described by its arguments ``given``; those that are None are left to octo.solve."""
+    robot, seconds = given["robot"], given["seconds"]
+    if not isinstance(robot, Character):
+        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load and octo.gallery give")
+    own = {name: given[name] for name in OWN}
+    others = set(given).difference(OWN, ("robot", "speed", "rate", "seconds"))
+    options = {name: given[name] for name in others if given[name] is not None}
     return Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **own, options=options)
 
 
@@ -99,7 +186,7 @@ class Journey:
     velocity: tuple[float, float]
     rate: float
     seconds: float
-    dt: float = 0.025
+    dt: float = TIME_STEP
     seed: int = 0
     starts: int = STARTS
     period: float | Sequence[float] | None = None
@@ -115,7 +202,7 @@ class Journey:
     @cached_property
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the speed."""
-        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural()}
+        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural(length=1.0)}
         pose: Any = "balanced" if self.pose is None else self.pose
         problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None

@@ -14,10 +14,11 @@ from octo.checks import STILLS, ending, whole
 from octo.errors import MissingExtraError, ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.saved import Motion, motion_of
 from octo.solver.solution import Solution
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from octo.figure import Figure
 
 Array = NDArray[np.float64]
 TURN = 0.42  # rad, between the direction of travel and the width of the picture: seen a little from the front
@@ -80,7 +81,7 @@ class Ground:
 
 
 def filmstrip(
-    solution: Solution,
+    solution: Motion,
     path: str | os.PathLike[str] | None = None,
     moments: int = 6,
     between: tuple[float, float] | None = None,
@@ -98,9 +99,10 @@ def filmstrip(
     if path is not None:
         path = ending("path", path, STILLS)
     try:
-        from matplotlib.figure import Figure
+        from octo.figure import Figure
     except ImportError:
         raise MissingExtraError("a picture", "view") from None
+    solution = motion_of(solution)
     if solution.character is None:
         raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
     frames = _chosen(solution, whole("moments", moments), between)
@@ -147,7 +149,7 @@ class Scene:
             if surface is not None:
                 self._add(surface, R, t + shift, color)
         centers = sphere_centers(character, x)
-        touching = solution.loaded[max(frame - 1, 0)] if solution.steps else np.zeros(0, dtype=bool)
+        touching = solution.loaded[max(frame - 1, 0)] if solution.steps else np.zeros(len(character.terrain_contacts), dtype=bool)
         ever = np.asarray(solution.loaded.any(axis=0))
         for k, loaded, used in zip(character.terrain_contacts, touching, ever, strict=True):
             radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from octo.checks import STILLS, ending
 from octo.errors import MissingExtraError
+from octo.saved import Motion, motion_of
 from octo.solver.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+
+    from octo.figure import Figure
 
 Array = NDArray[np.float64]
 COLORS = ("#2f6db2", "#d0703c", "#4f9a57", "#8c6aaa", "#b0892f", "#6b7785")
@@ -41,8 +43,10 @@ MOST_LINES = 6  # with more joints than these the torques are an image
 Panel = Callable[[Solution, "Axes"], None]
 
 
-def plot(solution: Solution, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the solution; write it to ``path`` (.png, .pdf, .svg) where one is given.
+def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw the solution; write it to ``path`` (.png, .pdf, .svg) where one is given. A notebook shows what is returned.
+
+    The solution may also be a Log, or the path of what octo wrote.
 
     Centre of mass and its velocity (coordinates, for user-written dynamics), normal force of every contact that ever
     carries load, torques in parts of their limits, E and ‖C‖∞ over the iterations.
@@ -55,9 +59,11 @@ def plot(solution: Solution, path: str | os.PathLike[str] | None = None) -> Figu
         path = ending("path", path, STILLS)
     try:
         import matplotlib
-        from matplotlib.figure import Figure
+
+        from octo.figure import Figure
     except ImportError:
         raise MissingExtraError("a plot", "view") from None
+    solution = motion_of(solution)
     rows: list[tuple[float, list[Panel]]] = [(2.2, [_position, _velocity])]
     if solution.loaded.any():
         rows.append((_height(int(solution.loaded.any(axis=0).sum())), [_contacts]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,14 +15,15 @@ from typing import Any, overload
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from octo.checks import whole
-from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.checks import asked, numbers, whole
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
+from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
-from octo.passes import RAMP_ITERATIONS, Pass, between, moved, record, schedule
+from octo.passes import RAMP_ITERATIONS, Pass, between, early, moved, record, schedule
 from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Closure
@@ -30,7 +33,7 @@ from octo.solver import measure, sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.gait import flaws
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.solution import HISTORY, Solution, Status, solution_of
 from octo.solver.sqp import Iterate, Monitor
 
 NOISE = 0.02  # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
@@ -38,26 +41,58 @@ NOISE_PERIOD = 0.5  # s, between the knots of the noise
 SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one that swings it
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 DEVICES = ("auto", "cpu", "cuda")
+LOG = logging.getLogger("octo")
+Guess = Solution | Array | str | os.PathLike[str] | None
+Start = Guess | Sequence[Guess]
 
 
 @overload
-def solve(problem: Problem, **options: Any) -> Solution: ...
+def solve(
+    problem: Problem, *, start: Guess = None, passes: int | None = None, seeds: int = 1, seed: int = 0,
+    options: SqpOptions | None = None, max_iterations: int | None = None, time_limit: float | None = None,
+    tolerance: float | None = None, device: str = "auto", threads: int = 1, progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> Solution: ...
 @overload
-def solve(problem: Sequence[Problem], **options: Any) -> list[Solution]: ...
-def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | list[Solution]:
+def solve(
+    problem: Sequence[Problem], *, start: Start = None, passes: int | None = None, seeds: int = 1, seed: int = 0,
+    options: SqpOptions | None = None, max_iterations: int | None = None, time_limit: float | None = None,
+    tolerance: float | None = None, device: str = "auto", threads: int = 1, progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> list[Solution]: ...
+@asked
+def solve(
+    problem: Problem | Sequence[Problem],
+    *,
+    start: Start = None,
+    passes: int | None = None,
+    seeds: int = 1,
+    seed: int = 0,
+    options: SqpOptions | None = None,
+    max_iterations: int | None = None,
+    time_limit: float | None = None,
+    tolerance: float | None = None,
+    device: str = "auto",
+    threads: int = 1,
+    progress: bool | str = False,
+    callback: Callable[[Iterate], bool | None] | None = None,
+) -> Solution | list[Solution]:
     """Find the motion.
 
     Parameters
     ----------
     problem: one problem, or several of one structure (same robot, terms, basis, steps) that are solved as one batch.
-    options (SqpOptions): how; ``max_iterations``, ``time_limit`` (s) and ``tolerance`` may also be given on their own.
+    start: a Solution (or the path of its file or folder), or nodes x_0 … x_N (N+1, nx), to start from instead of the static
+        pose with noise; of several problems one for all, or a list of one for each. With another number of steps than the
+        problem's it is resampled: the whole of it over the whole of the problem.
     passes: how many passes of growing contact stiffness; four by default, one where the caller set the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The converged one of least E is returned. Of a
         cycle with a range of periods each period has its own starts, all in one batch; of the best of each period the
         one is returned whose joints do least work on the same way (``Solution.power``).
-    start: a Solution, or nodes x_0 … x_N (N+1, nx), to start from instead of the static pose with noise; of several
-        problems one for all, or a list of one for each.
-    device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU and a line on stderr that says why.
+    options: how; ``max_iterations`` (of a pass), ``time_limit`` (s, of all passes) and ``tolerance`` (‖C‖∞ over the weight)
+        may also be given on their own.
+    device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU. The solution's ``device`` says which it was,
+        the log of the package ``logging`` (named "octo", level INFO) why.
     threads: of the CPU's native code.
     progress: print a line now and then, behind this text where it is one. callback: called with an
         :class:`~octo.solver.sqp.Iterate` after every iteration; returning True stops, with the best iterate so far.
@@ -70,13 +105,15 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
     ------
     OctoError: the problem, an option or the device is refused; nothing was computed.
     """
-    problems = [problem] if isinstance(problem, Problem) else list(problem)
-    if not problems:
-        raise ValueRangeError("the list of problems is empty")
+    problems = [problem] if isinstance(problem, Problem) else _problems(problem)
     periods = [_of_each_period(one) for one in problems]
-    given = zip(_each(options.pop("start", None), problems, 1), periods, strict=True)
+    given = zip(_each(start, problems, 1), periods, strict=True)
     starts = [start for start, group in given for _ in group]
-    members, best = _solve([one for group in periods for one in group], start=starts, **options)
+    members, best = _solve(
+        [one for group in periods for one in group], start=starts, passes=passes, seeds=seeds, seed=seed, options=options,
+        max_iterations=max_iterations, time_limit=time_limit, tolerance=tolerance, device=device, threads=threads,
+        progress=progress, callback=callback,
+    )  # fmt: skip
     left = iter(best)
     chosen = []
     for described, group in zip(problems, periods, strict=True):
@@ -86,6 +123,20 @@ def solve(problem: Problem | Sequence[Problem], **options: Any) -> Solution | li
         return chosen
     _say_kept(chosen[0])
     return replace(chosen[0], starts=tuple(m.report() for m in members))
+
+
+def _problems(given: Any) -> list[Problem]:
+    """A batch, or a sentence that says what is missing of one."""
+    if isinstance(given, (Character, Dynamics)):
+        raise ProblemError(
+            f"octo.solve was given {said(given)}, must be an octo.Problem: what the robot is to do is missing. "
+            "Say it with octo.Problem(robot, steps=160, dt=0.025, costs=[octo.Effort()]), or call octo.walk(robot)"
+        )
+    if not isinstance(given, (list, tuple)) or not all(isinstance(one, Problem) for one in given):
+        raise ProblemError(f"octo.solve was given {said(given)}, must be an octo.Problem or a list of them")
+    if not given:
+        raise ValueRangeError("the list of problems is empty")
+    return list(given)
 
 
 def _of_each_period(problem: Problem) -> list[Problem]:
@@ -138,7 +189,7 @@ def _solve(
     passes: int | None = None,
     seeds: int = 1,
     seed: int = 0,
-    start: Solution | Array | Sequence[Solution | Array | None] | None = None,
+    start: Start = None,
     device: str = "auto",
     threads: int = 1,
     max_iterations: int | None = None,
@@ -158,10 +209,11 @@ def _solve(
     check_alike(problems)  # before the seeds, so that a message counts what the caller gave
     own = [schedule(problem, passes) for problem in problems]
     if any([stage is None for stage in plan] != [stage is None for stage in own[0]] for plan in own[1:]):
-        raise ProblemError("the contact laws of the problems differ, a fixed stiffness and one that grows: solve them one by one")
+        told = "one has passes in which it grows, one is fixed"
+        raise ProblemError(f"the contact laws of the problems differ in stiffness or friction: {told}, solve them one by one")
     plans = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
-    current = [_for_pass(problem, plan[0]) for problem, plan in zip(batch, plans, strict=True)]
+    current = _for_pass(batch, [plan[0] for plan in plans])
     compiled = CompiledProblem(current, run.threads)
     starts = _each(start, problems, seeds)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
@@ -202,7 +254,7 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     The terms of E are means over time, but they do not mean the same for every period: feet that share the load stand
     longer the longer the stride is, so that E of the natural terms only falls (mammal at 0.5 m/s: .25, .17, .14 at 0.3, 0.5,
     0.8 s; biped .24, .15, .13 at 0.5, 1.0, 1.5 s). Work over weight and way has its least in between (.54, .37, .53; 1.1,
-    .72, .81), near the strides of animals of that size (docs/cycles.md).
+    .72, .81), near the strides of animals of that size (docs/notes/cycles.md).
     """
     failed, passes, infeasible, flawed, last = _rank(member)
     cycle = problem.cycle
@@ -212,8 +264,14 @@ def _rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool
     return failed, passes, infeasible, flawed, member.power * (member.cycle.period if a_stride else 1.0)
 
 
-def _for_pass(problem: Problem, stage: Pass | None) -> Problem:
-    return problem if stage is None else problem.replace(parameters=stage.parameters(problem.weight))
+def _for_pass(problems: Sequence[Problem], stages: Sequence[Pass | None]) -> list[Problem]:
+    """Problems with the contact laws of their passes: what is the same problem and pass is one object."""
+    made: dict[tuple[int, Pass | None], Problem] = {}
+    for problem, stage in zip(problems, stages, strict=True):
+        if (id(problem), stage) not in made:
+            parameters = None if stage is None else stage.parameters(problem.weight)
+            made[id(problem), stage] = problem if parameters is None else problem.replace(parameters=parameters)
+    return [made[id(problem), stage] for problem, stage in zip(problems, stages, strict=True)]
 
 
 def _passes(
@@ -283,7 +341,8 @@ def _kept(converged: Solution, failed: Solution) -> Solution:
 
 def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None, monitor: Monitor, iterations: int) -> sqp.Result:
     """One solve with what is left of the time."""
-    options = replace(run.options, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
+    wanted = run.options if monitor.number == monitor.passes else early(run.options)
+    options = replace(wanted, time_limit=max(run.options.time_limit - run.seconds, 1e-9), max_iterations=iterations)
     problem = run.backend.place(compiled)
     result = sqp.run(problem, problem.unknowns(nodes), run.backend.array(lam), options, monitor, run.backend)
     run.seconds += result.seconds
@@ -293,7 +352,7 @@ def _pass(run: _Run, compiled: CompiledProblem, nodes: Array, lam: Array | None,
 def _stiffer(run: _Run, compiled: CompiledProblem, nodes: Array, stages: Sequence[Pass]) -> tuple[CompiledProblem, Array]:
     """The same problems with stiffer contact laws, and the nodes shifted to their new starts."""
     began = time.perf_counter()
-    problems = [_for_pass(problem, stage) for problem, stage in zip(compiled.problems, stages, strict=True)]
+    problems = _for_pass(compiled.problems, stages)
     shifted = np.stack([moved(x, old, new) for x, old, new in zip(nodes, compiled.problems, problems, strict=True)])
     stiffer = CompiledProblem(problems, run.threads, like=compiled)
     run.setup_seconds += time.perf_counter() - began
@@ -387,12 +446,19 @@ def fore_and_aft(problem: Problem) -> Array:
 
 def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
     """x_0 (twice) … x_N (N+2, nx) that the user gave."""
-    given = np.asarray(start.x[1:] if isinstance(start, Solution) else start, dtype=float)
-    if given.shape != (problem.steps + 1, problem.dynamics.nx):
-        raise ShapeError("start", given.shape, (problem.steps + 1, problem.dynamics.nx))
-    if not np.isfinite(given).all():
-        raise ValueRangeError("start is not finite")
+    given = numbers("start", start.x[1:] if isinstance(start, Solution) else start)
+    if given.ndim != 2 or given.shape[1] != problem.dynamics.nx or len(given) < 2:
+        raise ShapeError("start", given.shape, f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more")
+    given = resampled(given, problem.steps)
     return np.concatenate([given[:1], given])
+
+
+def resampled(nodes: Array, steps: int) -> Array:
+    """Nodes (M+1, nx) as (steps+1, nx): the same motion from its first to its last, on a natural cubic spline."""
+    if len(nodes) == steps + 1:
+        return nodes
+    spline = CubicSpline(np.linspace(0.0, 1.0, len(nodes)), nodes, axis=0, bc_type="natural")
+    return np.asarray(spline(np.linspace(0.0, 1.0, steps + 1)))
 
 
 def smooth_noise(problem: Problem, seed: int) -> Array:
@@ -415,10 +481,15 @@ def _first_multipliers(starts: Sequence[Solution | Array | None], compiled: Comp
 def _each(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:
     """The start of each member: a list has one for each problem."""
     if not isinstance(start, (list, tuple)):
-        return [start] * (len(problems) * seeds)
+        return [_opened(start)] * (len(problems) * seeds)
     if len(start) != len(problems):
         raise ShapeError("start", (len(start),), f"({len(problems)},): one for each problem")
-    return [one for one in start for _ in range(seeds)]
+    return [one for one in map(_opened, start) for _ in range(seeds)]
+
+
+def _opened(start: Any) -> Any:
+    """What the user gave, or the solution at a path."""
+    return solution_of(start) if isinstance(start, (str, os.PathLike)) else start
 
 
 def _say_kept(solution: Solution) -> None:
@@ -432,7 +503,7 @@ def _say_kept(solution: Solution) -> None:
 
 @cache
 def _say_cpu(reason: str) -> None:
-    print(f"octo: using the CPU: {reason}", file=sys.stderr)
+    LOG.info("using the CPU: %s", reason)
 
 
 def check_device_name(device: object) -> None:
@@ -447,7 +518,7 @@ def check_device_name(device: object) -> None:
 
 
 def resolve_device(device: str) -> str:
-    """ "cuda", or "cpu", for "auto" with one line that says why.
+    """ "cuda", or "cpu"; for "auto" the log says why.
 
     Raises
     ------

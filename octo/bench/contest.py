@@ -95,7 +95,7 @@ class Contest:
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
         """A later pass approaches its stiffness in small factors, as octo's passes do; that is counted."""
-        own = {"seed": seed, "threads": self.threads, "device": self.device}
+        own: dict[str, Any] = {"seed": seed, "threads": self.threads, "device": self.device}
         problem, now = self.problems[number - 1], before
         if now is None:
             return solve(problem, start=start[1:], options=self.options, **own)

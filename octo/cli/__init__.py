@@ -1,4 +1,4 @@
-"""The command line: ``octo solve | cycle | mpc | compare | bench | info | robots | simulate | replay | view``.
+"""The command line, ``octo COMMAND``: octo.cli.main has the list of commands.
 
 Exit codes: 0 converged or done, 1 ran but did not converge (all files written), 2 refused, 130 interrupted.
 """

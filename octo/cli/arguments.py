@@ -100,12 +100,19 @@ def add_solver_arguments(
     parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
     parser.add_argument("--seeds", type=whole(1), default=seeds, help=f"starts, solved as one batch (default {starts or seeds})")
     parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
-    parser.add_argument("--start", metavar="SOLUTION.npz", help="a saved solution to start from")
+    parser.add_argument("--start", metavar="SOLUTION", help="what octo wrote, to start from: a solution (.npz) or its folder")
     parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
     parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
     parser.add_argument("--time-limit", type=positive, help="s, of all passes")
     parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
-    parser.add_argument("--device", default=device, help=f"auto, cpu or cuda (default {device})")
+    add_device_argument(parser, device, f"auto, cpu or cuda (default {device})")
+
+
+def add_device_argument(parser: argparse.ArgumentParser, device: str, words: str) -> None:
+    """Where it is computed; ``device`` where nothing is said, which ``octo.cli.main.parse`` fills in."""
+    parser.add_argument("--device", help=words)
+    parser.add_argument("--verbose", action="store_true", help="say on which device, and why, as --device does")
+    parser.set_defaults(usual_device=device)
 
 
 SOLVER = ("passes", "seeds", "seed", "threads", "max_iterations", "time_limit", "tolerance", "device")

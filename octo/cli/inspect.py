@@ -8,16 +8,20 @@ import os
 from typing import Any
 
 from octo.cli.solve import finite
+from octo.devices import devices
 from octo.errors import UsageError
 from octo.model.character import Character
 from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from octo.model.load import load
-from octo.solver.solution import Solution
+from octo.saved import opened
 
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", nargs="?", help="a URDF or MJCF file, a gallery name, or a solution (.npz)")
+    parser.add_argument(
+        "file", metavar="FILE", nargs="?",
+        help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), or its folder",
+    )  # fmt: skip
     parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
     parser.add_argument("--devices", action="store_true", help="what this machine can solve on")
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
@@ -34,18 +38,19 @@ def info(arguments: argparse.Namespace) -> int:
         raise UsageError("octo info needs a FILE or --devices, and not both")
     if arguments.devices:
         show(devices(), arguments.json)
-    elif arguments.file.endswith(".npz"):
-        solution = Solution.load(arguments.file)
-        print(json.dumps(finite(solution.report()), ensure_ascii=False) if arguments.json else solution)
+    elif arguments.file.endswith(".npz") or (os.path.isdir(arguments.file) and arguments.file not in CHARACTERS):
+        found = opened(arguments.file)
+        print(json.dumps(finite(found.report()), ensure_ascii=False) if arguments.json else found)
     else:
-        show(describe(load(arguments.file, arguments.base)), arguments.json)
+        robot = load(arguments.file, arguments.base)
+        print(json.dumps(finite(describe(robot)), ensure_ascii=False) if arguments.json else robot.summary())
     return 0
 
 
 def robots(arguments: argparse.Namespace) -> int:
     characters = {name: make() for name, make in CHARACTERS.items()}
     if arguments.json:
-        print(json.dumps({name: describe(character) for name, character in characters.items()}))
+        print(json.dumps(finite({name: describe(character) for name, character in characters.items()}), ensure_ascii=False))
         return 0
     for name, character in characters.items():
         print(f"{name:10s}{line_of(character)}")
@@ -57,32 +62,11 @@ def line_of(character: Character) -> str:
     return f"{character.nx} degrees of freedom, {character.nu} actuated, {bodies} bodies, {character.mass:.1f} kg"
 
 
-def devices() -> dict[str, Any]:
-    """The devices by name, and what each is or why it cannot be used."""
-    from octo import native
-    from octo.gpu import cuda, nvrtc
-
-    words = native.compiler()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    known = {"cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"}
-    reason = cuda.reason()
-    if reason is None:
-        gpu = cuda.device()
-        known["cuda"] = f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC {nvrtc.version()}"
-    else:
-        known["cuda"] = f"cannot be used: {reason}"
-    return known
-
-
 def show(values: dict[str, Any], as_json: bool) -> None:
-    """A dictionary as JSON or as one line a key; lists are counted, then listed."""
+    """A dictionary as JSON or as one line a key."""
     if as_json:
         print(json.dumps(finite(values), ensure_ascii=False))
         return
     width = max(len(key) for key in values) + 2
     for key, value in values.items():
-        if isinstance(value, list):
-            names = [" – ".join(entry) if isinstance(entry, list) else str(entry) for entry in value]
-            separator = f"\n{' ' * width}" if key == "dropped" else ", "
-            value = f"{len(value)}: {separator.join(names)}" if value else "none"
-        print(f"{key:{width}s}{f'{value:.6g}' if isinstance(value, float) else value}")
+        print(f"{key:{width}s}{value}")

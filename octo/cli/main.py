@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NoReturn
 
 import octo
-from octo.cli import bench, compare, cycle, inspect, mpc, replay, simulate, solve, view
+from octo.cli import bench, compare, completion, cycle, inspect, mpc, replay, simulate, solve, view
 from octo.errors import OctoError, UnknownNameError, UsageError
 
 REFUSED = 2
@@ -22,8 +24,9 @@ EXAMPLES = """examples:
   octo mpc go2.urdf --goal walk --speed 0.3 --seconds 20 --push 50,0.2,90 --out walk
   octo info go2.urdf --json
   octo simulate biped --seconds 2 --hold
-  octo replay demo/solution.npz --starts 5
-  octo view demo/solution.npz --out motion.html"""
+  octo replay demo --starts 5
+  octo view demo --out motion.html
+  octo completion bash > ~/.local/share/bash-completion/completions/octo"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -39,7 +42,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         prog="octo", description=octo.__doc__, epilog=EXAMPLES, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    top.add_argument("--version", action="version", version=f"octo {octo.__version__}")
+    top.add_argument("-V", "--version", action="version", version=f"octo {octo.__version__}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     made: dict[str, Parser] = {}
     modules: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
@@ -52,12 +55,28 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "robots": ("the robots that octo brings along", inspect.add_robots_arguments),
         "simulate": ("let a robot move without a plan", simulate.add_arguments),
         "replay": ("run a saved plan in MuJoCo", replay.add_arguments),
-        "view": ("a picture of a saved solution", view.add_arguments),
+        "view": ("a picture of a saved solution or log", view.add_arguments),
+        "completion": ("a script with which a shell completes what you type", completion.add_arguments),
+        "help": ("what octo can do, or how one command is used", add_help_arguments),
     }
     for name, (sentence, add_arguments) in modules.items():
         made[name] = commands.add_parser(name, help=sentence, description=sentence, allow_abbrev=False)
         add_arguments(made[name])
     return top, made
+
+
+def add_help_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topic", metavar="COMMAND", nargs="?", help="a command (default: all of them)")
+    parser.set_defaults(run=show_help)
+
+
+def show_help(arguments: argparse.Namespace) -> int:
+    """``octo help COMMAND`` is ``octo COMMAND --help``."""
+    top, commands = parser()
+    if arguments.topic is not None and arguments.topic not in commands:
+        raise UnknownNameError("command", arguments.topic, commands)
+    (top if arguments.topic is None else commands[arguments.topic]).print_help()
+    return 0
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
@@ -67,20 +86,48 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
         raise UnknownNameError("command", words[0], commands)
     arguments, left = top.parse_known_args(words)
     if left:
-        valid = commands[arguments.command]._option_string_actions if arguments.command else {}
+        valid = (commands[arguments.command] if arguments.command else top)._option_string_actions
         if left[0].startswith("-"):
             raise UnknownNameError("option", left[0], [name for name in valid if name.startswith("--")])
         raise UsageError(f"argument {left[0]!r} is not expected; see octo {arguments.command} --help")
     if arguments.command is None:
         raise UsageError(f"a command is missing, must be one of {', '.join(commands)}")
+    if "device" in arguments:
+        arguments.verbose = arguments.verbose or arguments.device is not None
+        arguments.device = arguments.device or arguments.usual_device
     return arguments
+
+
+class Lines(logging.Handler):
+    """What the package logs, as lines like octo's others."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"octo: {record.getMessage()}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def said_on_stderr(wanted: bool) -> Iterator[None]:
+    """With what octo logs (on which device it solves, and why) on stderr, if wanted."""
+    if not wanted:
+        yield
+        return
+    log, lines = logging.getLogger("octo"), Lines()
+    level = log.level
+    log.addHandler(lines)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(lines)
+        log.setLevel(level)
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
     try:
         arguments = parse(sys.argv[1:] if words is None else words)
-        return int(arguments.run(arguments))
+        with said_on_stderr(getattr(arguments, "verbose", False)):
+            return int(arguments.run(arguments))
     except OctoError as error:
         print(f"octo: error: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED

@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from octo.cli.arguments import add_base_arguments, number, pose_of, positive, robot_of, terrain_of, whole
+from octo.cli.arguments import (
+    add_base_arguments,
+    add_device_argument,
+    number,
+    pose_of,
+    positive,
+    robot_of,
+    terrain_of,
+    whole,
+)
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
@@ -36,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)")
     parser.add_argument("--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)")
     parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
-    parser.add_argument("--device", default="cpu", help="cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
+    add_device_argument(parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
     parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
     parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
     parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")

@@ -55,7 +55,7 @@ class OutputFolder:
     def write(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
         """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever reason, is left out.
 
-        All numbers are in place before anything is drawn, and the pictures of earlier numbers are gone.
+        All numbers are in place before anything is drawn, and earlier pictures are gone: they would show other numbers.
 
         Returns
         -------

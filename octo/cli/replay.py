@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from octo.cli.arguments import positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
@@ -36,8 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     for kind, name, valid in (("plant", arguments.plant, PLANTS), ("feedback", arguments.feedback, FEEDBACKS)):
         if name not in valid:
             raise UnknownNameError(kind, name, valid)
-    path = Path(arguments.solution)
-    plan = Solution.load(path / "solution.npz" if path.is_dir() else path)
+    plan = Solution.load(arguments.solution)
     folder = OutputFolder(arguments.out or default_folder(plan.name, "replay"))
     folder.check(FILES)
     if not plan.converged:

@@ -9,11 +9,12 @@ from pathlib import Path
 from octo.checks import STILLS
 from octo.cli.output import OutputFolder
 from octo.errors import OctoError, OutputError
+from octo.saved import motion_of
 from octo.solver.solution import Solution
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("solution", metavar="SOLUTION.npz", help="what `octo solve` wrote")
+    parser.add_argument("solution", metavar="SOLUTION", help="what octo wrote: a solution or log (.npz), or its folder")
     parser.add_argument(
         "--out", default="motion.html", metavar="FILE", help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
     )
@@ -26,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise OutputError(f"out is {arguments.out!r}, must end in .html (moving), {', '.join(STILLS)} (plots) or .csv (numbers)")
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
-    solution = Solution.load(arguments.solution)
+    solution = motion_of(arguments.solution)
     for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
         raise error if isinstance(error, OctoError) else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
     print(f"written to {out}")

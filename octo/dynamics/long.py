@@ -1,8 +1,9 @@
 """Long generated functions: how hard the compiler tries, what that costs, and how much is refused.
 
-Measured with gcc 12 on user-written dynamics of 5 to 12 coordinates with contact points of a soft body. A function of 22,000
-instructions takes 11 s of processor time at -O3 and 5 s at -O1; at -O1 one of 150,000 takes minutes and 5 GB, time grows
-with the square. At -O0 589,000 lines take 18 s and 3.3 GB, in proportion; the code is 3.5 times slower than that of -O1.
+Measured with gcc 12 on user-written dynamics of 5 to 12 coordinates with contact points of a soft
+body. A function of 22,000 instructions takes 11 s of processor time at -O3 and 5 s at -O1; one of
+150,000 takes minutes and 5 GB at -O1, where time grows with the square. At -O0 589,000 lines take
+18 s and 3.3 GB, in proportion; the code is 3.5 times slower than that of -O1.
 Derivatives and their common subexpressions take 40 s for a million instructions, the text 12 s.
 """
 
@@ -24,7 +25,7 @@ BYTES = 5.5e3  # of memory for one
 
 
 def brisk(text: str, instructions: int) -> str:
-    """C text whose longest function is so long, compiled at -O1 from LONG on, at -O0 from HUGE on."""
+    """C text whose longest function is so long, at -O1 from LONG on, at -O0 from HUGE on."""
     if instructions < LONG:
         return text
     clang = (
@@ -62,8 +63,9 @@ def check_length(what: str, instructions: int, hint: str) -> None:
 def _say(what: str, instructions: int) -> None:
     seconds, memory = f"{SECONDS * instructions:.0f} s", f"{BYTES * instructions / 1e9:.1f} GB"
     print(
-        f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives; to generate "
-        f"and compile them takes about {seconds} of processor time and {memory} of memory, the first time",
+        f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives; to "
+        f"generate and compile them takes about {seconds} of processor time and {memory} of "
+        "memory, the first time",
         file=sys.stderr,
         flush=True,
     )

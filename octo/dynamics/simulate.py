@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from octo.checks import positive, time_step
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
@@ -299,7 +299,7 @@ def _schedule(
             raise ValueRangeError(f"seconds is {seconds}, must be positive")
         steps = max(1, round(seconds / dt))
     if steps is not None and (not isinstance(steps, (int, np.integer)) or steps < 1):
-        raise ValueRangeError(f"steps is {steps!r}, must be a whole number of at least 1")
+        raise ValueRangeError(f"steps is {said(steps)}, must be a whole number of at least 1")
     if controls is None:
         if steps is None:
             raise ProblemError("give seconds, steps, or an array of controls: how long is not known")

@@ -41,7 +41,7 @@ def reason() -> str | None:
     try:
         compiler = nvrtc.version()
     except MissingExtraError:
-        return "NVRTC is missing: pip install nvidia-cuda-nvrtc (CUDA 13) or nvidia-cuda-nvrtc-cu12"
+        return "NVRTC is missing: pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
     driver = int(cupy.cuda.runtime.driverGetVersion()) // 1000
     if int(compiler.split(".")[0]) > driver:
         return f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not load"

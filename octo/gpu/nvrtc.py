@@ -73,7 +73,7 @@ def _library() -> ctypes.CDLL:
             return ctypes.CDLL(str(path))
     found = ctypes.util.find_library("nvrtc")
     if found is None:
-        raise MissingExtraError("compiling for the GPU", "gpu")
+        raise MissingExtraError("compiling for the GPU", "cuda13")
     return ctypes.CDLL(found)
 
 

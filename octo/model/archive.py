@@ -68,7 +68,7 @@ class Archive:
         return columns
 
     def word(self, name: str) -> str:
-        return _printable(self._plain(name, str, "a word"))
+        return printable(self._plain(name, str, "a word"))
 
     def number(self, name: str, *, positive: bool = False, finite: bool = True) -> float:
         found = self._plain(name, (int, float), "a number")
@@ -82,18 +82,14 @@ class Archive:
             raise ValueRangeError(f"{name} is {found!r}, must be a whole number that is not negative")
         return int(found)
 
+    def flag(self, name: str) -> bool:
+        return bool(self._plain(name, bool, "true or false"))
+
     def words(self, name: str) -> tuple[str, ...]:
         found = self._plain(name, list, "a list")
         if not all(isinstance(word, str) for word in found):
             raise ValueRangeError(f"{name} must hold words only")
-        return tuple(_printable(word) for word in found)
-
-    def vector(self, name: str) -> tuple[float, ...]:
-        """A list of numbers, which of a motion that is not finite are not either."""
-        found = self._plain(name, list, "a list")
-        if not all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in found):
-            raise ValueRangeError(f"{name} must hold numbers only")
-        return tuple(float(value) for value in found)
+        return tuple(printable(word) for word in found)
 
     def numbers(self, name: str, *, finite: bool = True) -> dict[str, float]:
         """Numbers by name."""
@@ -141,7 +137,7 @@ def opened(path: str | os.PathLike[str], kind: str, plain: str = "plain") -> Ite
         raise RobotFileError(f"{path} is not a {kind} that octo saved (.npz): {_sentence(error)}") from error
 
 
-def _printable(word: str) -> str:
+def printable(word: str) -> str:
     """With spaces for what a terminal or a table would take for a command."""
     return "".join(c if c.isprintable() else " " for c in word)
 
@@ -151,5 +147,5 @@ def _sentence(error: Exception) -> str:
         text = f"{error.args[0] if error.args else 'an entry'} is missing"
     else:
         text = str(error) if isinstance(error, OctoError) and str(error) else f"{type(error).__name__}: {error}"
-    text = " ".join(_printable(text).split())
+    text = " ".join(printable(text).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

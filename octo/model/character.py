@@ -22,7 +22,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import ModelError, UnknownNameError
+from octo.errors import ModelError, UnknownNameError, said
+from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
 LARGEST = 1e12  # SI units, of every quantity but a limit: squares and cubes of it are still numbers
@@ -38,13 +39,7 @@ def _vector3(values: object = (0.0, 0.0, 0.0)) -> Array:
 
 def _text(what: str, value: object) -> None:
     if not isinstance(value, str) or not value:
-        raise ModelError(f"{what}: name is {_shown(value)}, must be a text that is not empty")
-
-
-def _shown(value: object) -> str:
-    """A value in a message: never a whole robot."""
-    shown = repr(value) if isinstance(value, (str, int, float, np.generic, np.ndarray, tuple, list, type(None))) else ""
-    return " ".join(shown.split()) if 0 < len(shown) <= 80 else f"a {type(value).__name__}"
+        raise ModelError(f"{what}: name is {said(value)}, must be a text that is not empty")
 
 
 def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
@@ -54,7 +49,7 @@ def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
     except ValueError:  # lists of unequal lengths
         array = np.array(None)
     if array.dtype.kind not in "iuf":
-        raise ModelError(f"{what} is {_shown(value)}, must be numbers")
+        raise ModelError(f"{what} is {said(value)}, must be numbers")
     array = array.astype(float)
     if array.shape != shape:
         raise ModelError(f"{what} has shape {array.shape}, must have {shape}")
@@ -69,7 +64,7 @@ def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool
     try:
         number = float(operator.pos(value))  # type: ignore[arg-type]  # a text has no sign
     except (TypeError, ValueError):
-        raise ModelError(f"{what} is {_shown(value)}, must be a number") from None
+        raise ModelError(f"{what} is {said(value)}, must be a number") from None
     except OverflowError:
         number = math.inf
     negative = "not negative" in rule and number < 0.0 or "positive" in rule and number <= 0.0
@@ -103,7 +98,7 @@ class Joint:
         _text("joint", self.name)
         which = f"joint {self.name!r}"
         if self.kind not in ("hinge", "slide"):
-            raise ModelError(f"{which}: kind is {_shown(self.kind)}, must be 'hinge' or 'slide'")
+            raise ModelError(f"{which}: kind is {said(self.kind)}, must be 'hinge' or 'slide'")
         axis = _array(f"{which}: axis", self.axis, (3,))
         length = float(np.linalg.norm(axis))
         if not abs(length - 1.0) <= ROUNDED:
@@ -112,7 +107,7 @@ class Joint:
         keep(self, "axis", axis / length if abs(length - 1.0) > 1e-12 else axis)
         keep(self, "anchor", _array(f"{which}: anchor", self.anchor, (3,)))
         if not isinstance(self.actuated, (bool, np.bool_)):
-            raise ModelError(f"{which}: actuated is {_shown(self.actuated)}, must be True or False")
+            raise ModelError(f"{which}: actuated is {said(self.actuated)}, must be True or False")
         for name in ("reference", "gear", "rest"):
             keep(self, name, _quantity(f"{which}: {name}", getattr(self, name)))
         for name in ("armature", "damping", "stiffness"):
@@ -148,9 +143,9 @@ class Body:
         _text("body", self.name)
         which, keep = f"body {self.name!r}", object.__setattr__
         if isinstance(self.parent, bool) or not isinstance(self.parent, (int, np.integer)):
-            raise ModelError(f"{which}: parent is {_shown(self.parent)}, must be the index of a body, or -1")
+            raise ModelError(f"{which}: parent is {said(self.parent)}, must be the index of a body, or -1")
         if not isinstance(self.joints, (tuple, list)) or not all(isinstance(joint, Joint) for joint in self.joints):
-            raise ModelError(f"{which}: joints is {_shown(self.joints)}, must be a tuple of Joint")
+            raise ModelError(f"{which}: joints is {said(self.joints)}, must be a tuple of Joint")
         keep(self, "joints", tuple(self.joints))
         keep(self, "mass", _quantity(f"{which}: mass", self.mass, "finite and not negative"))
         for name, shape in (("position", (3,)), ("rotation", (3, 3)), ("com", (3,)), ("inertia", (3, 3))):
@@ -182,13 +177,13 @@ class ContactSphere:
         _text("contact", self.name)
         which, keep = f"contact {self.name!r}", object.__setattr__
         if isinstance(self.body, bool) or not isinstance(self.body, (int, np.integer)):
-            raise ModelError(f"{which}: body is {_shown(self.body)}, must be the index of a body")
+            raise ModelError(f"{which}: body is {said(self.body)}, must be the index of a body")
         keep(self, "position", _array(f"{which}: position", self.position, (3,)))
         keep(self, "radius", _quantity(f"{which}: radius", self.radius, "finite and not negative"))
 
 
-@dataclass(frozen=True, eq=False)
-class Character:
+@dataclass(frozen=True, eq=False, repr=False)
+class Character(Shown):
     """A robot or a character: bodies in tree order (parents first), contact spheres, self-collision pairs.
 
     Attributes
@@ -242,16 +237,16 @@ class Character:
         for field_name, kind in (("bodies", Body), ("contacts", ContactSphere)):
             things = getattr(self, field_name)
             if not isinstance(things, (tuple, list)) or not all(isinstance(thing, kind) for thing in things):
-                raise ModelError(f"{which}: {field_name} is {_shown(things)}, must be a tuple of {kind.__name__}")
+                raise ModelError(f"{which}: {field_name} is {said(things)}, must be a tuple of {kind.__name__}")
             keep(self, field_name, tuple(things))
         if self.base not in ("floating", "fixed"):
-            raise ModelError(f"{which}: base is {_shown(self.base)}, must be 'floating' or 'fixed'")
+            raise ModelError(f"{which}: base is {said(self.base)}, must be 'floating' or 'fixed'")
         if self.chart not in ("zyx", "zxy"):
-            raise ModelError(f"{which}: chart is {_shown(self.chart)}, must be 'zyx' or 'zxy'")
+            raise ModelError(f"{which}: chart is {said(self.chart)}, must be 'zyx' or 'zxy'")
         try:
             keep(self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs))
         except (TypeError, ValueError):
-            raise ModelError(f"{which}: pairs is {_shown(self.pairs)}, must be pairs of indices of contact spheres") from None
+            raise ModelError(f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres") from None
 
     def _check_base(self) -> None:
         """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing moves may have none."""
@@ -281,6 +276,26 @@ class Character:
             for joint in body.joints:
                 if carried[b] <= 0.0 and joint.armature <= 0.0:
                     raise ModelError(f"joint {joint.name!r} moves no mass: the bodies from {body.name!r} on are massless")
+
+    def __repr__(self) -> str:
+        size = f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies, {self.mass:.4g} kg"
+        lines = [
+            f"{self.name}, {self.base} base: {size}",
+            listed("joints", [joint.name for joint in self.joints]),
+            listed("contacts", [contact.name for contact in self.contacts]),
+            listed("poses", list(self.poses)),
+        ]
+        dropped = [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"] if self.dropped else []
+        return "\n".join(lines + dropped)
+
+    def summary(self) -> str:
+        """A table to read: sizes, height and inertia; range, limits and poses of each joint; mass and inertia of each body.
+
+        :func:`octo.describe` has the same as numbers.
+        """
+        from octo.model.describe import summary  # which needs this module
+
+        return summary(self)
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -327,8 +342,8 @@ class Character:
         return tuple(k for k, contact in enumerate(self.contacts) if contact.touches_terrain)
 
     @cached_property
-    def masses(self) -> Array:
-        """(bodies,) kg; zero of what is world and not robot.
+    def own(self) -> NDArray[np.bool_]:
+        """(bodies,) whether a body is the robot's, and not the world's.
 
         The robot is what the floating base carries. On a fixed base it is the trees that are driven (or, where none is, that
         move), with what they stand on: a door beside an arm moves, but its weight is not the arm's.
@@ -342,7 +357,12 @@ class Character:
             moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
             driven = {root[b] for b, body in enumerate(self.bodies) if any(joint.actuated for joint in body.joints)}
             kept = driven or moving or set(root)
-        return np.array([body.mass if root[b] in kept else 0.0 for b, body in enumerate(self.bodies)])
+        return np.array([one in kept for one in root], dtype=bool)
+
+    @cached_property
+    def masses(self) -> Array:
+        """(bodies,) kg; zero of what is world and not robot."""
+        return np.array([body.mass for body in self.bodies]) * self.own
 
     @cached_property
     def mass(self) -> float:

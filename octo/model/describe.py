@@ -1,17 +1,38 @@
-"""What a character is, as plain lists and numbers."""
+"""What a character is: as plain lists and numbers, and as a table to read."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from octo.model.character import Character
+import numpy as np
 
+from octo.model.character import Array, Character, Joint
+from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+
+UNITS = {
+    "length": "m", "mass": "kg", "inertia": "kg m²", "hinge": "rad", "slide": "m", "speed of a hinge": "rad/s",
+    "speed of a slide": "m/s", "torque of a hinge": "N m", "force of a slide": "N",
+}  # fmt: skip
 SHOWN = 4  # meshes named in one sentence
 
 
+class Text(str):
+    """Words that an interactive session shows as they are printed."""
+
+    def __repr__(self) -> str:
+        return str(self)
+
 def describe(character: Character) -> dict[str, Any]:
-    """Name, sizes, mass (kg) and the names of bodies, contacts and pairs; what its file says and octo does not model."""
+    """What a character is, as plain lists, names and numbers; None where there is no limit.
+
+    Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo does not model; the
+    base; ``height`` (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre of mass, both in
+    the default pose; ``joints`` in the order of the coordinates; ``links``: mass, centre of mass (m, body axes) and
+    inertia (3, 3) about it; ``poses`` by name; ``units``.
+    """
     names = [contact.name for contact in character.contacts]
+    pose = default_pose(character)
     return {
         "name": character.name,
         "nx": character.nx,
@@ -21,6 +42,30 @@ def describe(character: Character) -> dict[str, Any]:
         "contacts": names,
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
         "dropped": list(character.dropped),
+        "base": character.base,
+        "chart": character.chart,
+        "height": default_height(character),
+        "inertia": whole_inertia(character, pose).tolist(),
+        "joints": [
+            {
+                "name": joint.name,
+                "kind": joint.kind,
+                "body": body.name,
+                "actuated": joint.actuated,
+                "lower": _finite(joint.lower),
+                "upper": _finite(joint.upper),
+                "velocity_limit": _finite(joint.velocity_limit),
+                "torque_limit": _finite(joint.torque_limit) if joint.actuated else None,
+            }
+            for body in character.bodies
+            for joint in body.joints
+        ],
+        "links": [
+            {"name": body.name, "mass": body.mass, "com": body.com.tolist(), "inertia": body.inertia.tolist()}
+            for body in character.bodies
+        ],
+        "poses": {"default": pose.tolist(), **{name: np.asarray(values).tolist() for name, values in character.poses.items()}},
+        "units": UNITS,
     }
 
 
@@ -32,3 +77,99 @@ def lost_shapes(character: Character) -> str:
         return ""
     more = f"; and {len(lost) - SHOWN} more, octo info lists all" if len(lost) > SHOWN else ""
     return f"collision meshes are left out and nothing touches there: {'; '.join(lost[:SHOWN])}{more}"
+
+
+def summary(character: Character) -> Text:
+    """A table for people: sizes, then a line for each joint, each body and each pose."""
+    pose = default_pose(character)
+    height = default_height(character)
+    names = [contact.name for contact in character.contacts]
+    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose)))
+    counted = {
+        "bodies": [body.name for body in character.bodies],
+        "contacts": names,
+        "pairs": [f"{names[a]} – {names[b]}" for a, b in character.pairs],
+        "poses": list(character.poses),
+        "dropped": list(character.dropped),
+    }
+    lines = [
+        f"name      {character.name}",
+        f"base      {character.base}" + (f", angles {character.chart}" if character.base == "floating" else ""),
+        f"nx        {character.nx}",
+        f"nu        {character.nu}",
+        f"mass      {character.mass:.6g} kg",
+        f"height    {'no contact' if height is None else f'{height:.4g} m'}, of the base over the lowest contact, default pose",
+        f"inertia   ({moments}) kg m², principal, about the centre of mass, default pose",
+        *(f"{key:10s}{_counted(values, key == 'dropped')}" for key, values in counted.items()),
+    ]
+    poses = {"default": pose, **character.poses}
+    return Text("\n".join([*lines, "", *_joint_rows(character, poses), "", *_body_rows(character)]))
+
+
+def default_pose(character: Character) -> Array:
+    """(nx,) the pose a start is searched from; zeros where the character has none."""
+    pose = character.default_pose
+    return np.zeros(character.nx) if pose is None else np.asarray(pose, dtype=float)
+
+
+def default_height(character: Character) -> float | None:
+    """m, of the base's origin over the lowest point of a contact in the default pose; None without contacts."""
+    spheres = character.terrain_contacts
+    if not spheres:
+        return None
+    pose = default_pose(character)
+    radius = np.array([character.contacts[k].radius for k in spheres])
+    lowest = (sphere_centers(character, pose)[list(spheres), 2] - radius).min()
+    return float(body_poses(character, pose)[1][character.base_body, 2] - lowest)
+
+
+def whole_inertia(character: Character, x: Array) -> Array:
+    """(3, 3) kg m² of the robot's bodies about its centre of mass at x (nx,), world axes."""
+    rotations, origins = body_poses(character, x)
+    middle, total = center_of_mass(character, x), np.zeros((3, 3))
+    for b in np.flatnonzero(character.own):
+        body, rotation, origin = character.bodies[b], rotations[b], origins[b]
+        arm = origin + rotation @ body.com - middle
+        total += rotation @ body.inertia @ rotation.T + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return total
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _counted(names: list[str], one_a_line: bool) -> str:
+    return f"{len(names)}: {(f'{chr(10)}          ' if one_a_line else ', ').join(names)}" if names else "none"
+
+
+def _joint_rows(character: Character, poses: dict[str, Array]) -> list[str]:
+    """One line a coordinate: its range, limits, and its value in each pose."""
+    wide = max(8, *(len(joint.name) for joint in character.joints)) if character.joints else 8
+    shown = list(poses)[:4]
+    head = f"{'joint':{wide}s}  {'unit':5s}{'lower':>9s}{'upper':>9s}{'speed':>9s}{'torque':>9s}"
+    rows = [head + "".join(f"{name[:9]:>10s}" for name in shown)]
+    for j, joint in enumerate(character.joints):
+        row = f"{joint.name:{wide}s}  {_unit(joint):5s}{_limit(joint.lower)}{_limit(joint.upper)}{_limit(joint.velocity_limit)}"
+        row += _limit(joint.torque_limit) if joint.actuated else f"{'free':>9s}"
+        rows.append(row + "".join(f"{poses[name][j] + 0.0:10.4g}" for name in shown))
+    rows.append("lower, upper: rad (m of a slide); speed: rad/s (m/s); torque: N m (N), 'free' is not actuated; – is no limit")
+    return rows
+
+
+def _body_rows(character: Character) -> list[str]:
+    wide = max(8, *(len(body.name) for body in character.bodies))
+    rows = [f"{'body':{wide}s}{'mass':>9s}  {'centre of mass':32s}  principal inertia"]
+    for body in character.bodies:
+        place = " ".join(f"{value:10.3g}" for value in body.com + 0.0)
+        moments = " ".join(f"{value:9.3g}" for value in np.linalg.eigvalsh(body.inertia))
+        rows.append(f"{body.name:{wide}s}{body.mass:9.4g}  {place}  {moments}")
+    rows.append("mass: kg; centre of mass: m, in the body's axes; inertia: kg m², about the centre of mass")
+    return rows
+
+
+def _unit(joint: Joint) -> str:
+    return "rad" if joint.kind == "hinge" else "m"
+
+
+def _limit(value: float) -> str:
+    return f"{value:9.4g}" if math.isfinite(value) else f"{'–':>9s}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
 
-from octo.errors import RobotFileError, UnknownNameError, UnsupportedFeatureError, ValueRangeError
+from octo.errors import RobotFileError, UnknownNameError, UnsupportedFeatureError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.gallery import CHARACTERS
 from octo.model.mjcf import load_mjcf
@@ -26,12 +26,12 @@ def load(path: str | os.PathLike[str], base: Base = "auto") -> Character:
     base: "floating" or "fixed"; "auto" is floating for a URDF and as written for an MJCF.
     """
     if base not in BASES:
-        raise ValueRangeError(f"base is {base!r}, must be one of {', '.join(BASES)}")
+        raise ValueRangeError(f"base is {said(base)}, must be one of {', '.join(BASES)}")
     name, file = os.fspath(path), Path(path)
     if name in CHARACTERS:
         character = CHARACTERS[name]()
         if base not in ("auto", character.base):
-            raise ValueRangeError(f"character {name!r}: base is {base!r}, must be auto or {character.base}")
+            raise ValueRangeError(f"character {name!r}: base is {said(base)}, must be auto or {character.base}")
         return character
     if not file.is_file():
         if not file.suffix and len(file.parts) == 1:

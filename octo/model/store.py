@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from octo.checks import numbers, whole
-from octo.errors import UnknownNameError, ValueRangeError
+from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.character import Body, Character, ContactSphere, Joint
 
 SHAPES = {
@@ -80,3 +82,22 @@ def _list(name: str, plain: Any) -> list[Any]:
     if not isinstance(plain, dict) or not isinstance(plain.get(name), list):
         raise ValueRangeError(f"{name} is missing, must be a list")
     return list(plain[name])
+
+
+def file_of(path: str | os.PathLike[str], name: str) -> Path:
+    """The file itself, or the one of that name where ``path`` is a folder.
+
+    Raises
+    ------
+    RobotFileError: a folder has no such file; says what octo's files in it are. Or it is no path at all.
+    """
+    try:
+        given = Path(path)
+    except TypeError:
+        raise RobotFileError(f"path is {said(path)}, must be that of a file or a folder") from None
+    if not os.path.isdir(given):  # which, unlike Path.is_dir, is false also of names that are too long
+        return given
+    if not os.path.isfile(given / name):
+        others = sorted(entry.name for entry in given.glob("*.npz"))
+        raise RobotFileError(f"folder {given} holds no {name}; of this kind it has {', '.join(others[:5]) or 'nothing'}")
+    return given / name

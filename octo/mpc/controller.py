@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from octo.checks import number, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
@@ -81,7 +81,7 @@ class Controller:
         if not isinstance(problem, Problem):
             raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
         if guide is not None and not callable(guide):
-            raise ProblemError(f"guide is {guide!r}, must be a function guide(controller, t, x)")
+            raise ProblemError(f"guide is {said(guide)}, must be a function guide(controller, t, x)")
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
             raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
         if problem.basis_object.name != "nodes" or problem.end is not None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import ending
+from octo.checks import ending, numbers
+from octo.errors import ShapeError, ValueRangeError
 from octo.files import replacing
+from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.command import Command
+from octo.shown import Shown
 from octo.solver.solution import HISTORY, Solution, Status
 
 if TYPE_CHECKING:
@@ -35,8 +39,8 @@ ROWS = (
 )  # fmt: skip
 
 
-@dataclass(eq=False)
-class Log:
+@dataclass(eq=False, repr=False)
+class Log(Shown):
     """Columns by tick: the state after it, the torques at its end, and the command it began with.
 
     Attributes
@@ -46,11 +50,14 @@ class Log:
     command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations);
     these six are NaN where no command came, or no measurement that one could come from.
     falls: s; impulses: N s. interrupted: by Ctrl-C, before its end.
+    controller: None of a log that was read from a file. world: what is kept of its problem.
     """
+
+    FILE: ClassVar[str] = "log.npz"  # in a folder that octo wrote
 
     robot: Character
     tick: float
-    controller: Controller
+    controller: Controller | None
     columns: dict[str, Array]
     count: int = 0
     statuses: list[str] = field(default_factory=list)
@@ -60,23 +67,34 @@ class Log:
     memory_start: int = 0
     memory_end: int = 0
     torque: Array = field(default_factory=lambda: np.zeros(0))
+    saved_world: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._convention = Convention(self.robot)  # the plant's, whatever the controller's
-        self._weight = self.robot.mass * self.controller.problem.gravity  # N
+        self._weight = float(self.world["weight"])  # N
+
+    @property
+    def world(self) -> dict[str, Any]:
+        """weight (N), length ℓ (m), and normal (3,) and height (m) of the plane that the controller knows, or the level one."""
+        if self.controller is None:
+            return self.saved_world
+        problem = self.controller.problem
+        known = {"weight": self.robot.mass * problem.gravity, "length": problem.length, "normal": [0.0, 0.0, 1.0], "height": 0.0}
+        names = problem.dynamics.layout.names
+        if "terrain.normal_x" in names:
+            p, first = self.controller.compiled.p[0], names.index("terrain.normal_x")
+            known |= {"normal": p[first : first + 3].tolist(), "height": float(p[names.index("terrain.height")])}
+        return known
 
     @staticmethod
     def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
         """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
-        nx, nu, contacts = robot.nx, robot.nu, len(robot.terrain_contacts)
-        sizes: dict[str, tuple[int, ...]] = {
-            "q": (controller.convention.nq,), "v": (nx,), "x": (nx,), "plan_x": (nx,), "u": (nu,), "force": (contacts, 3),
-            "point": (contacts, 3), "wanted": (3,),
-        }  # fmt: skip
+        sizes = _sizes(robot, controller.convention)
         return Log(robot, tick, controller, {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS})
 
     def record(self, t: float, plant: Plant, command: Command | None, arrived: bool = True) -> None:
         """A tick that began at ``t`` s; ``arrived``: whether there was a measurement that ``command`` could come from."""
+        assert self.controller is not None
         force, point = plant.contacts()
         guide = self.controller.guide
         wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
@@ -138,11 +156,7 @@ class Log:
         """(k, feet) m of the spheres' nearest points over the plane that the controller knows, over the world's level if none."""
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
-        names, p = self.controller.problem.dynamics.layout.names, self.controller.compiled.p[0]
-        normal, height = np.array([0.0, 0.0, 1.0]), 0.0
-        if "terrain.normal_x" in names:
-            first = names.index("terrain.normal_x")
-            normal, height = p[first : first + 3], p[names.index("terrain.height")]
+        normal, height = np.array(self.world["normal"]), self.world["height"]
         return np.asarray((sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]) @ normal - radius)
 
     @property
@@ -190,6 +204,7 @@ class Log:
         return {
             "latency": self.latency(),
             "prepare_p50": float(np.median(self._of_calls("prepare"))),
+            "device": "cpu",
             "rate": 1.0 / self.tick,
             "missed_deadlines": max(self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())),
             "tracking_error": {"velocity": float(np.hypot(*(mean - wanted)[:2])), "yaw_rate": float(abs(mean[2] - wanted[2]))},
@@ -209,7 +224,13 @@ class Log:
             "seconds": float(len(self.t) * self.tick),
         }
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
+        room = len(self.columns["t"])
+        if self.count < max(room, 1):
+            return f"{self.robot.name}: {self.count} of {room} ticks of {self.tick:g} s recorded so far"
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
@@ -219,7 +240,7 @@ class Log:
             f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
         )
         return (
-            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz: {falls}; {statuses}\n"
+            f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz on cpu: {falls}; {statuses}\n"
             f"{walked if self.robot.base == 'floating' else ''}"
             f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); {r['missed_deadlines']} missed "
             f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
@@ -240,7 +261,7 @@ class Log:
             name=robot.name, character=robot, dt=stride * self.tick, basis="nodes", x=np.concatenate([x[:1], x]),
             u=self.u[::stride][:-1], unknowns=x[1:], multipliers=np.zeros((count, 0)), status=Status.SIMULATED, iterations=0,
             factorizations=0, terms={}, violation=0.0, pointwise_residual=0.0, weight=self._weight,
-            length=self.controller.problem.length, torque_limit=robot.torque_limit,
+            length=self.world["length"], torque_limit=robot.torque_limit,
             contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts), contact_force=force,
             contact_point=point, contact_velocity=np.zeros_like(force), contact_normal=normal,
             contact_depth=np.zeros((count, contacts)),
@@ -250,9 +271,65 @@ class Log:
         )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        with replacing(ending("path", path, (".npz",))) as beside, beside.open("wb") as file:
-            arrays: dict[str, Any] = {**self.columns, "statuses": np.array(self.statuses), "falls": np.array(self.falls)}
+        """Write an .npz file: the columns, and the rest as JSON. Written beside, then renamed.
+
+        Raises
+        ------
+        OutputError: it cannot be written, or its ending is not .npz.
+        """
+        target = ending("path", path, (".npz",))
+        kept = {name: getattr(self, name) for name in ("tick", "interrupted", "memory_start", "memory_end", "world")}
+        lists = {name: np.array(getattr(self, name), dtype=float) for name in ("falls", "impulses")}
+        words = np.array(json.dumps({**kept, "robot": store.to_plain(self.robot)}))
+        arrays: dict[str, Any] = {**self.columns, **lists, "statuses": np.array(self.statuses, dtype=str), "log": words}
+        with replacing(target) as beside, beside.open("wb") as file:
             np.savez_compressed(file, **arrays)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Log:
+        """Read a log that :meth:`save` wrote: the file, or the folder of `octo mpc`.
+
+        Raises
+        ------
+        RobotFileError: there is none, or something in it is not as octo writes it; one line that says what.
+        """
+        with archive.opened(store.file_of(path, Log.FILE), "log", "log") as file:
+            robot = store.from_plain(file.plain["robot"])
+            k, sizes = len(file.array("t", (None,))), _sizes(robot, Convention(robot))
+            columns = {name: file.array(name, (k, *sizes.get(name, ())), finite=False) for name in ROWS}
+            falls, impulses = (file.array(name, (None,)).tolist() for name in ("falls", "impulses"))
+            begin, end = file.whole("memory_start"), file.whole("memory_end")
+            return Log(
+                robot, file.number("tick", positive=True), None, columns, k, _statuses(file, k), falls, impulses,
+                file.flag("interrupted"), begin, end, saved_world=_world(file.plain["world"]),
+            )  # fmt: skip
+
+
+def _sizes(robot: Character, convention: Convention) -> dict[str, tuple[int, ...]]:
+    """Of a row of each column that is no single number."""
+    nx, contacts = robot.nx, len(robot.terrain_contacts)
+    return {
+        "q": (convention.nq,), "v": (nx,), "x": (nx,), "plan_x": (nx,), "u": (robot.nu,), "force": (contacts, 3),
+        "point": (contacts, 3), "wanted": (3,),
+    }  # fmt: skip
+
+
+def _statuses(file: archive.Archive, count: int) -> list[str]:
+    found = file.arrays["statuses"]
+    if found.dtype.kind != "U":
+        raise ValueRangeError(f"statuses holds {found.dtype.name} values, must be words")
+    if found.shape != (count,):
+        raise ShapeError("statuses", found.shape, (count,))
+    return [archive.printable(str(word)) for word in found]
+
+
+def _world(plain: Any) -> dict[str, Any]:
+    """As of :attr:`Log.world`, each number checked."""
+    if not isinstance(plain, dict):
+        raise ValueRangeError(f"world is of type {type(plain).__name__}, must be a record")
+    own = archive.Archive({}, plain)
+    sizes = {name: own.number(name, positive=True) for name in ("weight", "length")}
+    return {**sizes, "normal": numbers("normal", plain.get("normal"), (3,)).tolist(), "height": own.number("height")}
 
 
 def memory_in_use() -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from functools import cache
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number
-from octo.errors import DeviceError, ShapeError, ValueRangeError
+from octo.errors import DeviceError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.solve import check_device_name
 
@@ -60,7 +60,7 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
         try:
             arrays.append(np.asarray(value, dtype=float))
         except (TypeError, ValueError, OverflowError):
-            raise ValueRangeError(f"{name} is {value!r}, must be numbers") from None
+            raise ValueRangeError(f"{name} is {said(value)}, must be numbers") from None
         if arrays[-1].shape != (size,):
             raise ShapeError(name, arrays[-1].shape, (size,))
     if not plausible(arrays[0], arrays[1], convention):
@@ -81,4 +81,4 @@ def check_device(device: str) -> None:
 
 @cache
 def _say_cpu() -> None:
-    print("octo: using the CPU: this version has no control loop on a GPU", file=sys.stderr)
+    logging.getLogger("octo").info("using the CPU: this version has no control loop on a GPU")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from octo.checks import number, numbers, positive
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.laws import Compliant, Coulomb
-from octo.errors import ProblemError
+from octo.errors import ProblemError, said
 from octo.model.character import Character
 from octo.mpc.controller import Controller
 from octo.mpc.stance import bottoms, lowest_contacts, stance
@@ -55,7 +55,7 @@ def walking_problem(
     ProblemError: the base does not float, or no sphere can touch the ground; what :class:`octo.Problem` refuses.
     """
     if not isinstance(robot, Character):
-        raise ProblemError(f"robot is {robot!r}, must be a Character: what octo.load gives")
+        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
     for name in {"costs", "law", "x0"} & described.keys():
         raise ProblemError(f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)")
     positive("friction", friction)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
-from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.model.character import Array, Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
@@ -220,7 +220,7 @@ class MujocoPlant:
 def loaded(character: Character, payload: float) -> Character:
     """The character with ``payload`` times the base body's mass added to it, its inertia in proportion."""
     if not isinstance(character, Character):
-        raise ProblemError(f"character is {character!r}, must be a Character: what octo.load gives")
+        raise ProblemError(f"character is {said(character)}, must be a Character: what octo.load gives")
     share = 1.0 + number("payload", payload)
     if share <= 0.0:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")

@@ -27,7 +27,8 @@ class Asked:
     name: of the goal or the term. what: what moves, as words before the numbers.
     found, wanted: what came out and what was asked, in ``unit``.
     size: what the error is in parts of; by default the length of ``wanted``.
-    each: every number of ``wanted`` that is not zero must be met on its own too, to a fifth: the height of a long jump.
+    each: every number of ``wanted`` that is not zero must be met on its own too, to a fifth: the
+        height of a long jump.
     """
 
     name: str
@@ -93,19 +94,14 @@ class Asked:
             else f" {in_numbers(self.found)} {self.unit}, asked for was {in_numbers(self.wanted)}"
         )
         return (
-            f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by {self.off:.2g} {self.unit}, "
+            f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by "
+            f"{self.off:.2g} {self.unit}, "
             f"{MET * self.size:.2g} is allowed{more}"
         )
 
     def plain(self) -> dict[str, Any]:
         """For files."""
         return asdict(self)
-
-    @classmethod
-    def from_plain(cls, values: dict[str, Any]) -> Asked:
-        """What :meth:`plain` made, read back."""
-        pair = {name: tuple(float(v) for v in values[name]) for name in ("found", "wanted")}
-        return cls(**{**values, **pair})
 
     def report(self) -> dict[str, Any]:
         """For report.json."""

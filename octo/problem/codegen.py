@@ -6,6 +6,7 @@ starts with one coefficient per term, then come the references.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -129,6 +130,7 @@ def touching_names(problem: Problem) -> tuple[str, ...]:
     return tuple(dynamics.character.contacts[k].name for k in touching(dynamics, problem.setting))
 
 
+@functools.lru_cache(maxsize=8)
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the dynamics' text in lanes."""
     text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p

@@ -27,7 +27,7 @@ from octo.problem.basis import Folded, Hermite, Stencil, node_values
 from octo.problem.costs import NeighbourCost
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.problem import Problem
-from octo.problem.structure import check_alike
+from octo.problem.structure import check_alike, functions_of
 
 Array = NDArray[np.float64]
 HOSTED = frozenset(("numbers", "unit_sizes"))  # what an Evaluation keeps on the host once it was asked for
@@ -152,8 +152,7 @@ class CompiledProblem:
         self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
         if like is None:
             check_alike(problems)
-            between = isinstance(self.basis, Hermite)
-            self.functions = codegen.cost_functions(self.dynamics, first.costs, first.setting, between)
+            self.functions = functions_of(first)
         else:
             self.functions = like.functions
             self.__dict__.update({name: like.__dict__[name] for name in ("_library", "kinematics") if name in like.__dict__})

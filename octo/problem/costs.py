@@ -9,7 +9,7 @@ A new term is a subclass of :class:`Cost` with a residual, its references and, i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
@@ -65,6 +65,22 @@ class Cost:
         """What the term asks of a motion as a whole, and what came of it; None of a term that asks for nothing special."""
         del motion, setting
         return None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SizedCost(Cost):
+    """A term of a list that no length was given to: the Problem that gets it puts ``make(length, times)`` in its place.
+
+    ``weight`` is over the weight that the term has there.
+    """
+
+    make: Callable[[float, Array], Cost]
+
+    def sized(self, length: float, times: Array) -> Cost:
+        """The term of a robot of ``length`` ℓ (m), at ``times`` (N,) s."""
+        made = self.make(length, times)
+        weight = made.weight if np.all(np.equal(self.weight, 1.0)) else np.multiply(made.weight, self.weight)
+        return replace(made, weight=weight, name=made.name if self.name == made.label else self.name)
 
 
 def _each(field: str, values: Any, count: int) -> Array:

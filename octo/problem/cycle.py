@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, owned, positive
-from octo.errors import MirrorError, ProblemError, ValueRangeError
+from octo.errors import MirrorError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.mirror import Mirror, mirror_of
 
@@ -70,10 +70,10 @@ class Cycle:
                 number(f"cycle.{name}", getattr(self, name))
         if isinstance(self.period, (tuple, list)):
             if len(self.period) != 2:
-                raise ValueRangeError(f"cycle.period is {self.period!r}, must be a number of seconds or (shortest, longest)")
+                raise ValueRangeError(f"cycle.period is {said(self.period)}, must be a number of seconds or (shortest, longest)")
             low, high = (positive("cycle.period", value, "s") for value in self.period)
             if not low < high:
-                raise ValueRangeError(f"cycle.period is {self.period!r}: the shortest must be less than the longest")
+                raise ValueRangeError(f"cycle.period is {said(self.period)}: the shortest must be less than the longest")
             object.__setattr__(self, "period", (low, high))
         else:
             positive("cycle.period", self.period, "s")
@@ -81,7 +81,7 @@ class Cycle:
             both = f"speed {self.speed:g} m/s and shift {self.shift:g} m"
             raise ProblemError(f"cycle has {both}: one follows from the other, give one")
         if not isinstance(self.mirror, (bool, Mirror, Mapping)):
-            raise ProblemError(f"cycle.mirror is {self.mirror!r}, must be True, False, a mapping of names or an octo.Mirror")
+            raise ProblemError(f"cycle.mirror is {said(self.mirror)}, must be True, False, a mapping of names or an octo.Mirror")
         object.__setattr__(self, "mirror", owned(self.mirror))
         if self.mirrored and self.turn != 0.0:
             raise ProblemError(f"cycle.turn is {self.turn:g} rad: a turning stride cannot be mirrored, give mirror=False")

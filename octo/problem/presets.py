@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -39,6 +39,7 @@ from octo.problem.costs import (
     JointVelocity,
     PointPosition,
     Posture,
+    SizedCost,
     TorqueLimit,
     Upright,
 )
@@ -75,7 +76,7 @@ def natural(
     speed: float | Sequence[float] | None = None,
     yaw_rate: float | None = None,
     *,
-    length: float = 0.3,
+    length: float | None = None,
     feet: tuple[str, ...] | Literal["feet"] = "feet",
     pose: Array | None = None,
 ) -> list[Cost]:
@@ -89,10 +90,12 @@ def natural(
     ----------
     speed: m/s along x, or a velocity (3,), wanted of the centre of mass; None where a cycle or fixed ends say how far.
     yaw_rate: rad/s, wanted of the base; None where nothing is asked.
-    length: m, ℓ, height of the base over the feet (``Problem.length``).
+    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the terms.
     feet: names of the contacts that are feet; by default those that touch the ground at the start.
     pose: (nx,) how the body stands; by default the start.
     """
+    if length is None:
+        return _sized(lambda length, times: natural(speed, yaw_rate, length=length, feet=feet, pose=pose))
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
         Effort(weight=0.02),
@@ -120,21 +123,24 @@ def robot(
     speed: float | Sequence[float] = 0.5,
     yaw_rate: float = 0.0,
     *,
-    length: float = 0.3,
+    length: float | None = None,
     times: Sequence[float] | Array | None = None,
 ) -> list[Cost]:
     """Terms for a plan that a plant should follow: the base held level, and feet that share the load, hold and swing softly.
 
-    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What they were
-    tuned on, and what each is good for, is in docs/replay.md.
+    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What each is
+    good for is in docs/replay.md, what they were tuned on in docs/notes/replay.md.
 
     Parameters
     ----------
     speed: m/s along x, or a velocity (3,).
     yaw_rate: rad/s.
-    length: m, ℓ, height of the base over the feet (``Problem.length``).
-    times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over half a second.
+    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the terms.
+    times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over half a second. By default
+        those of the problem that gets the terms, if it begins at rest; none where ``length`` is given.
     """
+    if length is None:
+        return _sized(lambda length, own: robot(speed, yaw_rate, length=length, times=own if times is None else times))
     velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
     fast = GRAVITY * length  # m²/s²
     floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
@@ -159,6 +165,15 @@ def robot(
             BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=4.0 * max(yaw_rate**2, 0.1**2))
         )
     return terms
+
+
+def _sized(make: Callable[[float, Array], list[Cost]]) -> list[Cost]:
+    """The terms that ``make`` makes, as soon as a Problem says its length and its times."""
+
+    def one(k: int) -> Callable[[float, Array], Cost]:
+        return lambda length, times: make(length, times)[k]
+
+    return [SizedCost(name=term.label, make=one(k)) for k, term in enumerate(make(1.0, np.ones(1)))]
 
 
 @dataclass(frozen=True, eq=False)

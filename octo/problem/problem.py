@@ -12,19 +12,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, owned, positive, time_step, whole
+from octo.checks import asked, number, numbers, owned, positive, time_step, whole
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
-from octo.errors import ProblemError, StaticPoseError, UnknownNameError
+from octo.errors import ProblemError, StaticPoseError, UnknownNameError, said
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
 from octo.problem.basis import Basis, Folded, Hermite, basis_named
-from octo.problem.costs import Cost, PoseTarget
+from octo.problem.costs import Cost, PoseTarget, SizedCost
 from octo.problem.cycle import Closure, Cycle, closure_of
 from octo.problem.symbols import Setting
+from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
@@ -32,8 +33,8 @@ HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to 
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Problem:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Problem(Shown):
     """Minimise E subject to C = 0 (Eqs. 7 and 8) over a trajectory of ``steps`` steps of ``dt`` seconds.
 
     Parameters
@@ -90,9 +91,9 @@ class Problem:
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         if not isinstance(self.terrain, (Plane, Terrain, NoneType)):
-            raise ProblemError(f"terrain is {self.terrain!r}, must be an octo.Plane or an octo.Terrain")
+            raise ProblemError(f"terrain is {said(self.terrain)}, must be an octo.Plane or an octo.Terrain")
         if self.law is not None and not all(hasattr(self.law, name) for name in ("parameters", "reach", "force")):
-            raise ProblemError(f"law is {self.law!r}, must be one of octo.laws, or have parameters, reach and force")
+            raise ProblemError(f"law is {said(self.law)}, must be one of octo.laws, or have parameters, reach and force")
         self._check_costs()
         object.__setattr__(self, "costs", tuple(self.costs))
         object.__setattr__(self, "parameters", owned(self.parameters))
@@ -113,13 +114,27 @@ class Problem:
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
+        self._size_costs()
         if self.anchor is not None and ANCHOR not in [term.label for term in self.costs]:
             object.__setattr__(self, "costs", (*self.costs, self.anchor))
+
+    def __repr__(self) -> str:
+        robot, seconds = self.character, self.steps * self.dt
+        what = f"{self.dynamics.nx} coordinates of the user's dynamics" if robot is None else robot.name
+        begin = "a given state" if self.x0 is not None else "a static pose"
+        end = "a free end" if self.x_end is None and self.displacement is None else "a fixed end"
+        return "\n".join(
+            [
+                f"Problem of {what}: {self.steps} steps of {self.dt:.6g} s ({seconds:.6g} s), {self.basis_object.name}",
+                listed("terms", [term.label for term in self.costs]),
+                "  a stride that repeats itself" if self.cycle is not None else f"  from {begin} to {end}",
+            ]
+        )
 
     def _check_cycle(self, cycle: Cycle) -> None:
         """Refuse what no cycle has, and fill in steps and dt."""
         if not isinstance(cycle, Cycle):
-            raise ProblemError(f"cycle is {cycle!r}, must be an octo.Cycle")
+            raise ProblemError(f"cycle is {said(cycle)}, must be an octo.Cycle")
         if self.steps != 0:
             whole("steps", self.steps)
         if self.dt != 0:
@@ -135,10 +150,10 @@ class Problem:
 
     def _check_costs(self) -> None:
         if not isinstance(self.costs, Sequence) or isinstance(self.costs, str):
-            raise ProblemError(f"costs is {self.costs!r}, must be a list of octo.Cost objects")
+            raise ProblemError(f"costs is {said(self.costs)}, must be a list of octo.Cost objects")
         if not self.costs:
             raise ProblemError("costs is empty: give at least one term, for example octo.Effort()")
-        labels = [term.label if isinstance(term, Cost) else repr(term) for term in self.costs]
+        labels = [term.label if isinstance(term, Cost) else said(term) for term in self.costs]
         for term, label in zip(self.costs, labels, strict=True):
             if not isinstance(term, Cost):
                 raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
@@ -147,6 +162,15 @@ class Problem:
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
+
+    def _size_costs(self) -> None:
+        """Put the terms of this robot in the place of those that waited for its length."""
+        if not any(isinstance(term, SizedCost) for term in self.costs):
+            return
+        rest = self.cycle is None and not self.start_velocity.any()
+        times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
+        sized = (term.sized(self.length, times) if isinstance(term, SizedCost) else term for term in self.costs)
+        object.__setattr__(self, "costs", tuple(sized))
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)
@@ -348,3 +372,7 @@ class Problem:
             anchored = tuple(changed.anchor if term is self.anchor else term for term in changed.costs)
             object.__setattr__(changed, "costs", anchored)
         return changed
+
+
+# Not in the class: what dataclass makes of its fields is what editors complete, and stays the signature.
+setattr(Problem, "__init__", asked(Problem.__init__))  # noqa: B010

@@ -1,13 +1,15 @@
-"""What generated code knows of a model and of its terms: one batch shares it, and no update changes it.
+"""What generated code knows of a model and of its terms: a batch shares it, no update changes it.
 
-Weights, references and parameters are numbers of a run. Everything else that a residual was built from is structure: the
-model, the body, the contacts, a function, which contacts are feet at the start. Two terms have one structure where their
-residuals are the same expression, instruction by instruction, of references with the same names and sizes.
+Weights, references and parameters are numbers of a run. Everything else that a residual was built
+from is structure: the model, the body, the contacts, a function, which contacts are feet at the
+start. Two terms have one structure where their residuals are the same expression, instruction by
+instruction, of references with the same names and sizes.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,7 +20,7 @@ import numpy as np
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.problem.basis import Hermite
-from octo.problem.codegen import step_symbols, touching
+from octo.problem.codegen import CostFunctions, cost_functions, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
 from octo.problem.costs import Cost, NeighbourCost
@@ -109,6 +111,29 @@ class Reader:
         return [name for name, changed in new.items() if self.read(changed) != own]
 
 
+KEPT = 8  # generated functions of as many problems
+_functions: OrderedDict[Any, CostFunctions] = OrderedDict()
+
+
+def functions_of(problem: Problem) -> CostFunctions:
+    """The functions of the terms; those of the last few problems are kept, for others of one structure.
+
+    Raises
+    ------
+    OctoError: a term's residual or its references cannot be formed.
+    """
+    reader, dynamics = Reader(problem), problem.dynamics
+    model = (type(dynamics), dynamics.lanes_text(), dynamics.layout.names, tuple(dynamics.actuated.tolist()))
+    key = (*model, reader.between, tuple(reader.read(term) for term in problem.costs))
+    found = _functions.pop(key, None)
+    if found is None:
+        found = cost_functions(dynamics, problem.costs, problem.setting, reader.between)
+    _functions[key] = found
+    while len(_functions) > KEPT:
+        _functions.popitem(last=False)
+    return found
+
+
 def check_alike(problems: Sequence[Problem]) -> None:
     """Refuse a batch whose problems differ in more than numbers.
 
@@ -184,7 +209,7 @@ def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Struc
 
 
 def _fields(first: Reader, a: Cost, b: Cost) -> str:
-    """The fields of ``b`` that are to blame, with their values, in words; empty where it is none."""
+    """The fields of ``b`` that are to blame, with their values; empty where it is none."""
     names = [f.name for f in dataclasses.fields(a) if f.init and f.name in vars(b)]
     given = {name: vars(b)[name] for name in names if not same(vars(a).get(name), vars(b)[name])}
     try:
@@ -224,8 +249,9 @@ def same(one: Any, other: Any, but: str = "") -> bool:
 
 def _different(term: Cost, place: int, what: str) -> ProblemError:
     return ProblemError(
-        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is not "
-        "that of problem 0; only weights, references and parameters may differ, solve them apart"
+        f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is "
+        "not that of problem 0; only weights, references and parameters may differ, solve them "
+        "apart"
     )
 
 

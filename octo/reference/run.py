@@ -22,7 +22,6 @@ from octo.solver.solution import HISTORY, Solution, Status
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
 _ALONE = threading.RLock()
-STOPS = (signal.SIGTERM, signal.SIGHUP)  # where they raise KeyboardInterrupt too, as in the command line
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
 
 
@@ -75,14 +74,16 @@ def one_core() -> Any:
 
 
 class Interruption:
-    """Whether Ctrl-C was pressed while another solver ran."""
+    """Whether Ctrl-C was pressed, or the process told to end, while another solver ran."""
 
     caught = False
 
 
 @contextlib.contextmanager
 def interruptible(library: Library | None) -> Iterator[Interruption]:
-    """Ctrl-C, or what stops octo as Ctrl-C does, ends the solver inside and is noted: CasADi would swallow it and go on.
+    """Ctrl-C inside ends the solver and is noted: CasADi would swallow it, and call what is left a stall or go on.
+
+    So do SIGTERM and SIGHUP where they are handled like it.
 
     library: of the compiled functions, which are told to fail; without one CasADi is told by an exception.
     """
@@ -97,8 +98,12 @@ def interruptible(library: Library | None) -> Iterator[Interruption]:
             raise KeyboardInterrupt
         library.stop()
 
-    like_it = [number for number in STOPS if signal.getsignal(number) is signal.default_int_handler]
-    before = {number: signal.signal(number, note) for number in {signal.SIGINT, *like_it}}
+    before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.default_int_handler:  # the command line: they stop as Ctrl-C does
+            before[number] = signal.default_int_handler
+    for number in before:
+        signal.signal(number, note)
     try:
         yield told
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from octo.model.character import Array
 from octo.plant import MujocoPlant, from_chart
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
-from octo.solver.solution import Solution, Status
+from octo.solver.solution import Solution, Status, solution_of
 
 FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell
@@ -77,7 +78,7 @@ class Replay:
 
 
 def replay(
-    solution: Solution,
+    solution: Solution | str | os.PathLike[str],
     *,
     kp: float | None = None,
     kd: float | None = None,
@@ -87,7 +88,7 @@ def replay(
     feedback: str = "base",
     timestep: float = 0.001,
 ) -> Replay:
-    """Run a plan in MuJoCo.
+    """Run a plan, a Solution or the path of one, in MuJoCo.
 
     Planned torques are feed-forward, beside a PD on the joints and, with ``feedback`` "base", a wrench that pulls the base to
     the plan through the feet planned to be in stance. Torques are clipped to the robot's limits. A run ends with the plan or
@@ -111,6 +112,7 @@ def replay(
             positive(name, value)
     if starts is not None:
         whole("starts", starts)
+    solution = solution_of(solution)
     if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
         raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s")
     robot = solution.character

@@ -1,7 +1,8 @@
-"""What a result says beside its status: steps that were too long to be seen through, and what was asked for and missed.
+"""What a result says beside its status: steps that are too long to be seen through.
 
-A residual looks at three neighbouring configurations and at nothing between them. A coordinate that changes by more than a
-radian or a metre from one to the next may have gone round the other way, or through the ground, at no cost.
+A residual looks at three neighbouring configurations and at nothing between them. A coordinate that
+changes by more than a radian or a metre from one to the next may have gone round the other way, or
+through the ground, at no cost.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ GRAVITY = 9.81  # m/s²
 
 
 def largest_step(solution: Solution) -> dict[str, Any] | None:
-    """The largest change of a coordinate from one node to the next; None of a motion without steps or that is not finite."""
+    """The largest change of a coordinate from one node to the next.
+
+    None of a motion without steps, or of one that is not finite.
+    """
     change = np.abs(np.diff(solution.x[1:], axis=0))  # (N, nx) rad and m
     if not change.size or not np.isfinite(change).all():
         return None
@@ -51,12 +55,14 @@ def warnings(solution: Solution) -> tuple[str, ...]:
             else "one step changes a coordinate"
         )
         said.append(
-            f"{many} by more than {LEAP:g} rad or m ({largest['coordinate']} by {largest['change']:.3g} {largest['unit']} at "
-            f"{largest['time']:.3g} s): between two nodes no law of physics is looked at, take a smaller dt"
+            f"{many} by more than {LEAP:g} rad or m ({largest['coordinate']} by "
+            f"{largest['change']:.3g} {largest['unit']} at {largest['time']:.3g} s): between two "
+            "nodes no law of physics is looked at, take a smaller dt"
         )
     fall = float(np.sqrt(solution.length / GRAVITY))
     if solution.character is not None and solution.dt > fall:
         said.append(
-            f"dt is {solution.dt:g} s, and in {fall:.2g} s this robot falls by half its height: take a smaller dt"
+            f"dt is {solution.dt:g} s, and in {fall:.2g} s this robot falls by half its height: "
+            "take a smaller dt"
         )
     return tuple(said)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from octo.checks import number, positive, whole
-from octo.errors import UnknownNameError, ValueRangeError
+from octo.errors import UnknownNameError, ValueRangeError, said
 
 CHOICES = {
     "hessian": ("exact", "gauss_newton"),
@@ -62,11 +62,11 @@ class SqpOptions:
         for name in TOLERANCES:
             if getattr(self, name) > LOOSEST:
                 value = getattr(self, name)
-                raise ValueRangeError(f"{name} is {value!r}, must be at most {LOOSEST:g}: everything would converge")
+                raise ValueRangeError(f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would converge")
         if self.time_limit != np.inf:
             positive("time_limit", self.time_limit, "s")
         if not 0.0 <= number("plateau_change", self.plateau_change) < 1.0:
-            raise ValueRangeError(f"plateau_change is {self.plateau_change!r}, must be from 0 to less than 1")
+            raise ValueRangeError(f"plateau_change is {said(self.plateau_change)}, must be from 0 to less than 1")
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
 

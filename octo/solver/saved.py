@@ -46,8 +46,8 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         "torque_limit": limit, "contact_names": names, "device": file.word("device"), "cycle": _stride(file, x, u, robot),
         "contact_depth": file.array("contact_depth", (steps, contacts), finite=finite), "ground": _ground(file),
         "history": file.group("history_"), "parameters": file.numbers("parameters"), "stages": file.numbers("stages"),
+        "asked": tuple(_asked(record, finite) for record in file.records("asked")),
         "terms": file.numbers("terms", finite=finite), "passes": file.records("passes"), "starts": file.records("starts"),
-        "asked": tuple(_asked(Archive({}, one)) for one in file.records("asked")),
     }  # fmt: skip
     values |= {name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS}
     values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
@@ -59,18 +59,6 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         if name not in values and name != "status":
             raise UnknownNameError("entry", name, values)
     return values
-
-
-def _asked(one: Archive) -> Asked:
-    """One thing that the motion was asked for."""
-    found, wanted = (one.vector(name) for name in ("found", "wanted"))
-    if len(found) != len(wanted):
-        raise ShapeError("found", (len(found),), (len(wanted),))
-    each = one.plain.get("each", False)
-    if not isinstance(each, bool):
-        raise ValueRangeError("each must be true or false")
-    words = {name: one.word(name) for name in ("name", "what", "unit")}
-    return Asked(**words, found=found, wanted=wanted, size=one.number("size", positive=True), each=each)
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:
@@ -88,6 +76,18 @@ def _ground(file: Archive) -> dict[str, Array]:
     return {"x": x, "y": y, "z": file.array("ground_z", (len(x), len(y)))}
 
 
+def _asked(record: dict[str, Any], finite: bool) -> Asked:
+    """What :meth:`Asked.plain` made."""
+    pair = {name: np.asarray(record.get(name)) for name in ("found", "wanted")}
+    own = Archive(pair, {"each": False, **record})
+    found = own.array("found", (None,), finite=finite)
+    wanted = own.array("wanted", found.shape)
+    return Asked(
+        own.word("name"), own.word("what"), tuple(found.tolist()), tuple(wanted.tolist()), own.word("unit"),
+        own.number("size", positive=True), own.flag("each"),
+    )  # fmt: skip
+
+
 def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Stride | None:
     found = file.plain.get("cycle")
     if found is None:
@@ -97,11 +97,9 @@ def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Strid
     arrays = {name: file.arrays[f"cycle_{name}"] for name in ARRAYS if f"cycle_{name}" in file.arrays}
     own = Archive(arrays, {"asymmetry": 0.0, **found})
     n, nu, contacts = x.shape[1], u.shape[1], 0 if robot is None else len(robot.terrain_contacts)
-    if not isinstance(found.get("mirrored"), bool):
-        raise ValueRangeError("mirrored must be true or false")
     return Stride(
         period=own.number("period", positive=True), speed=own.number("speed"), sideways=own.number("sideways"),
-        turn=own.number("turn"), mirrored=found["mirrored"], asymmetry=own.number("asymmetry"),
+        turn=own.number("turn"), mirrored=own.flag("mirrored"), asymmetry=own.number("asymmetry"),
         matrix=own.array("matrix", (n, n)), constant=own.array("constant", (n,)), torque=own.array("torque", (nu, nu)),
         rotation=own.array("rotation", (3, 3)), shift=own.array("shift", (3,)),
         contacts=own.indices("contacts", contacts, contacts),

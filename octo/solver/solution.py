@@ -9,21 +9,22 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import ending
-from octo.errors import UnknownNameError
+from octo.errors import ProblemError, UnknownNameError, said
 from octo.files import replacing
 from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
+from octo.shown import Shown
 from octo.solver import export, saved
 from octo.solver.doubts import largest_step, warnings
-from octo.solver.gait import Gait, measure_cycle, measure_gait
+from octo.solver.gait import Gait, measure_cycle, measure_gait, stances
 from octo.solver.stride import ARRAYS as STRIDE
 from octo.solver.stride import Stride, tiled
 
@@ -71,9 +72,24 @@ HISTORY = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Shown):
     """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came from.
+
+    A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a row is of:
+
+    ===========================  ==============  =======================================================
+    array                        shape           row i
+    ===========================  ==============  =======================================================
+    times                        (N+1,)          moment i, s
+    x[1:]                        (N+1, nx)       configuration at moment i
+    x                            (N+2, nx)       the same behind one row for moment −1, which says v[0]
+    v                            (N+1, nx)       velocity over the step that ends at moment i
+    com, yaw                     (N+1, 3), (N+1) at moment i
+    u                            (N, nu)         torque from moment i to moment i+1
+    contact_*, normal_force,
+    loaded, stance               (N, c, …)       at moment i+1
+    ===========================  ==============  =======================================================
 
     Attributes
     ----------
@@ -90,6 +106,8 @@ class Solution:
     passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
+
+    FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
 
     name: str
     character: Character | None
@@ -138,6 +156,11 @@ class Solution:
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
         return np.asarray(self.dt * np.arange(self.steps + 1), dtype=float)
+
+    @property
+    def v(self) -> Array:
+        """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as x."""
+        return np.diff(self.x, axis=0) / self.dt
 
     @property
     def converged(self) -> bool:
@@ -196,6 +219,11 @@ class Solution:
     def loaded(self) -> NDArray[np.bool_]:
         """(N, c) contacts that carry at least 1 % of the weight."""
         return self.normal_force >= LOADED * self.weight
+
+    @property
+    def stance(self) -> NDArray[np.bool_]:
+        """(N, c) contacts that stand at x_1 … x_N, without the flicker of a threshold: what ``gait`` counts."""
+        return stances(self.normal_force, self.weight)
 
     def _loaded(self, values: Array) -> Array:
         chosen = values[self.loaded]
@@ -313,10 +341,13 @@ class Solution:
     def _piece(self) -> str:
         return "in half a stride the " if self.cycle is not None and self.cycle.mirrored else ""
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def __str__(self) -> str:
         lines = [
             f"{self.name}, {self._sampled}: {self.status.value}",
-            f"  {self.iterations} iterations in {self.seconds:.2f} s, E = {self.energy:.5g} "
+            f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = {self.energy:.5g} "
             f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual {self.pointwise_residual:.1e} N",
         ]
@@ -371,16 +402,15 @@ class Solution:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:
-        """Read a solution that :meth:`save` wrote.
+        """Read a solution that :meth:`save` wrote: the file, or the folder of a command that holds a solution.npz.
 
         Raises
         ------
         RobotFileError: the file is missing, or something in it is not as octo writes it; one line that says what.
         """
-        with archive.opened(path, "solution") as file:
+        with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
             status = _status(file.word("status"))
-            failed = status in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)  # which may hold what is not finite
-            return Solution(**saved.fields_of(file, failed), status=status)
+            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
 
 
 def _status(label: str) -> Status:
@@ -389,6 +419,19 @@ def _status(label: str) -> Status:
     if label not in known:
         raise UnknownNameError("status", label, known)
     return known[label]
+
+
+def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
+    """A Solution as it is, or the one that a file or a folder of octo's holds.
+
+    Raises
+    ------
+    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
+    """
+    found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
+    if not isinstance(found, Solution):
+        raise ProblemError(f"solution is {said(found)}, must be a Solution, or the path of a file or folder of octo's")
+    return found
 
 
 _ARRAYS = (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import html
+import importlib
 import io
 import os
 import socket
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +19,59 @@ from octo.checks import ending
 from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
+from octo.saved import Motion, motion_of
 from octo.solver.solution import Solution
 from octo.viewer.page import wrap
 from octo.viewer.scene import Actor, Cycle, build, camera_path, frame_times
 
+HEIGHT = 640  # pixels, of the frame in a notebook
+PAGES = (".html", ".htm")  # endings
+
+
+class Page:
+    """A moving picture, as one page of HTML that needs no network.
+
+    A notebook shows it; :meth:`save` writes it.
+    """
+
+    def __init__(self, text: str, path: Path | None = None):
+        self.text = text
+        self.path = path  # where it was written
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file beside, then rename it.
+
+        Raises
+        ------
+        OutputError: it cannot be written, or its ending is not that of a page.
+        """
+        self.path = ending("path", path, PAGES)
+        with replacing(self.path) as beside:
+            beside.write_text(self.text, encoding="utf-8")
+
+    def __repr__(self) -> str:
+        where = "not written yet: .save(path)" if self.path is None else str(self.path)
+        return f"a moving picture of {len(self.text) / 1e6:.1f} MB, {where}"
+
+    def _repr_html_(self) -> str:
+        """A frame: the page's script and style see nothing of the notebook."""
+        document = html.escape(self.text, quote=True)
+        return f'<iframe srcdoc="{document}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
+
 
 def view(
-    solution: Solution | Sequence[Solution],
-    path: str | os.PathLike[str],
+    solution: Motion | Sequence[Motion],
+    path: str | os.PathLike[str] | None = None,
     *,
     follow: bool = True,
     forces: bool = True,
     apart: float | None = None,
     labels: Sequence[str] | None = None,
     loop: bool | None = None,
-) -> None:
-    """Write the motion as one self-contained HTML page (about 1 MB) that plays without a network.
+) -> Page:
+    """Draw the motion as one self-contained HTML page (about 1 MB) that plays without a network.
+
+    A notebook shows what is returned where it is the last value of a cell.
 
     Under the scene are the loaded feet and the joint torques over time; the page steps single
     frames and plays at 0.05 to 2 times real time.
@@ -40,8 +79,8 @@ def view(
     Parameters
     ----------
     solution: one, or several that are shown side by side in one scene (a plan and what a plant
-        made of it).
-    path: the file, written beside and then renamed.
+        made of it); also a Log, or the path of what octo wrote.
+    path: the file, written beside and then renamed; by default none is.
     follow: the camera travels with the (first) character; a mouse still turns it.
     forces: draw the contact forces as arrows; the weight is as long as 0.8 of the character.
     apart: m, between neighbours of several; by default 1.5 times the larger one. 0 shows them in
@@ -56,12 +95,13 @@ def view(
     have no bodies. ShapeError: no solution, or not a label for each. OutputError: the file cannot
     be written, or its ending is not that of a page (a film in a video format is not made).
     """
-    target = ending("path", path, (".html", ".htm"))
+    target = None if path is None else ending("path", path, PAGES)
     try:
         import viser
     except ImportError:
         raise MissingExtraError("a moving picture", "view") from None
-    solutions = [solution] if isinstance(solution, Solution) else list(solution)
+    given: Any = solution if isinstance(solution, Iterable) and not isinstance(solution, str) else [solution]
+    solutions = [motion_of(one) for one in given]
     if not solutions:
         raise ShapeError("solution", (0,), "one Solution or more")
     names = _labels(solutions) if labels is None else list(labels)
@@ -83,7 +123,10 @@ def view(
     shift = camera_path(actors[0], times, follow, scale, cycle)
     lap = cycle.on(grounds) if cycle is not None and follow else None
     text = wrap(scene, actors, nodes, grounds, names, times, shift, loop, lap)
-    _write(target, text)
+    page = Page(text)
+    if target is not None:
+        page.save(target)
+    return page
 
 
 def _labels(solutions: Sequence[Solution]) -> list[str]:
@@ -98,7 +141,7 @@ def _server(viser: Any) -> Iterator[Any]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _quiet():
         try:
             server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
         except ImportError as error:  # viser imports some of what it needs only now
@@ -106,10 +149,17 @@ def _server(viser: Any) -> Iterator[Any]:
     try:
         yield server
     finally:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _quiet():
             server.stop()
 
 
-def _write(target: Path, text: str) -> None:
-    with replacing(target) as beside:
-        beside.write_text(text, encoding="utf-8")
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without viser's banner: it prints by rich, which in a notebook does not write to stdout but makes an output."""
+    console = importlib.import_module("rich").get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        console.quiet = before

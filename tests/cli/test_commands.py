@@ -167,8 +167,12 @@ def test_default_folder_and_why_the_cpu(
     solver()
     monkeypatch.chdir(tmp_path)
     sys.modules["octo.solve"]._say_cpu.cache_clear()
-    assert main(["solve", "chain", "--goal", "stand", "--seconds", "0.1"]) == 0
+    words = ["solve", "chain", "--goal", "stand", "--seconds", "0.1"]
+    assert main(words) == 0
     assert (tmp_path / "octo-chain-stand" / "report.json").is_file()
+    assert "using the CPU" not in capsys.readouterr().err
+    sys.modules["octo.solve"]._say_cpu.cache_clear()
+    assert main([*words, "--verbose"]) == 0
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: using the CPU: ")]
     assert len(said) == 1
 

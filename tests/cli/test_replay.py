@@ -81,7 +81,7 @@ def test_a_plan_that_did_not_converge_is_named(standing: Solution, folder: Path,
 CASES = {
     "no plan": ("replay", "SOLUTION"),
     "a missing plan": ("replay nowhere.npz", "nowhere.npz", "does not exist"),
-    "a folder without a plan": ("replay .", "solution.npz", "does not exist"),
+    "a folder without a plan": ("replay .", "solution.npz", "folder . holds no"),
     "no archive": ("replay text.npz", "text.npz", "not a solution"),
     "another plant": ("replay standing.npz --plant bullet", "plant 'bullet'", "mujoco"),
     "another feedback": ("replay standing.npz --feedback bse", "feedback 'bse'", "base"),

@@ -74,13 +74,14 @@ def test_two_passes_and_two_starts(emulated):
     found.report()
 
 
-def test_too_little_memory(emulated, capsys):
+def test_too_little_memory(emulated, caplog):
     emulated.memory = 10_000_000
     with pytest.raises(DeviceError, match="need .* GB, the GPU has 0.01 GB free: solve .* at a time"):
         octo.solve(walk(), seeds=8, device="cuda")
-    solution = octo.solve(walk(), seeds=8, device="auto", max_iterations=1)
+    with caplog.at_level("INFO", logger="octo"):
+        solution = octo.solve(walk(), seeds=8, device="auto", max_iterations=1)
     assert solution.device == "cpu"
-    assert "octo: using the CPU: 8 problems" in capsys.readouterr().err
+    assert "using the CPU: 8 problems" in caplog.text
 
 
 class Counting(EmulatedDevice):
@@ -164,7 +165,7 @@ def test_the_reasons(monkeypatch, count, driver, nvrtc, said):
 
     def version():
         if nvrtc is None:
-            raise MissingExtraError("compiling for the GPU", "gpu")
+            raise MissingExtraError("compiling for the GPU", "cuda13")
         return nvrtc
 
     monkeypatch.setattr(cuda.nvrtc, "version", version)

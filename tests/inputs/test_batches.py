@@ -1,4 +1,4 @@
-"""A batch has one structure: what differs in more than numbers is refused by name, numbers may differ."""
+"""A batch has one structure: numbers may differ, anything else is refused by name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import octo
-from octo.dynamics.laws import Coulomb, Smooth
+from octo.dynamics.laws import Coulomb, Smooth, Viscous
 from octo.errors import ProblemError
 from octo.model.gallery import mammal
 from octo.problem.basis import Hermite
@@ -147,7 +147,7 @@ def test_numbers_may_differ_and_each_member_is_its_own_problem(what):
 
 
 def test_each_member_has_the_passes_of_its_own_height():
-    """Depths of a pass go with the height of the base at the start: one crouches, its feet sink less."""
+    """Depths of a pass go with the height of the base at the start: one of the two crouches."""
     low = ROBOT.default_pose.copy()
     low[ROBOT.nx - ROBOT.nu :] *= 1.15
     low[2] *= 0.9
@@ -157,3 +157,19 @@ def test_each_member_has_the_passes_of_its_own_height():
     for member, alone in zip(octo.solve(described, **options), described, strict=True):
         expected = octo.solve(alone, **options)
         assert member.parameters == pytest.approx(expected.parameters, rel=1e-12)
+
+
+def test_each_member_has_the_friction_of_its_own_law():
+    """Under laws of one text the ratio w_par/w_perp is a number."""
+    laws = [Smooth(friction=Viscous(w_par=ratio * Smooth().w_perp)) for ratio in (5.0, 20.0)]
+    described = [problem(law=law) for law in laws]
+    for member, alone in zip(octo.solve(described, **QUICK), described, strict=True):
+        expected = octo.solve(alone, **QUICK)
+        assert member.parameters == pytest.approx(expected.parameters, rel=1e-12)
+        np.testing.assert_allclose(member.energy, expected.energy, rtol=1e-9)
+
+
+def test_a_robot_made_twice_is_one_model():
+    twice = [problem(octo.Slip(contacts="feet"), robot=mammal()) for _ in range(2)]
+    one, other = octo.solve(twice, **QUICK)
+    np.testing.assert_allclose(one.x, other.x, atol=1e-12)

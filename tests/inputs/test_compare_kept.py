@@ -1,4 +1,4 @@
-"""octo compare: Ctrl-C inside another solver, what it leaves of earlier files, and pictures that cannot be drawn."""
+"""octo compare: Ctrl-C in another solver, what it leaves of earlier files, pictures that fail."""
 
 from __future__ import annotations
 
@@ -87,6 +87,19 @@ def test_ctrl_c_in_interpreted_callbacks_is_one_too():
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.1)
     assert told.caught and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_sigterm_is_another_where_the_commands_have_it_so():
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), interruptible(None) as told:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.1)
+        assert told.caught and signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    with interruptible(None):
+        assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_a_solver_in_another_thread_gets_no_signals():

@@ -1,4 +1,4 @@
-"""Arguments that meant something else than they said: numbers for vectors, endings, devices, tolerances."""
+"""Arguments that meant something else: numbers for vectors, endings, devices, tolerances."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def test_numbers_that_are_none_are_refused_by_name(term):
 
 def test_presets_take_a_speed_or_a_velocity():
     for terms in (
-        octo.costs.natural(0.4),
-        octo.costs.robot(0.4),
-        octo.costs.natural((0.4, 0.0, 0.0)),
+        octo.costs.natural(0.4, length=0.3),
+        octo.costs.robot(0.4, length=0.3),
+        octo.costs.natural((0.4, 0.0, 0.0), length=0.3),
     ):
         np.testing.assert_allclose(terms[0].velocity, (0.4, 0.0, 0.0))
     for make in (octo.costs.natural, octo.costs.robot):
@@ -117,7 +117,7 @@ def test_presets_take_a_speed_or_a_velocity():
         octo.costs.robot(0.4, yaw_rate=(0.0, 0.0, 0.5))
 
 
-# -- endings ------------------------------------------------------------------------------------------
+# -- endings --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["x.mp4", "x.gif", "x.webm", "x.png", "x", "x.html.gz", ".html"])
@@ -164,7 +164,7 @@ def test_a_list_of_records_is_json(tmp_path, capsys):
         assert "must end in .json" in capsys.readouterr().err
 
 
-# -- devices and tolerances ---------------------------------------------------------------------------
+# -- devices and tolerances -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("device", ["gpu", "GPU", "cuda:0", "CUDA", "nvidia", "cup", "", None, 0])

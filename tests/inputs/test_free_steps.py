@@ -17,7 +17,7 @@ from octo.solver.solution import Solution, Status
 
 
 def pendulum(x_next, x, x_prev, p):
-    """0.05 kg m², 1 N m at the horizontal; implicit: standing up is as far from hanging as nothing at all."""
+    """0.05 kg m², 1 N m at the horizontal; hanging and standing on its head it is at rest."""
     return 0.05 * (x_next - 2 * x + x_prev) / p["dt"] ** 2 + ca.sin(x_next)
 
 

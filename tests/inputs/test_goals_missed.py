@@ -75,8 +75,11 @@ def test_every_goal_says_that_it_was_missed(name, tmp_path):
 
 SPEED = octo.CenterOfMassVelocity
 TERMS: dict[str, tuple[Cost, dict[str, float], dict[str, float], str]] = {
-    "speed": (SPEED((0.5, 0.0, 0.0)), {"x": 0.25}, {"x": 0.1}, r"\(0.20, 0.00\) m/s, asked for was"),
-    "speeds": (SPEED(np.linspace([0.0, 0, 0], [1.0, 0, 0], N)), {"x": 0.25}, {"x": 0.4}, "0.80, 0.00"),
+    "speed": (SPEED((0.5, 0.0, 0.0)), {"x": 0.25}, {"x": 0.1}, r"\(0.20, 0.00\) m/s, asked"),
+    "speeds": (
+        SPEED(np.linspace([0.0, 0, 0], [1.0, 0, 0], N)),
+        {"x": 0.25}, {"x": 0.4}, "0.80, 0.00",
+    ),
     "place": (
         octo.CenterOfMassPosition(tuple(moved().com[0] + [0.4, 0.0, 0.0])),
         {"x": 0.4}, {"x": 0.2}, "off by 0.2 m",
@@ -145,9 +148,9 @@ def test_a_slope_may_be_climbed_by_a_walk_on_the_level():
     assert not moved(up, x=0.25).asked[0].met
 
 
-def written(folder, solution, values):
+def written(folder, solution, report):
     """The report without the pictures."""
-    folder.write({"report.json": lambda path: command.write_json(path, values())})
+    folder.write({"report.json": lambda path: command.write_json(path, report())})
 
 
 @pytest.mark.parametrize("kind", ["walk", "stride", "turn", "jump", "stand"])

@@ -19,7 +19,7 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 
 
 def soft(points: int, n: int) -> octo.CustomDynamics:
-    """Points of a soft body on the ground, each of which moves with all of n coordinates, as one expression."""
+    """Points of a soft body, each of which moves with all of n coordinates, as one expression."""
     weights = np.random.default_rng(0).standard_normal((points, n))
 
     def fd(x_next, x, x_prev, p):

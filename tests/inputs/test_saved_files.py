@@ -91,7 +91,17 @@ def joint(**values: Any) -> Callable[[Parts], object]:
     return lambda parts: parts[1]["character"]["bodies"][0]["joints"][0].update(values)
 
 
+def goal(**values: Any) -> Callable[[Parts], object]:
+    whole = {"name": "a", "what": "b", "found": [1.0], "wanted": [1.0], "unit": "m", "size": 1.0}
+    return said(asked=[{**whole, **values}])
+
+
 CONTENTS: dict[str, tuple[Callable[[Parts], object], str]] = {
+    "a goal in words": (said(asked=["far"]), "asked must hold records only"),
+    "a goal without numbers": (goal(found=None), "found holds object values, must be numbers"),
+    "a goal of two lengths": (goal(wanted=[1.0, 2.0]), "wanted has shape (2,), expected (1)"),
+    "a goal not finite": (goal(wanted=[float("nan")]), "wanted is not finite"),
+    "a goal of no size": (goal(size=0.0), "size is 0.0, must be a positive"),
     "dt of zero": (said(dt=0.0), "dt is 0.0, must be a positive"),
     "negative dt": (said(dt=-0.05), "dt is -0.05"),
     "dt not finite": (said(dt=float("nan")), "dt is nan"),
@@ -162,7 +172,7 @@ def test_contents_that_octo_never_wrote(kind: str, saved: Path, tmp_path: Path) 
 
 CYCLES: dict[str, tuple[Callable[[Parts], object], str]] = {
     "a period of zero": (lambda parts: parts[1]["cycle"].update(period=0.0), "period is 0.0"),
-    "a mirror in words": (lambda parts: parts[1]["cycle"].update(mirrored="no"), "mirrored must be"),
+    "a mirror in words": (lambda parts: parts[1]["cycle"].update(mirrored="no"), "mirrored is of type str, must be"),
     "a foot that is not there": (spoiled("cycle_contacts", 99), "contacts holds float64"),
     "feet beyond the last": (lambda parts: parts[0]["cycle_contacts"].fill(99), "contacts has an index out of"),
     "a flat rotation": (shaped("cycle_rotation", np.ravel), "rotation has shape"),
@@ -274,7 +284,7 @@ def test_names_cannot_command_a_terminal(saved: Path, tmp_path: Path, capsys: py
 # -- replays that fall at once -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dt", [0.25, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("dt", [0.3, 0.5, 1.0])
 def test_a_replay_that_falls_before_its_first_node(dt: float, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     plan = standing(dt=dt, steps=2)

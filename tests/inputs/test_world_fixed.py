@@ -12,6 +12,7 @@ import pytest
 import octo
 from octo.errors import UnsupportedFeatureError
 from octo.model.character import Body, Character, Joint
+from octo.model.describe import whole_inertia
 from octo.model.kinematics import center_of_mass
 from octo.model.load import load
 
@@ -53,6 +54,7 @@ def alike(found: Character, alone: Character) -> None:
     assert [joint.name for joint in found.joints] == [joint.name for joint in alone.joints]
     x = np.random.default_rng(0).uniform(-1.0, 1.0, found.nx)
     np.testing.assert_allclose(center_of_mass(found, x), center_of_mass(alone, x), atol=1e-12)
+    np.testing.assert_allclose(whole_inertia(found, x), whole_inertia(alone, x), atol=1e-9)
 
 
 def test_the_case_of_the_table():

@@ -193,12 +193,13 @@ def test_the_shifted_plan_is_the_plan(controller, plant, stand):
     np.testing.assert_allclose(nodes[:-1], plan.x[1 : plan.steps + 2], atol=1e-12)
 
 
-def test_auto_is_the_cpu_whatever_the_machine_has(problem, monkeypatch, capsys):
+def test_auto_is_the_cpu_whatever_the_machine_has(problem, monkeypatch, caplog):
     monkeypatch.setattr("octo.gpu.cuda.reason", lambda: None)  # a machine with a GPU
     _say_cpu.cache_clear()
-    for _ in range(2):
-        Controller(problem, device="auto")
-    assert capsys.readouterr().err == "octo: using the CPU: this version has no control loop on a GPU\n"
+    with caplog.at_level("INFO", logger="octo"):
+        for _ in range(2):
+            Controller(problem, device="auto")
+    assert caplog.messages == ["using the CPU: this version has no control loop on a GPU"]
 
 
 def test_a_reset_restarts_the_command(controller, plant):

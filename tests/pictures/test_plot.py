@@ -85,6 +85,7 @@ def test_values_that_are_not_finite_do_not_break_it(tmp_path: Path) -> None:
 def test_matplotlib_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.delitem(sys.modules, "octo.figure", raising=False)
     for picture in (octo.plot, octo.filmstrip):
         with pytest.raises(MissingExtraError, match="'view'"):
             picture(motions.wandering(CHARACTERS["chain"]()))

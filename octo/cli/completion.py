@@ -1,0 +1,123 @@
+"""``octo completion``: a script that makes a shell complete commands, options, and the words that an option takes."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Callable, Mapping
+from typing import get_args
+
+from octo.errors import UnknownNameError
+from octo.goals import Kind, Preset
+from octo.model.gallery import CHARACTERS
+from octo.model.load import BASES
+
+SHELLS = ("bash", "zsh", "fish")
+WORDS: Mapping[str, tuple[str, ...]] = {  # that an option takes, or begins with
+    "--goal": get_args(Kind),
+    "--costs": get_args(Preset),
+    "--basis": ("nodes", "hermite"),
+    "--base": BASES,
+    "--device": ("auto", "cpu", "cuda"),
+    "--terrain": ("plane", "slope:"),
+    "--friction": ("viscous", "coulomb"),
+    "--plant": ("mujoco", "octo"),
+    "--feedback": ("base", "none"),
+    "--with": ("ipopt", "fatrop"),
+    "--period": ("auto",),
+}
+OTHERS = {"mpc --goal": ("walk", "stride", "turn", "stand"), "replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
+ROBOTS = ("solve", "cycle", "mpc", "compare", "simulate", "info")  # commands whose first word may be a robot's name
+HOW = {
+    "bash": "octo completion bash > ~/.local/share/bash-completion/completions/octo",
+    "zsh": 'eval "$(octo completion zsh)", in ~/.zshrc behind compinit',
+    "fish": "octo completion fish > ~/.config/fish/completions/octo.fish",
+}
+Parsers = Mapping[str, argparse.ArgumentParser]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("shell", metavar="SHELL", help=f"{', '.join(SHELLS)}")
+    parser.epilog = "; ".join(f"{shell}: {how}" for shell, how in HOW.items())
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from octo.cli.main import parser  # which needs this module
+
+    if arguments.shell not in SHELLS:
+        raise UnknownNameError("shell", arguments.shell, SHELLS)
+    print(script(arguments.shell, parser()[1]))
+    return 0
+
+
+def script(shell: str, commands: Parsers) -> str:
+    """The text for a shell to read: everything in it is known now, so that completing runs no Python."""
+    makers: dict[str, Callable[[Parsers], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}
+    return makers[shell](commands)
+
+
+def _options(parser: argparse.ArgumentParser) -> list[str]:
+    return [name for name in parser._option_string_actions if name.startswith("--")]
+
+
+def _words(command: str, option: str) -> tuple[str, ...]:
+    """What an option of a command may be followed by; nothing where that is a number, a file or no word at all."""
+    return OTHERS.get(f"{command} {option}", WORDS.get(option, ()))
+
+
+def _first(command: str, commands: Parsers) -> tuple[str, ...]:
+    """What a command's first word may be, beside a file."""
+    words = {"help": tuple(commands), "completion": SHELLS}
+    return words.get(command, tuple(CHARACTERS) if command in ROBOTS else ())
+
+
+def _bash(commands: Parsers) -> str:
+    lines = []
+    for name, parser in commands.items():
+        options, first = shlex.quote(" ".join(_options(parser))), shlex.quote(" ".join(_first(name, commands)))
+        for option in _options(parser):
+            if _words(name, option):
+                lines.append(f"      {name}:{option}) words={shlex.quote(' '.join(_words(name, option)))} files= ;;")
+        lines += [f"      {name}:*) words={first}", f"        [[ $current == -* ]] && words={options} files= ;;"]
+    top = shlex.quote(" ".join([*commands, "--help", "--version", "-V"]))
+    return "\n".join(
+        [
+            "_octo() {",
+            "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= files=yes",
+            "  [[ $current == '=' ]] && current=",
+            "  [[ $before == '=' ]] && before=${COMP_WORDS[COMP_CWORD-2]}",
+            "  if (( COMP_CWORD == 1 )); then",
+            f"    words={top} files=",
+            "  else",
+            "    case ${COMP_WORDS[1]}:$before in",
+            *lines,
+            "    esac",
+            "  fi",
+            '  COMPREPLY=($(compgen -W "$words" -- "$current"))',
+            '  [[ $files ]] && COMPREPLY+=($(compgen -f -- "$current"))',
+            "}",
+            "complete -o filenames -F _octo octo",
+        ]
+    )
+
+
+def _zsh(commands: Parsers) -> str:
+    return f"autoload -U +X bashcompinit && bashcompinit\n{_bash(commands)}"
+
+
+def _fish(commands: Parsers) -> str:
+    alone = "complete -c octo -n __fish_use_subcommand"
+    lines = [f"{alone} -f -a {name} -d {shlex.quote(parser.description or '')}" for name, parser in commands.items()]
+    lines += [f"{alone} -l version -s V", f"{alone} -l help -s h"]
+    for command, parser in commands.items():
+        here = f"complete -c octo -n '__fish_seen_subcommand_from {command}'"
+        first = _first(command, commands)
+        lines += [f"{here} -a {shlex.quote(' '.join(first))}"] if first else []
+        for name in _options(parser):
+            action = parser._option_string_actions[name]
+            takes = "" if action.nargs == 0 else " -r"
+            words = f" -a {shlex.quote(' '.join(_words(command, name)))}" if _words(command, name) else ""
+            text = " ".join((action.help or "").replace("%%", "%").split())
+            lines.append(f"{here} -l {name.removeprefix('--')}{takes}{words} -d {shlex.quote(text)}")
+    return "\n".join(lines)

@@ -1,0 +1,18 @@
+"""matplotlib's Figure, which a notebook shows where it is the last value of a cell. Imported where a picture is drawn."""
+
+from __future__ import annotations
+
+import io
+
+import matplotlib.figure
+
+DPI = 80  # of what a notebook shows; a file has its own
+
+
+class Figure(matplotlib.figure.Figure):
+    """A figure without pyplot: nothing global, no window, no backend to choose."""
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        self.savefig(drawn, format="png", dpi=DPI)
+        return drawn.getvalue()
