@@ -502,7 +502,10 @@ class _Pieces:
         return [first, first + 1, first + 3]
 
     def _options(self, doing: str) -> dict[str, Any]:
-        return self.journey.left(self.began, doing)
+        """Without the contacts' curvature: with it the ways in and out of a turn end in worse optima (docs/notes/cycles.md)."""
+        given = self.journey.left(self.began, doing)
+        own = given.get("options") or SqpOptions()
+        return {**given, "options": replace(own, hessian="dynamics") if own.hessian == "exact" else own}
 
     def _entry(self, phase: int) -> int:
         """The node of the tiled stride at which it is entered."""

@@ -40,7 +40,7 @@ class Pass:
         return {"contact.w_perp": w_perp, **friction, "contact.onset": self.onset}
 
 
-EARLY = {"tolerance": 1e-4, "dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3, "plateau": 10}
+EARLY = {"dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3, "plateau": 10}
 
 
 def early(options: SqpOptions) -> SqpOptions:

@@ -331,8 +331,8 @@ def _climb(
 
 
 def _kept(converged: Solution, failed: Solution) -> Solution:
-    """The motion of the last converged pass, with the record of the pass that failed after it."""
-    status = failed.status if failed.status is Status.INTERRUPTED else converged.status
+    """The motion of the last converged pass, left near its optimum, with the record of the pass that failed after it."""
+    status = failed.status if failed.status is Status.INTERRUPTED else Status.ACCEPTABLE
     return replace(
         converged, status=status, passes=failed.passes, history=failed.history, stages=failed.stages, seconds=failed.seconds,
         processor_seconds=failed.processor_seconds, iterations=failed.iterations, factorizations=failed.factorizations,

@@ -163,13 +163,13 @@ octo_constraints(int count, int steps, int rows, const int *first, const int *te
 extern "C" __global__ void __launch_bounds__(SMALL, 2)
 octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const double *test_value, const double *nodes,
                       const double *kin, const double *p, const double *q, const double *row_scale, const double *fd,
-                      const double *multipliers, double *r, double *jac, double *touch, double *lam) {
+                      const double *multipliers, const int *curved, double *r, double *jac, double *touch, double *lam) {
   SHARED(u);
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t member = blockIdx.y, item = member * steps + step;
   octo_place_of_step at = octo_place_at(steps, member, step, nodes, kin, p, q, u);
   r += item * MROWS; jac += item * NZ; touch += item * NFC * TOUCHED; lam += item * NX;
-  octo_costs_of_steps(&at, count, fd + item * NX, multipliers != 0, r, jac, touch);
+  octo_costs_of_steps(&at, count, fd + item * NX, multipliers && (!curved || curved[member]), r, jac, touch);
   EACH_OF_STEPS(s, j, NU, count) {
     double sum = 0.0;
 #if NR > 0
@@ -290,12 +290,13 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
 /* Adds the terms over contacts to hess and gradient: of each contact the blocks to twists (problem/contact_model.py) out of their
  * factors, by all threads, and a joint's part of a block or of its transpose by one. Grid (steps, batch); shared: 18 NY + 234 + 54 NX. */
 extern "C" __global__ void __launch_bounds__(TILED, 4)
-octo_touch(int steps, int exact, const double *kin, const double *touch, double *hess, double *gradient) {
+octo_touch(int steps, int exact, const int *curved, const double *kin, const double *touch, double *hess, double *gradient) {
 #if NFC > 0
   static const int newer[] = {0, 0, 0, 1, 2, 1, 0, 0, 1}, older[] = {0, 1, 2, 1, 2, 2, 1, 2, 2}, of[] = {0, 1, 2, 3, 4, 5, 1, 2, 5};
   SHARED(half); /* ∂²E/∂y² y' (NY, 18), the gradient and the blocks, and of each joint and part what stands beside its ancestors */
   double *blocks = half + 18 * NY, *sum = blocks + 18 + 36 * BLOCKS;
   size_t item = (size_t)blockIdx.y * steps + blockIdx.x;
+  exact = exact && (!curved || curved[blockIdx.y]);
   kin += ((size_t)blockIdx.y * (steps + 2) + blockIdx.x + 2) * KIN + 12 * NB;
   touch += item * NFC * TOUCHED; hess += item * 6 * NX * NX; gradient += item * W3;
   EACH(e, 54 * NX) sum[e] = 0.0;

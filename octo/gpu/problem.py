@@ -164,14 +164,14 @@ class DeviceProblem:
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
         program.kernel("octo_summary")((self.batch,), device.threads(PARTS), *own, shared=32 * PARTS)
 
-    def linearize(self, at: Evaluation, lam: Array | None) -> Model:
-        """Eq. 9 at an evaluated iterate; the curvature of lamᵀC and of the torque terms with ``lam`` (batch, K, ma)."""
+    def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
+        """As :meth:`CompiledProblem.linearize`; ``curved`` are integers on the device."""
         program, tables, scratch = self.program, self._tables, self.scratch
         kin = self._kin(at.nodes)
         self._each_step(
             "octo_cost_derivatives", SMALL, 8 * program.arguments, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
             tables["test_row"], tables["test_value"], at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam,
-            scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"], together=TOGETHER,
+            curved, scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"], together=TOGETHER,
         )  # fmt: skip
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
@@ -184,7 +184,7 @@ class DeviceProblem:
             scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
         )  # fmt: skip
         if program.touch:
-            own = (int(lam is not None), kin, scratch["touch"], scratch["hess"], scratch["gradient"])
+            own = (int(lam is not None), curved, kin, scratch["touch"], scratch["hess"], scratch["gradient"])
             self._each_step("octo_touch", TILED, program.touching, *own)
         if self.carry is not None:
             carried = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])

@@ -48,7 +48,7 @@ class Work:
         self.decisive = self.trial.part("units", "sizes")  # about a step and its trial
         self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
-        self.active = device.empty((batch,), np.int32)
+        self.active, self.curved = device.empty((batch,), np.int32), device.empty((batch,), np.int32)
         self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")}
         self.plain = False  # whether rhs_c is −C of the model
         self._placed: tuple[Any, Any] = (None, None)
@@ -81,8 +81,9 @@ class Work:
             self._written[name] = values
             self.device.write(values, getattr(self, name))
 
-    def linearize(self, at: Evaluation, lam: Array, exact: bool) -> Model:
+    def linearize(self, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_]) -> Model:
         self.place(at, lam)
+        self.write("curved", curved.astype(np.int32))
         _ = self.problem.scratch  # allocated before the first sequence, which would take it for its own
         return self.models[exact].linearize()
 
@@ -216,7 +217,7 @@ class Modelled:
         work = self._work
         if work.linear.ma:
             work.linear.negative(work.at.C, work.rhs_c)
-        return work.problem.linearize(work.at, work.lam if self._exact else None)
+        return work.problem.linearize(work.at, work.lam if self._exact else None, work.curved)
 
     def _launch_factor(self) -> DeviceFactor:
         work, model = self._work, self._own

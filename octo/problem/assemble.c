@@ -247,7 +247,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   double *past[STEPS], *slope[STEPS];
   for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX, slope[k] = s->slope[k];
   if (!t->lam) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
-  octo_touch(&s->touched, &in, s->group.q, t->lam != 0, lanes->hess);
+  octo_touch(&s->touched, &in, s->group.q, t->lam && (!t->curved || t->curved[member]), lanes->hess);
   octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
   octo_spread(s->touched.gradient, W3, slope, STEPS);
 #endif

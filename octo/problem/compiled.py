@@ -271,16 +271,17 @@ class CompiledProblem:
         rows = fd[:, :, self.dynamics.unactuated] * self.row_scale[:, None]
         return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
 
-    def linearize(self, at: Evaluation, lam: Array | None) -> Model:
-        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC, torque and contact terms."""
+    def linearize(self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None) -> Model:
+        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC and of the terms over torques,
+        and of the terms over contacts for the members ``curved`` (batch,) bool, all by default."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
         b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
         if self._library is not None:
-            self._native_linearize(at, lam, (H, A, b, C))
+            self._native_linearize(at, lam, curved, (H, A, b, C))
         else:
-            self._machine.linearize(at, lam, (H, A, b, C))
+            self._machine.linearize(at, lam, (H, A, b, C), curved)
         if self.neighbours is not None:
             self.neighbours.add(self, at.unknowns, H, b)
         H[:, self.fixed, 0] = np.eye(self.nc)
@@ -380,7 +381,9 @@ class CompiledProblem:
             raise MemoryError("octo_evaluate could not allocate its work arrays")
         self._free_tasks.append(own)
 
-    def _native_linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, ...]) -> None:
+    def _native_linearize(
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: tuple[Array, ...]
+    ) -> None:
         assert self._library is not None
         nodes = doubles("nodes", at.nodes, (self.batch, self.steps + 2, self.n))
         fd = doubles("fd", at.fd, (self.batch, self.steps, self.n))
@@ -388,6 +391,8 @@ class CompiledProblem:
         task = own[0]
         task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
         task.lam = None if lam is None else lam.ctypes.data
+        members = None if curved is None else np.ascontiguousarray(curved, dtype=np.int32)
+        task.curved = None if members is None else members.ctypes.data
         task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
         if self._library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
@@ -412,7 +417,7 @@ def task_of(sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[
     """octo_task of assemble.c over contiguous arrays that the caller keeps: ``tables`` of the chunks and the stencil,
     ``values`` p, q and the scale of the rows."""
     at, given = [a.ctypes.data for a in tables], [a.ctypes.data for a in values]
-    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data, None)
+    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data, None, None)
 
 
 class _Task(ctypes.Structure):
@@ -424,7 +429,7 @@ class _Task(ctypes.Structure):
             (name, ctypes.c_void_p)
             for name in (
                 "chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value", "test_row", "test_part",
-                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo", "carry",
+                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo", "carry", "curved",
             )
         ),
     ]  # fmt: skip

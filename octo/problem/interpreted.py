@@ -124,7 +124,9 @@ class Interpreted:
                 out[k, :, t] = weighted[:, terms == t].sum(axis=1)
         return out
 
-    def linearize(self, at: Evaluation, lam: Array | None, out: tuple[Array, Array, Array, Array]) -> None:
+    def linearize(
+        self, at: Evaluation, lam: Array | None, out: tuple[Array, Array, Array, Array], curved: NDArray[np.bool_] | None = None
+    ) -> None:
         """Fills H, A, b, C."""
         owner = self.problem
         n, steps = owner.n, owner.steps
@@ -150,18 +152,19 @@ class Interpreted:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
         if self._contacts:
-            self._add_contacts(at, lam is not None, gradient, step_hess)
+            whole = np.ones(owner.batch, dtype=bool) if curved is None else np.asarray(curved, dtype=bool)
+            self._add_contacts(at, whole & (lam is not None), gradient, step_hess)
         if owner.carry is not None:
             fd_jac = fd_jac.copy()
             self._carry_back(owner.carry, step_hess, gradient, fd_jac)
         self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None], out)
         out[3][:] = owner.reduce(at.fd)
 
-    def _add_contacts(self, at: Evaluation, exact: bool, gradient: Array, hess: Array) -> None:
+    def _add_contacts(self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array) -> None:
         owner, size = self.problem, 3 * self.problem.n
-        if exact not in self._touches:
-            self._touches[exact] = self._touch(exact)
-        for k in range(owner.batch):
+        for k, exact in enumerate(curved.tolist()):
+            if exact not in self._touches:
+                self._touches[exact] = self._touch(exact)
             slope, flat = self._touches[exact].map(owner.steps)(*self._arguments(k, at.nodes, at.fd))
             gradient[k] += np.asarray(slope).T
             hess[k] += np.asarray(flat).reshape(size, owner.steps, size).transpose(1, 0, 2)

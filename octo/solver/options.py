@@ -11,7 +11,7 @@ from octo.checks import number, positive, whole
 from octo.errors import UnknownNameError, ValueRangeError, said
 
 CHOICES = {
-    "hessian": ("exact", "gauss_newton"),
+    "hessian": ("exact", "dynamics", "gauss_newton"),
     "step": ("line_search", "trust_region"),
     "linear_solver": ("auto", "elimination", "cyclic_reduction"),
 }
@@ -25,7 +25,8 @@ class SqpOptions:
 
     Attributes
     ----------
-    hessian: "exact" adds the curvature of lamᵀC, of the torque terms and of the terms over contacts; "gauss_newton" is JᵀJ.
+    hessian: "exact" adds to JᵀJ the curvature of lamᵀC and of the torque terms, and of the terms over contacts once E has
+        settled: of itself less than ``settled`` over ten iterations; "dynamics" leaves the contacts' out; "gauss_newton" is JᵀJ.
     step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.
@@ -38,7 +39,7 @@ class SqpOptions:
     plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so many iterations.
     """
 
-    hessian: Literal["exact", "gauss_newton"] = "exact"
+    hessian: Literal["exact", "dynamics", "gauss_newton"] = "exact"
     step: Literal["line_search", "trust_region"] = "line_search"
     gauss_newton_first: int = 0
     max_iterations: int = 3000
@@ -52,6 +53,7 @@ class SqpOptions:
     c_max: float = 0.1
     plateau: int = 20
     plateau_change: float = 1e-4
+    settled: float = 5e-3
 
     def __post_init__(self) -> None:
         for name, values in CHOICES.items():
@@ -65,8 +67,9 @@ class SqpOptions:
                 raise ValueRangeError(f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would converge")
         if self.time_limit != np.inf:
             positive("time_limit", self.time_limit, "s")
-        if not 0.0 <= number("plateau_change", self.plateau_change) < 1.0:
-            raise ValueRangeError(f"plateau_change is {said(self.plateau_change)}, must be from 0 to less than 1")
+        for name in ("plateau_change", "settled"):
+            if not 0.0 <= number(name, getattr(self, name)) < 1.0:
+                raise ValueRangeError(f"{name} is {said(getattr(self, name))}, must be from 0 to less than 1")
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
 

@@ -107,6 +107,15 @@ class Result:
         )  # fmt: skip
 
 
+SETTLING = 10  # iterations over which E settles before terms over contacts have all of their curvature
+
+
+def _level(energies: list[float], count: int, part: float) -> bool:
+    """Whether E has changed by ``part`` of itself at most over the last ``count`` iterations."""
+    window = energies[-count - 1 :]
+    return len(window) > count and max(window) - min(window) <= part * abs(window[-1])
+
+
 class _Records:
     """Histories of all starts."""
 
@@ -120,11 +129,12 @@ class _Records:
         self._iterations.append((members, (energy.copy(), *columns)))
         for k, value in zip(members.tolist(), energy.tolist(), strict=True):
             self._energies[k].append(value)
-        return np.array([self._plateau(self._energies[k]) for k in members])
+        o = self._options
+        return np.array([_level(self._energies[k], o.plateau, o.plateau_change) for k in members])
 
-    def _plateau(self, energies: list[float]) -> bool:
-        window = energies[-self._options.plateau - 1 :]
-        return len(window) > self._options.plateau and max(window) - min(window) <= self._options.plateau_change * abs(window[-1])
+    def settled(self, members: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Where E has changed by less than a part of itself over the last SETTLING iterations."""
+        return np.array([_level(self._energies[k], SETTLING, self._options.settled) for k in members], dtype=bool)
 
     def histories(self) -> list[dict[str, Array]]:
         rows: list[list[Any]] = [[] for _ in self._energies]
@@ -175,6 +185,7 @@ class _Run:
         self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
         self.moved = np.ones(problem.batch, dtype=bool)
+        self.settled = np.zeros(problem.batch, dtype=bool)  # where E has settled once
         self.model: Model | None = None
 
     def run(self) -> Result:
@@ -195,13 +206,15 @@ class _Run:
         return self._result()
 
     def _iterate(self, iteration: int) -> None:
-        exact = self.options.hessian == "exact" and iteration >= self.options.gauss_newton_first
+        exact = self.options.hessian != "gauss_newton" and iteration >= self.options.gauss_newton_first
         if self.model is None or some(self.moved) or iteration == self.options.gauss_newton_first:
             with self.clock("linearize"):
-                self.model = self.backend.linearize(self.problem, self.at, self.lam, exact)
+                self.model = self.backend.linearize(self.problem, self.at, self.lam, exact, self.settled)
         self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
         plateau = self._record(move)
+        if self.options.hessian == "exact":
+            self.settled |= self.records.settled(self.active)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
@@ -266,6 +279,7 @@ class _Run:
             own = like(keep, self.lam)
             self.problem = self.problem.take(keep)
             self.at, self.lam, self.moved = self.at.take(keep), self.lam[own], self.moved[keep]
+            self.settled = self.settled[keep]
             self.best, self.best_lam, self.best_score = self.best.take(keep), self.best_lam[own], self.best_score[keep]
             self.model = None
             self.rule.take(keep, self.problem)

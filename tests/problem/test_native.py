@@ -51,6 +51,21 @@ def test_native_equals_interpreted(compiled, wiggle, basis, exact):
         close(getattr(model, name), getattr(plain, name))
 
 
+def test_curvature_of_contacts_for_some_members(compiled, wiggle):
+    """Of each member, with lam, as if it were alone: Gauss and Newton's or all of it."""
+    problem = compiled("nodes")
+    lam, at = random_lam(problem), problem.evaluate(wiggle(problem))
+    both_ways = [problem.linearize(at, lam, np.full(problem.batch, value)).H for value in (False, True)]
+    np.testing.assert_array_equal(both_ways[1], problem.linearize(at, lam).H)
+    assert np.abs(both_ways[1] - both_ways[0]).max() > 1e-3 * np.abs(both_ways[0]).max()
+    curved = np.arange(problem.batch) % 2 == 1
+    assert curved.any() and not curved.all()
+    expected = np.where(curved[:, None, None, None, None], both_ways[1], both_ways[0])
+    plain = interpreted(problem)
+    for own, other in ((problem, at), (plain, plain.evaluate(wiggle(plain)))):
+        close(own.linearize(other, lam, curved).H, expected)
+
+
 @pytest.mark.parametrize("steps", [3, 7, 9, 25])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_any_number_of_steps(compiled, wiggle, steps, threads):
