@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
+import os
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
+from octo.errors import OutputError, ProblemError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
 
 Array = NDArray[np.float64]
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
 LONGEST_STEP = 1.0  # s, of a robot's motion
+MOST = 10**9  # of things that are counted; runs of more would never end
+TEXTS = (str, bytes, bytearray, memoryview)
 
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -38,12 +43,54 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
             if option not in named:
                 raise UnknownNameError(f"option of {name}", option, named)
         try:
-            signature.bind(*args, **options)
+            given = signature.bind(*args, **options)
         except TypeError as error:
             raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
+        for field, value in given.arguments.items():
+            if field in (kinds := _kinds(function)) and not isinstance(value, kinds[field]):
+                raise ProblemError(f"{field} is {said(value)}, must be {_listed(kinds[field])}")
         return function(*args, **options)
 
     return checked
+
+
+@cache
+def _kinds(function: Callable[..., Any]) -> dict[str, tuple[type, ...]]:
+    """The parameters that are objects of classes by their annotation, and of which; what else there is is checked by value."""
+    found: dict[str, tuple[type, ...]] = {}
+    for name, hint in typing.get_type_hints(function).items():
+        union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+        kinds = [typing.get_origin(one) or one for one in (typing.get_args(hint) if union else (hint,))]
+        if name != "return" and all(isinstance(one, type) and _plain(one) for one in kinds):
+            found[name] = tuple(kinds)
+    return found
+
+
+def _plain(kind: type) -> bool:
+    return kind not in (int, float, str, bool, np.ndarray, object) and not getattr(kind, "_is_protocol", False)
+
+
+def _listed(kinds: tuple[type, ...]) -> str:
+    """"a Plane, a Terrain or None"."""
+    words = {type(None): "None", Callable: "a function", Mapping: "a mapping"}
+    *others, last = [words.get(kind, f"a {kind.__name__}") for kind in kinds]
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def floats(field: str, value: Any) -> Array:
+    """``value`` as an array of numbers, finite or not; itself where it is one.
+
+    Raises
+    ------
+    ValueRangeError: not numbers. NumPy would make some of texts and dates, and real ones of complex ones.
+    """
+    try:
+        found = np.asarray(value)
+        if found.dtype.kind not in "biufO" or (found.dtype.kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)):
+            raise TypeError
+        return np.asarray(found, dtype=float)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
 
 
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -53,10 +100,7 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     ------
     ValueRangeError: not numbers, or not finite. ShapeError: another shape.
     """
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
+    array = floats(field, value)
     if shape is not None and array.shape != shape:
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
@@ -73,8 +117,8 @@ def number(field: str, value: Any) -> float:
 
 def positive(field: str, value: Any, unit: str = "") -> float:
     try:
-        found = float(value)
-    except (TypeError, ValueError):
+        found = float("nan") if isinstance(value, TEXTS) else float(value)
+    except (TypeError, ValueError, OverflowError):
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
         raise ValueRangeError(f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite")
@@ -131,10 +175,55 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
     return found
 
 
-def whole(field: str, value: Any, least: int = 1) -> int:
+def whole(field: str, value: Any, least: int = 1, most: int = MOST) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
+    if value > most:
+        raise ValueRangeError(f"{field} is {said(value)}, must be at most {most}")
     return int(value)
+
+
+def flag(field: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueRangeError(f"{field} is {said(value)}, must be True or False")
+    return bool(value)
+
+
+def one_of(kind: str, name: Any, valid: Iterable[str], hint: str = "") -> str:
+    """``name``, which must be one of the valid ones.
+
+    Raises
+    ------
+    UnknownNameError: says the nearest, or ``hint``.
+    """
+    names = tuple(valid)
+    if not isinstance(name, str) or name not in names:
+        raise UnknownNameError(kind, name, names, hint)
+    return name
+
+
+def instance(field: str, value: Any, kind: Any, words: str) -> Any:
+    """``value``, which must be of a kind; ``words`` say which.
+
+    Raises
+    ------
+    ProblemError: it is something else.
+    """
+    if not isinstance(value, kind):
+        raise ProblemError(f"{field} is {said(value)}, must be {words}")
+    return value
+
+
+def room(what: str, doubles: float) -> None:
+    """Refuse what does not fit into this machine's memory: the system would end the process in the middle.
+
+    Raises
+    ------
+    ProblemError: says how much it would be.
+    """
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if 8.0 * doubles > there:
+        raise ProblemError(f"{what} need {8e-9 * doubles:.3g} GB of memory, this machine has {1e-9 * there:.3g} GB")
 
 
 def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -158,4 +247,7 @@ def owned(value: Any) -> Any:
         return tuple(owned(entry) for entry in value)
     if isinstance(value, np.ndarray):
         return np.array(value)
-    return copy.deepcopy(value) if hasattr(value, "__setitem__") else value
+    try:
+        return copy.deepcopy(value) if hasattr(value, "__setitem__") else value
+    except (TypeError, RecursionError):
+        raise ValueRangeError(f"{said(value)} is given, which cannot be copied, must be numbers or texts") from None

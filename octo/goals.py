@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-import numpy as np
-
-from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.checks import number, one_of
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.asked import Asked
@@ -30,13 +29,10 @@ class Goal:
     preset: Preset = field(default="paper")
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise UnknownNameError("goal", self.kind, get_args(Kind))
-        if self.preset not in get_args(Preset):
-            raise UnknownNameError("costs", self.preset, get_args(Preset))
+        one_of("goal", self.kind, get_args(Kind))
+        one_of("costs", self.preset, get_args(Preset))
         for name in ("speed", "distance", "height"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueRangeError(f"{name} is {getattr(self, name)}, must be finite")
+            number(name, getattr(self, name))
 
     @property
     def velocity(self) -> tuple[float, float, float]:

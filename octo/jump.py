@@ -134,8 +134,8 @@ def jump_problem(
     """
     if not isinstance(robot, Character):
         raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
-    positive("height", height, "m")
-    number("distance", distance)
+    height = positive("height", height, "m")
+    distance = number("distance", distance)
     if robot.base != "floating" or robot.nu == 0:
         raise ProblemError(
             f"robot {robot.name!r} cannot jump: its base must be floating, and a joint actuated"

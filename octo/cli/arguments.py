@@ -153,7 +153,7 @@ def pose_of(robot: Character, word: str | None) -> Array | None:
 def _read_numbers(path: Path) -> Array:
     try:
         if path.suffix == ".json":
-            return np.asarray(json.loads(path.read_text()), dtype=float)
+            return np.asarray(json.loads(path.read_text(encoding="utf-8")), dtype=float)
         if path.suffix == ".npy":
             return np.asarray(np.load(path, allow_pickle=False), dtype=float)
         return np.atleast_1d(np.loadtxt(path)).ravel()

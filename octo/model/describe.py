@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from octo.checks import asked
 from octo.model.character import Array, Character, Joint
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 
@@ -23,6 +24,7 @@ class Text(str):
     def __repr__(self) -> str:
         return str(self)
 
+@asked
 def describe(character: Character) -> dict[str, Any]:
     """What a character is, as plain lists, names and numbers; None where there is no limit.
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import one_of, whole
 from octo.errors import ProblemError
 
 Array = NDArray[np.float64]
@@ -93,9 +94,7 @@ class Hermite:
     name = "hermite"
 
     def check(self, steps: int) -> None:
-        q = self.steps_per_segment
-        if q < 2:
-            raise ProblemError(f"steps_per_segment is {q}, must be at least 2")
+        q = whole("steps_per_segment", self.steps_per_segment, 2)
         if steps % q:
             near = max(q, q * round(steps / q))
             raise ProblemError(f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for example {near})")
@@ -232,12 +231,8 @@ def basis_named(name: str | Basis) -> Basis:
     """The basis a user named: "nodes", "hermite", or one of the two objects."""
     if isinstance(name, (Nodes, Hermite, Folded)):
         return name
-    from octo.errors import UnknownNameError
-
     table: dict[str, Basis] = {"nodes": Nodes(), "hermite": Hermite()}
-    if name not in table:
-        raise UnknownNameError("basis", name, table)
-    return table[name]
+    return table[one_of("basis", name, table)]
 
 
 def node_values(stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None) -> Array:

@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.checks import number, positive, whole
-from octo.errors import UnknownNameError, ValueRangeError, said
+from octo.checks import number, one_of, positive, whole
+from octo.errors import ValueRangeError, said
 
 CHOICES = {
     "hessian": ("exact", "gauss_newton"),
@@ -55,8 +55,7 @@ class SqpOptions:
 
     def __post_init__(self) -> None:
         for name, values in CHOICES.items():
-            if getattr(self, name) not in values:
-                raise UnknownNameError(name, getattr(self, name), values)
+            one_of(name, getattr(self, name), values)
         for name in (*TOLERANCES, "cap", "first_sigma", "c_max"):
             positive(name, getattr(self, name))
         for name in TOLERANCES:
