@@ -5,10 +5,8 @@ from __future__ import annotations
 import copy
 import inspect
 import os
-import types
-import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, wraps
+from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -43,38 +41,12 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
             if option not in named:
                 raise UnknownNameError(f"option of {name}", option, named)
         try:
-            given = signature.bind(*args, **options)
+            signature.bind(*args, **options)
         except TypeError as error:
             raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
-        for field, value in given.arguments.items():
-            if field in (kinds := _kinds(function)) and not isinstance(value, kinds[field]):
-                raise ProblemError(f"{field} is {said(value)}, must be {_listed(kinds[field])}")
         return function(*args, **options)
 
     return checked
-
-
-@cache
-def _kinds(function: Callable[..., Any]) -> dict[str, tuple[type, ...]]:
-    """The parameters that are objects of classes by their annotation, and of which; what else there is is checked by value."""
-    found: dict[str, tuple[type, ...]] = {}
-    for name, hint in typing.get_type_hints(function).items():
-        union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-        kinds = [typing.get_origin(one) or one for one in (typing.get_args(hint) if union else (hint,))]
-        if name != "return" and all(isinstance(one, type) and _plain(one) for one in kinds):
-            found[name] = tuple(kinds)
-    return found
-
-
-def _plain(kind: type) -> bool:
-    return kind not in (int, float, str, bool, np.ndarray, object) and not getattr(kind, "_is_protocol", False)
-
-
-def _listed(kinds: tuple[type, ...]) -> str:
-    """"a Plane, a Terrain or None"."""
-    words = {type(None): "None", Callable: "a function", Mapping: "a mapping"}
-    *others, last = [words.get(kind, f"a {kind.__name__}") for kind in kinds]
-    return f"{', '.join(others)} or {last}" if others else last
 
 
 def floats(field: str, value: Any) -> Array:

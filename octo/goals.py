@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 from octo.checks import number, one_of
-from octo.errors import ProblemError
+from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.asked import Asked
@@ -14,6 +14,7 @@ from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, 
 from octo.problem.problem import Array
 from octo.solver.solution import Solution
 
+LARGEST = 1e6  # m/s, rad/s or m
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]
 Preset = Literal["natural", "paper", "robot"]
 
@@ -32,7 +33,8 @@ class Goal:
         one_of("goal", self.kind, get_args(Kind))
         one_of("costs", self.preset, get_args(Preset))
         for name in ("speed", "distance", "height"):
-            number(name, getattr(self, name))
+            if not abs(number(name, getattr(self, name))) <= LARGEST:
+                raise ValueRangeError(f"{name} is {getattr(self, name):g}, must be at most {LARGEST:g} in size")
 
     @property
     def velocity(self) -> tuple[float, float, float]:

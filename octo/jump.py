@@ -26,7 +26,7 @@ from octo.problem import presets
 from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
-from octo.problem.problem import Array, Problem
+from octo.problem.problem import MOST_STEPS, Array, Problem
 from octo.solve import best_of, smooth_noise, solve
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution
@@ -152,6 +152,7 @@ def jump_problem(
     landed = static_pose(plain.dynamics, plain.p, moved)
     rise = float(np.sqrt(2.0 * height / plain.gravity))  # s
     steps = _steps(plain, height, rise, seconds)
+    whole("steps", steps, most=MOST_STEPS)
     when = dt * np.abs(np.arange(1, steps + 1) - steps // 2)  # (N,) s, to or from the top
     top = np.where(when < 0.5 * dt, TOP * steps, 0.0)
     air = np.where(when < FLOWN * rise, AIR, 0.0)

@@ -31,7 +31,7 @@ from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
-from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, check_progress, evaluated, smooth_noise, solve, solve_all
+from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, check_progress, evaluated, settings_of, smooth_noise, solve, solve_all
 from octo.solver.gait import SHORT, flaws, runs, stances
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
@@ -171,6 +171,7 @@ def _journey(given: Mapping[str, Any], velocity: tuple[float, float], rate: floa
     whole("starts", given["starts"], most=MOST_STARTS)
     whole("seed", given["seed"], 0, LARGEST_SEED)
     check_progress(given["progress"], given["callback"])
+    settings_of(given["options"], given["max_iterations"], given["time_limit"], given["tolerance"])
     own = {name: given[name] for name in OWN}
     others = set(given).difference(OWN, ("robot", "speed", "rate", "seconds"))
     options = {name: given[name] for name in others if given[name] is not None}

@@ -200,9 +200,7 @@ def _solve(
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> tuple[list[Solution], list[int]]:
     """All members' solutions, and the index of the best one of each problem."""
-    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
-    chosen = SqpOptions() if options is None else instance("options", options, SqpOptions, "an octo.SqpOptions")
-    settings = replace(chosen, **{name: value for name, value in given.items() if value is not None})
+    settings = settings_of(options, max_iterations, time_limit, tolerance)
     for name, count, most in (("seeds", seeds, MOST_STARTS), ("threads", threads, MOST_THREADS)):
         whole(name, count, most=most)
     whole("seed", seed, 0, LARGEST_SEED)
@@ -230,6 +228,13 @@ def _solve(
         run.backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
+
+
+def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: Any) -> SqpOptions:
+    """The options, with those in place that were given on their own."""
+    chosen = SqpOptions() if options is None else instance("options", options, SqpOptions, "an octo.SqpOptions")
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
+    return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
 def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:

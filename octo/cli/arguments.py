@@ -60,7 +60,7 @@ def positive(word: str) -> float:
 
 def steps_of(seconds: float, dt: float) -> int:
     """N, the whole number of steps of ``dt`` s in ``seconds``."""
-    count = seconds / dt
+    count = min(seconds / dt, 1e300)
     steps = round(count)
     if steps < 1 or abs(count - steps) > WHOLE:
         near = max(1, steps) * dt

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from octo.checks import asked, ending, instance, number, numbers
+from octo.checks import ending, instance, number, numbers
 from octo.errors import ModelError
 from octo.files import replacing
 from octo.model.character import Array, Body, Character, Joint
@@ -25,7 +25,6 @@ LEAST_TORQUE = 1e-9  # N m or N: MuJoCo refuses an empty control range
 ROLLING = "0.005 0.0001"  # MuJoCo's default torsional and rolling friction, unused by its default condim 3
 
 
-@asked
 def export_mjcf(
     character: Character,
     path: str | os.PathLike[str],

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from octo.checks import asked, one_of
+from octo.checks import instance, one_of
 from octo.errors import MirrorError, ProblemError, ShapeError
 from octo.model.character import Array, Character, Joint
 from octo.model.kinematics import body_poses, sphere_centers
@@ -73,7 +73,6 @@ class Mirror:
         return x @ self.matrix.T + self.offset
 
 
-@asked
 def mirror_of(robot: Character, pairs: Mapping[str, str] | None = None) -> Mirror:
     """Find the left-right mirror of a robot that heads along +x at yaw 0.
 
@@ -92,7 +91,8 @@ def mirror_of(robot: Character, pairs: Mapping[str, str] | None = None) -> Mirro
     MirrorError: there is none; the sentence names what has no image.
     UnknownNameError: ``pairs`` names no joint of the robot.
     """
-    by_hand = _both_ways(robot, {} if pairs is None else pairs)
+    instance("robot", robot, Character, "a Character: what octo.load gives")
+    by_hand = _both_ways(robot, {} if pairs is None else instance("pairs", pairs, Mapping, "names of joints by name"))
     refusals: list[_NoImage] = []
     for x in _configurations(robot):
         try:

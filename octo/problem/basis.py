@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import one_of, whole
-from octo.errors import ProblemError
+from octo.checks import one_of
+from octo.errors import ProblemError, said
 
 Array = NDArray[np.float64]
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
@@ -94,7 +94,9 @@ class Hermite:
     name = "hermite"
 
     def check(self, steps: int) -> None:
-        q = whole("steps_per_segment", self.steps_per_segment, 2)
+        q = self.steps_per_segment
+        if isinstance(q, bool) or not isinstance(q, int) or q < 2:
+            raise ProblemError(f"steps_per_segment is {said(q)}, must be at least 2")
         if steps % q:
             near = max(q, q * round(steps / q))
             raise ProblemError(f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for example {near})")

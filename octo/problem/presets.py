@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from octo.checks import number, numbers, positive, shares
+from octo.checks import floats, number, numbers, positive, shares
 from octo.dynamics.balance import GRAVITY
 from octo.errors import ShapeError, ValueRangeError
 from octo.model.character import Array
@@ -154,7 +154,7 @@ def robot(
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
-    begun = np.ones(1) if times is None else np.clip(numbers("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
+    begun = np.ones(1) if times is None else np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
     level = (1.0, 1.0, 0.5 if yaw_rate == 0.0 else 0.0)  # a turning base has no fixed heading
     terms: list[Cost] = [
         CenterOfMassVelocity(velocity=np.squeeze(begun[:, None] * velocity), weight=TRACKING / floor),

@@ -62,7 +62,7 @@ class SqpOptions:
             if getattr(self, name) > LOOSEST:
                 value = getattr(self, name)
                 raise ValueRangeError(f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would converge")
-        if self.time_limit != np.inf:
+        if not (isinstance(self.time_limit, (float, np.floating)) and self.time_limit == np.inf):
             positive("time_limit", self.time_limit, "s")
         if not 0.0 <= number("plateau_change", self.plateau_change) < 1.0:
             raise ValueRangeError(f"plateau_change is {said(self.plateau_change)}, must be from 0 to less than 1")

@@ -42,14 +42,31 @@ class Report:
         self.seconds[kind] += seconds
         if fault is not None:
             self.faults.append((number, fault))
-            line = "".join(c if c.isprintable() else " " for c in fault).encode("ascii", "backslashreplace").decode()
-            print(f"FAULT {line}\n  python -m tests.fuzz --seed {self.seed} --case {number}   # {kind}", flush=True)
+            line = (
+                "".join(c if c.isprintable() else " " for c in fault)
+                .encode("ascii", "backslashreplace")
+                .decode()
+            )
+            print(
+                f"FAULT {line}\n  python -m tests.fuzz --seed {self.seed} --case {number}   # {kind}",
+                flush=True,
+            )
 
     def __str__(self) -> str:
         words = Counter(fault.partition(",")[0].partition(":")[0][:40] for _, fault in self.faults)
-        rows = [f"  {kind:8s}{self.cases[kind]:6d} cases {self.seconds[kind]:8.1f} s" for kind in KINDS]
-        found = ", ".join(f"{count} {word}" for word, count in words.items()) or "no traceback, no crash, nothing wrong, nothing left behind"
-        return "\n".join([f"seed {self.seed}: {self.cases.total()} cases, {len(self.faults)} faults: {found}", *rows])
+        rows = [
+            f"  {kind:8s}{self.cases[kind]:6d} cases {self.seconds[kind]:8.1f} s" for kind in KINDS
+        ]
+        found = (
+            ", ".join(f"{count} {word}" for word, count in words.items())
+            or "no traceback, no crash, nothing wrong, nothing left behind"
+        )
+        return "\n".join(
+            [
+                f"seed {self.seed}: {self.cases.total()} cases, {len(self.faults)} faults: {found}",
+                *rows,
+            ]
+        )
 
 
 class Worker:
@@ -60,17 +77,41 @@ class Worker:
             (base / name).mkdir(exist_ok=True)
         shared = cache.lasting() or cache.temporary()
         environment = {
-            **os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(base / "tmp"), "HOME": str(base / "home"), "OMP_NUM_THREADS": "1",
-            "OCTO_CACHE": str(shared), "FUZZ_CACHE": str(shared), "MPLBACKEND": "agg", "MPLCONFIGDIR": str(base / "home"),
-        }  # fmt: skip
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "TMPDIR": str(base / "tmp"),
+            "HOME": str(base / "home"),
+            "OMP_NUM_THREADS": "1",
+            "OCTO_CACHE": str(shared),
+            "FUZZ_CACHE": str(shared),
+            "MPLBACKEND": "agg",
+            "MPLCONFIGDIR": str(base / "home"),
+        }
         self.reading, writing = os.pipe()
-        words = ["--seed", seed, "--begin", begin, "--end", end, "--descriptor", writing, "--base", base]
+        words = [
+            "--seed",
+            seed,
+            "--begin",
+            begin,
+            "--end",
+            end,
+            "--descriptor",
+            writing,
+            "--base",
+            base,
+        ]
         words += [] if kind is None else ["--kind", kind]
         self.log = (base / "log").open("wb")
         self.process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.worker", *map(str, words)], cwd=ROOT, env=environment, pass_fds=(writing,),
-            stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, start_new_session=True,
-        )  # fmt: skip
+            [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.worker", *map(str, words)],
+            cwd=ROOT,
+            env=environment,
+            pass_fds=(writing,),
+            stdin=subprocess.DEVNULL,
+            stdout=self.log,
+            stderr=self.log,
+            start_new_session=True,
+        )
         os.close(writing)
         self.text = b""
 
@@ -114,7 +155,9 @@ def fuzz(seed: int, begin: int, end: int, seconds: float, kind: str | None = Non
                     since = time.monotonic()
                 elif found and "done" in found:
                     fault = found["fault"]
-                    report.add(begin, None if fault is None else str(fault), float(str(found["seconds"])))
+                    report.add(
+                        begin, None if fault is None else str(fault), float(str(found["seconds"]))
+                    )
                     begin, running = begin + 1, None
                     if time.monotonic() > deadline:
                         worker.end(kill=True)
@@ -127,7 +170,9 @@ def fuzz(seed: int, begin: int, end: int, seconds: float, kind: str | None = Non
                         report.add(begin, why, time.monotonic() - since)
                         begin += 1
                     elif code:
-                        raise SystemExit(f"the worker does not begin, or end: exit code {code}, {said}")
+                        raise SystemExit(
+                            f"the worker does not begin, or end: exit code {code}, {said}"
+                        )
                     else:
                         begin = end
                     break
@@ -139,7 +184,11 @@ def fuzz(seed: int, begin: int, end: int, seconds: float, kind: str | None = Non
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.fuzz",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--cases", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--case", type=int, help="this one alone")

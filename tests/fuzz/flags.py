@@ -11,12 +11,51 @@ from octo.cli.main import parser
 from tests.fuzz.judge import command
 from tests.fuzz.values import any_number, any_word
 
-SMALL = ("--seconds", "0.1", "--dt", "0.05", "--passes", "1", "--max-iterations", "1", "--costs", "paper", "--out", "out")
+SMALL = (
+    "--seconds",
+    "0.1",
+    "--dt",
+    "0.05",
+    "--passes",
+    "1",
+    "--max-iterations",
+    "1",
+    "--costs",
+    "paper",
+    "--out",
+    "out",
+)
 USUAL = {  # a call that is quickly done
     "solve": ("solve", "chain", *SMALL),
-    "cycle": ("cycle", "chain", "--passes", "1", "--max-iterations", "1", "--seeds", "1", "--steps", "8", "--out", "out"),
+    "cycle": (
+        "cycle",
+        "chain",
+        "--passes",
+        "1",
+        "--max-iterations",
+        "1",
+        "--seeds",
+        "1",
+        "--steps",
+        "8",
+        "--out",
+        "out",
+    ),
     "mpc": ("mpc", "mammal", "--horizon", "5", "--seconds", "0.05", "--out", "out"),
-    "compare": ("compare", "chain", "--seconds", "0.1", "--dt", "0.05", "--max-iterations", "1", "--with", "ipopt", "--json", "a.json"),
+    "compare": (
+        "compare",
+        "chain",
+        "--seconds",
+        "0.1",
+        "--dt",
+        "0.05",
+        "--max-iterations",
+        "1",
+        "--with",
+        "ipopt",
+        "--json",
+        "a.json",
+    ),
     "bench": ("bench", "--quick", "--only", "nothing"),
     "info": ("info", "chain"),
     "robots": ("robots",),
@@ -27,15 +66,52 @@ USUAL = {  # a call that is quickly done
     "help": ("help",),
 }
 KNOWN = (
-    "chain", "biped", "mammal", "nothing.urdf", ".", "walk", "jump", "turn", "stand", "hermite", "nodes", "coulomb:0.5", "viscous:1e308",
-    "slope:10", "slope:1e-308", "slope:89.99999", "a.py:f", "balanced", "cpu", "cuda", "auto", "fixed", "floating", "natural", "paper",
-    "robot", "ipopt", "fatrop,ipopt", "0.3,0.9", "10,0.1,90", "a.json", "a.npy", "a.txt", "a.npz", "x.html", "x.png", "x.csv", "octo",
-)  # fmt: skip
+    "chain",
+    "biped",
+    "mammal",
+    "nothing.urdf",
+    ".",
+    "walk",
+    "jump",
+    "turn",
+    "stand",
+    "hermite",
+    "nodes",
+    "coulomb:0.5",
+    "viscous:1e308",
+    "slope:10",
+    "slope:1e-308",
+    "slope:89.99999",
+    "a.py:f",
+    "balanced",
+    "cpu",
+    "cuda",
+    "auto",
+    "fixed",
+    "floating",
+    "natural",
+    "paper",
+    "robot",
+    "ipopt",
+    "fatrop,ipopt",
+    "0.3,0.9",
+    "10,0.1,90",
+    "a.json",
+    "a.npy",
+    "a.txt",
+    "a.npz",
+    "x.html",
+    "x.png",
+    "x.csv",
+    "octo",
+)
 
 
 @functools.cache
 def options(name: str) -> tuple[str, ...]:
-    return tuple(option for option in parser()[1][name]._option_string_actions if option.startswith("--"))
+    return tuple(
+        option for option in parser()[1][name]._option_string_actions if option.startswith("--")
+    )
 
 
 def words_of(random: Random) -> list[str]:
@@ -51,7 +127,7 @@ def words_of(random: Random) -> list[str]:
             words[random.randrange(len(words))] = _value(random)
         elif what < 0.9:
             words.insert(random.randrange(len(words) + 1), _value(random))
-        else:
+        elif len(words) > 1:
             del words[random.randrange(len(words))]
     return words
 
@@ -84,6 +160,18 @@ def case(random: Random, folder: Path) -> None:
         words = [word.encode("utf-8", "replace").decode() for word in words]
     for name in ("a.json", "a.txt", "a.npy", "a.py"):
         if random.random() < 0.3:
-            text = random.choice(("", "[]", "[1, 2]", "nan", "{}", "def f(point, p): return point[2]", "raise SystemExit(3)", "\0", "x" * 1000))
+            text = random.choice(
+                (
+                    "",
+                    "[]",
+                    "[1, 2]",
+                    "nan",
+                    "{}",
+                    "def f(point, p): return point[2]",
+                    "raise SystemExit(3)",
+                    "\0",
+                    "x" * 1000,
+                )
+            )
             (folder / name).write_text(text, encoding="utf-8")
     command(words, folder)

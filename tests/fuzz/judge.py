@@ -30,7 +30,9 @@ class Slow(KeyboardInterrupt):
 
 def where(error: BaseException) -> str:
     """The deepest line of octo in a traceback, and the error."""
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "/octo/" in frame.filename]
+    frames = [
+        frame for frame in traceback.extract_tb(error.__traceback__) if "/octo/" in frame.filename
+    ]
     place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "outside of octo"
     text = " ".join(str(error).split())[:200].encode("ascii", "backslashreplace").decode()
     return f"{type(error).__name__} at {place}: {text}"
@@ -62,11 +64,21 @@ def check(solution: Solution) -> None:
     """A solution that says it is converged must be one."""
     if not solution.converged:
         return
-    arrays = (solution.x, solution.u, solution.contact_force, np.array([solution.energy, solution.violation, solution.dt]))
+    arrays = (
+        solution.x,
+        solution.u,
+        solution.contact_force,
+        np.array([solution.energy, solution.violation, solution.dt]),
+    )
     if not all(np.isfinite(array).all() for array in arrays):
         raise Fault(f"wrong: {solution.status.label}, but not finite")
-    if not solution.violation <= max(1e-2 * solution.weight, 1e-6) and solution.status.label != "simulated":
-        raise Fault(f"wrong: {solution.status.label} with a violation of {solution.violation:.2g} N of {solution.weight:.2g} N")
+    if (
+        not solution.violation <= max(1e-2 * solution.weight, 1e-6)
+        and solution.status.label != "simulated"
+    ):
+        raise Fault(
+            f"wrong: {solution.status.label} with a violation of {solution.violation:.2g} N of {solution.weight:.2g} N"
+        )
 
 
 def command(words: Sequence[str], folder: Path, *, may_run: bool = True) -> int:
@@ -93,7 +105,11 @@ def command(words: Sequence[str], folder: Path, *, may_run: bool = True) -> int:
         raise Fault(f"traceback on stderr: {said[-300:]}")
     if code == 2:
         last = said.rstrip("\n").rpartition("\n")[2]
-        flaw = flaw_of_message(last) if last.startswith("octo: error: ") else "no line that begins with octo: error"
+        flaw = (
+            flaw_of_message(last)
+            if last.startswith("octo: error: ")
+            else "no line that begins with octo: error"
+        )
         if flaw:
             raise Fault(f"{flaw}: {last[:300]!r}")
         if set(os.listdir(folder)) - before:

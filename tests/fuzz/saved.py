@@ -29,7 +29,9 @@ def originals() -> dict[str, bytes]:
     robot = octo.gallery.CHARACTERS[BIPED]()
     problem = octo.Problem(robot, steps=4, dt=0.05, costs=[octo.Effort()])
     x = np.repeat(problem.start[None], 6, axis=0)
-    standing = measured_motion(problem, Motion(x, np.zeros((4, robot.nu)), 0.05, np.ones(4, bool), np.zeros(1)), 0.1, 0.2)
+    standing = measured_motion(
+        problem, Motion(x, np.zeros((4, robot.nu)), 0.05, np.ones(4, bool), np.zeros(1)), 0.1, 0.2
+    )
     with tempfile.TemporaryDirectory() as folder:
         standing.save(Path(folder) / "solution.npz")
         _log(robot, standing.weight).save(Path(folder) / "log.npz")
@@ -51,13 +53,35 @@ def _changed(value: Any, random: Random, depth: int = 0) -> Any:
     """JSON with one entry changed somewhere in it."""
     if isinstance(value, dict) and value and (depth == 0 or random.random() < 0.8):
         key = random.choice(sorted(value))
-        rest = {name: entry for name, entry in value.items() if name != key or random.random() < 0.9}
+        rest = {
+            name: entry for name, entry in value.items() if name != key or random.random() < 0.9
+        }
         return {**rest, key: _changed(value[key], random, depth + 1)} if key in rest else rest
     if isinstance(value, list) and value and random.random() < 0.8:
         k = random.randrange(len(value))
         return [*value[:k], _changed(value[k], random, depth + 1), *value[k + 1 :]]
     return random.choice(
-        (None, True, -1, 0, 1, 1e200, 1e308, float("nan"), float("inf"), 10**30, "", "x" * 5000, "/../..", "\x1b[31m", [], {}, [1], {"a": 1}, "\ud800")
+        (
+            None,
+            True,
+            -1,
+            0,
+            1,
+            1e200,
+            1e308,
+            float("nan"),
+            float("inf"),
+            10**30,
+            "",
+            "x" * 5000,
+            "/../..",
+            "\x1b[31m",
+            [],
+            {},
+            [1],
+            {"a": 1},
+            "\ud800",
+        )
     )
 
 
@@ -65,14 +89,20 @@ def _array(random: Random, old: Any) -> Any:
     which = random.randrange(7)
     if which == 0 and old.size and old.dtype.kind == "f":
         new = old.copy()
-        new.flat[random.randrange(new.size)] = random.choice((np.nan, np.inf, -np.inf, 1e200, 1e308, -1e9))
+        new.flat[random.randrange(new.size)] = random.choice(
+            (np.nan, np.inf, -np.inf, 1e200, 1e308, -1e9)
+        )
         return new
     if which == 1:
         return old[..., :-1] if old.ndim else np.zeros(3)
     if which == 2:
         return old[:0] if old.ndim else np.zeros(0)
     if which == 3:
-        return old.astype(random.choice(("f4", "i8", "c16", "S3", "U3", "?")), casting="unsafe") if old.dtype.kind == "f" else np.zeros(2)
+        return (
+            old.astype(random.choice(("f4", "i8", "c16", "S3", "U3", "?")), casting="unsafe")
+            if old.dtype.kind == "f"
+            else np.zeros(2)
+        )
     if which == 4:
         return np.repeat(old, 3, axis=0) if old.ndim else old
     if which == 5:
@@ -112,7 +142,10 @@ def damaged(data: bytes, plain: str, random: Random) -> bytes:
     np.savez(stream, **kept)
     if random.random() < 0.1:
         with zipfile.ZipFile(stream, "a") as file:
-            file.writestr(random.choice(("x.npy", "../../x.npy", "x.npy", "a/b")), b"\x93NUMPY" + bytes(random.randrange(200)))
+            file.writestr(
+                random.choice(("x.npy", "../../x.npy", "x.npy", "a/b")),
+                b"\x93NUMPY" + bytes(random.randrange(200)),
+            )
     return stream.getvalue()
 
 
@@ -125,7 +158,13 @@ def case(random: Random, folder: Path) -> None:
         call(lambda: (str(found), repr(found), json.dumps(found.report(), default=str)))
     if random.random() < 0.4:
         words = random.choice(
-            (["info", name], ["info", "--json", name], ["view", name, "--out", "m.html"], ["view", name, "--out", "m.csv"], ["info", "."])
+            (
+                ["info", name],
+                ["info", "--json", name],
+                ["view", name, "--out", "m.html"],
+                ["view", name, "--out", "m.csv"],
+                ["info", "."],
+            )
         )
         command(words, folder, may_run=False)
     if name == "solution.npz" and random.random() < 0.1:

@@ -66,7 +66,9 @@ def run(seed: int, number: int, base: Path) -> str | None:
 
 def left_behind(folder: Path, base: Path) -> str | None:
     scratch = [str(path.relative_to(folder)) for path in folder.rglob(".octo-scratch-*")]
-    temporary = [path.name for path in (base / "tmp").iterdir() if not path.name.startswith("octo-code-")]
+    temporary = [
+        path.name for path in (base / "tmp").iterdir() if not path.name.startswith("octo-code-")
+    ]
     children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
     for path in (base / "tmp").iterdir():
         if path.name in temporary:
@@ -104,7 +106,12 @@ def main() -> None:
             print(json.dumps({"begun": number}), file=report)
             began = time.perf_counter()
             fault = run(given.seed, number, given.base)
-            print(json.dumps({"done": number, "fault": fault, "seconds": time.perf_counter() - began}), file=report)
+            print(
+                json.dumps(
+                    {"done": number, "fault": fault, "seconds": time.perf_counter() - began}
+                ),
+                file=report,
+            )
     sys.stdout.flush()
     os._exit(0) if threads() > 1 else sys.exit(0)
 
