@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, number, positive, time_step, whole
+from octo.checks import asked, number, numbers, positive, time_step, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
@@ -170,6 +170,8 @@ def _journey(given: Mapping[str, Any], velocity: tuple[float, float], rate: floa
     time_step(given["dt"])
     whole("starts", given["starts"], most=MOST_STARTS)
     whole("seed", given["seed"], 0, LARGEST_SEED)
+    if given["period"] is not None:
+        numbers("period", given["period"])
     check_progress(given["progress"], given["callback"])
     settings_of(given["options"], given["max_iterations"], given["time_limit"], given["tolerance"])
     own = {name: given[name] for name in OWN}

@@ -15,7 +15,7 @@ from typing import Any, overload
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from octo.checks import asked, flag, instance, numbers, one_of, whole
+from octo.checks import asked, flag, instance, numbers, one_of, room, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
 from octo.gpu import cuda
@@ -41,6 +41,7 @@ NOISE_PERIOD = 0.5  # s, between the knots of the noise
 SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one that swings it
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 DEVICES = ("auto", "cpu", "cuda")
+BLOCKS = 20  # (n, n) of a step, about: derivatives of FD, E and C, and the factors
 MOST_STARTS, MOST_THREADS, LARGEST_SEED = 100_000, 1024, 2**64 - 1
 LOG = logging.getLogger("octo")
 Guess = Solution | Array | str | os.PathLike[str] | None
@@ -205,6 +206,8 @@ def _solve(
         whole(name, count, most=most)
     whole("seed", seed, 0, LARGEST_SEED)
     check_progress(progress, callback)
+    steps, n = max(problem.steps for problem in problems), problems[0].dynamics.nx
+    room(f"{steps} steps of {len(problems) * seeds} starts", BLOCKS * n**2 * float(steps) * len(problems) * seeds)
     run = _Run(settings, int(threads), backend_of(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]

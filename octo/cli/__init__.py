@@ -24,6 +24,8 @@ def run() -> NoReturn:
     except KeyboardInterrupt as stop:
         print(f"\nocto: interrupted, {str(stop) or 'nothing was written'}", file=sys.stderr)
         code = 130
+    except SystemExit as stop:  # --help and --version
+        code = int(stop.code or 0)
     except OSError as error:
         if error.filename is not None:
             raise
@@ -36,7 +38,7 @@ def show_what_can_be_shown() -> None:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  (until the end)
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 

@@ -284,10 +284,15 @@ NUMBERS = {
     "origin": (PAIR + joint(origin="0 nan 0"), "joint 'j': origin xyz is 'nan'"),
     "endless origin": (PAIR + joint(origin="inf 0 0"), "joint 'j': origin xyz is 'inf'"),
     "origin far away": (PAIR + joint(origin="0 0 1e200"), "joint 'j': origin xyz is '1e200'"),
-    "radius": (link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'), "radius of its sphere is '1e300'"),
-    "endless radius": (link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'), "radius of its sphere is 'inf'"),
+    "radius": (
+        link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'), "radius of its sphere is '1e300'",
+    ),
+    "endless radius": (
+        link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'), "radius of its sphere is 'inf'",
+    ),
     "no place of a shape": (
-        link("a", '<collision><origin xyz="0 nan 0"/><geometry><sphere radius=".1"/></geometry></collision>'), "collision origin xyz is 'nan'",
+        link("a", '<collision><origin xyz="0 nan 0"/><geometry><sphere radius=".1"/></geometry></collision>'),
+        "collision origin xyz is 'nan'",
     ),
     "inertia": (PAIR.replace('ixx=".01"', 'ixx="-1"') + joint(), "body .*: inertia has the principal moments -1, 0.01, 0.01"),
     "large inertia": (link("a", ixx="1e300"), "link 'a': inertia ixx is '1e300', must be a finite number of at most 1e"),
