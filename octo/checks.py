@@ -20,6 +20,7 @@ Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
 LONGEST_STEP = 1.0  # s, of a robot's motion
+MOST_STEPS = 1_000_000  # of a motion: seven hours at 40 Hz
 MOST = 10**9  # of things that are counted; runs of more would never end
 TEXTS = (str, bytes, bytearray, memoryview)
 
@@ -196,6 +197,18 @@ def room(what: str, doubles: float) -> None:
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if 8.0 * doubles > there:
         raise ProblemError(f"{what} need {8e-9 * doubles:.3g} GB of memory, this machine has {1e-9 * there:.3g} GB")
+
+
+def steps_in(seconds: float, dt: float) -> int:
+    """The number of steps of ``dt`` s nearest to ``seconds``, which may be 0.
+
+    Raises
+    ------
+    ValueRangeError: more than fit into memory and a lifetime.
+    """
+    if not seconds / dt <= MOST_STEPS:
+        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {MOST_STEPS} steps of {dt:g} s")
+    return round(seconds / dt)
 
 
 def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, number, numbers, positive, time_step, whole
+from octo.checks import asked, number, numbers, positive, steps_in, time_step, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
@@ -204,7 +204,7 @@ class Journey:
 
     @property
     def steps(self) -> int:
-        return max(1, round(self.seconds / self.dt))
+        return max(1, steps_in(self.seconds, self.dt))
 
     @cached_property
     def whole(self) -> Problem:

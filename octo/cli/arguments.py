@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from octo.checks import steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import ProblemError, RobotFileError, ShapeError, UnknownNameError, UsageError, ValueRangeError
 from octo.model.character import Array, Character
@@ -60,8 +61,8 @@ def positive(word: str) -> float:
 
 def steps_of(seconds: float, dt: float) -> int:
     """N, the whole number of steps of ``dt`` s in ``seconds``."""
-    count = min(seconds / dt, 1e300)
-    steps = round(count)
+    steps = steps_in(seconds, dt)
+    count = seconds / dt
     if steps < 1 or abs(count - steps) > WHOLE:
         near = max(1, steps) * dt
         raise ValueRangeError(f"seconds/dt is {count:.9g}, must be whole to {WHOLE:g} and at least 1: try --seconds {near:.9g}")

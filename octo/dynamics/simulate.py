@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, number, numbers, one_of, positive, room, time_step, whole
+from octo.checks import instance, number, numbers, one_of, positive, room, steps_in, time_step, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
@@ -293,7 +293,7 @@ def _schedule(
     if seconds is not None and steps is not None:
         raise ProblemError("seconds and steps are both given: give one of them")
     if seconds is not None:
-        steps = max(1, round(positive("seconds", seconds, "s") / dt))
+        steps = max(1, steps_in(positive("seconds", seconds, "s"), dt))
     if steps is not None:
         whole("steps", steps)
         room(f"{steps} steps of simulation", 2.0 * steps * nx)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, instance, number, numbers, one_of, owned, positive, time_step, whole
+from octo.checks import MOST_STEPS, asked, instance, number, numbers, one_of, owned, positive, time_step, whole
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
@@ -29,7 +29,6 @@ from octo.shown import Shown, listed
 Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
-MOST_STEPS = 1_000_000  # seven hours at 40 Hz
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 

@@ -214,7 +214,7 @@ def case(random: Random, folder: Path) -> None:
         stream,
         number.name if stopped else "",
         process.returncode,
-        err.decode("utf-8", "replace"),
+        err.replace(b"\0", b"").decode("utf-8", "replace"),
         environment,
     )
 
