@@ -124,7 +124,8 @@ class Records:
 def processor() -> str:
     """The processor's name as the system says it."""
     try:
-        fields = dict(line.split(":", 1) for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines() if ":" in line)
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        fields = dict(line.split(":", 1) for line in lines if ":" in line)
         table = {name.strip(): value.strip() for name, value in fields.items()}
         return f"{table['model name']} (family {table['cpu family']}, model {table['model']})"
     except (OSError, KeyError):

@@ -534,10 +534,11 @@ def test_a_console_that_takes_nothing(stream: str, tmp_path: Path) -> None:
 def test_octo_reads_its_own_texts_as_utf_8(tmp_path: Path) -> None:
     """Python warns where a file is opened in whatever the system's encoding is."""
     code = """
-import warnings
+import sys, warnings
 warnings.filterwarnings("error", category=EncodingWarning, module="octo")
-from octo.cli.main import main
-raise SystemExit(main("simulate chain --seconds 0.1 --dt 0.05 --out out".split()))
+from octo.cli import run
+sys.argv = "octo simulate chain --seconds 0.1 --dt 0.05 --out out".split()
+run()
 """
     own = {
         **os.environ,
