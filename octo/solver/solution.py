@@ -410,7 +410,8 @@ class Solution(Shown):
         """
         with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
             status = _status(file.word("status"))
-            return Solution(**saved.fields_of(file, failed=status in (Status.NOT_FINITE, Status.UNSOLVED)), status=status)
+            failed = status in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)  # what may be not finite
+            return Solution(**saved.fields_of(file, failed), status=status)
 
 
 def _status(label: str) -> Status:

@@ -152,7 +152,7 @@ def test_ends_that_no_motion_joins(options):
 
 
 def test_wrong_starts_are_refused(balance):
-    for start in (np.zeros((3, 2)), np.full((41, 2), np.nan)):
+    for start in (np.zeros((41, 3)), np.zeros((1, 2)), np.full((41, 2), np.nan)):
         with pytest.raises(OctoError, match="start"):
             octo.solve(balance(), start=start)
     with pytest.raises(OctoError, match="list of problems is empty"):

@@ -133,7 +133,10 @@ def lopsided() -> octo.Character:
 def test_the_image_of_a_robot_that_is_not_symmetric_says_so():
     """The mirrored half does not hold by itself; the whole stride, begun from both halves, does, and soon."""
     problem = Problem(
-        lopsided(), steps=13, costs=octo.costs.natural(), cycle=Cycle(speed=0.5, period=0.6)
+        lopsided(),
+        steps=13,
+        costs=octo.costs.natural(length=0.3),
+        cycle=Cycle(speed=0.5, period=0.6),
     )
     half = octo.solve(problem, passes=1, device="cpu", max_iterations=600)
     assert half.converged and half.pointwise_residual < 1e-4
