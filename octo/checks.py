@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
+SHORTEST_STEP = 1e-9  # s
 LONGEST_STEP = 1.0  # s, of a robot's motion
 MOST_STEPS = 1_000_000  # of a motion: seven hours at 40 Hz
 MOST = 10**9  # of things that are counted; runs of more would never end
@@ -106,6 +107,8 @@ def time_step(value: Any) -> float:
     ValueRangeError: not positive, or so long that a robot falls metres within it.
     """
     dt = positive("dt", value, "s")
+    if dt < SHORTEST_STEP:
+        raise ValueRangeError(f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: velocities are differences over it")
     if dt > LONGEST_STEP:
         why = "within one step a robot falls over unseen"
         raise ValueRangeError(f"dt is {said(value)} s, must be at most {LONGEST_STEP:g} s: {why}")
