@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -12,13 +13,17 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
+from octo.errors import OutputError, ProblemError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
 
 Array = NDArray[np.float64]
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
+SHORTEST_STEP = 1e-9  # s
 LONGEST_STEP = 1.0  # s, of a robot's motion
+MOST_STEPS = 1_000_000  # of a motion: seven hours at 40 Hz
+MOST = 10**9  # of things that are counted; runs of more would never end
+TEXTS = (str, bytes, bytearray, memoryview)
 
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -46,6 +51,22 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
     return checked
 
 
+def floats(field: str, value: Any) -> Array:
+    """``value`` as an array of numbers, finite or not; itself where it is one.
+
+    Raises
+    ------
+    ValueRangeError: not numbers. NumPy would make some of texts and dates, and real ones of complex ones.
+    """
+    try:
+        found = np.asarray(value)
+        if found.dtype.kind not in "biufO" or (found.dtype.kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)):
+            raise TypeError
+        return np.asarray(found, dtype=float)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
+
+
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
     """``value`` as a finite array, of ``shape`` where one is given.
 
@@ -53,10 +74,7 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
     ------
     ValueRangeError: not numbers, or not finite. ShapeError: another shape.
     """
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueRangeError(f"{field} is {said(value)}, must be numbers") from None
+    array = floats(field, value)
     if shape is not None and array.shape != shape:
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
@@ -73,8 +91,8 @@ def number(field: str, value: Any) -> float:
 
 def positive(field: str, value: Any, unit: str = "") -> float:
     try:
-        found = float(value)
-    except (TypeError, ValueError):
+        found = float("nan") if isinstance(value, TEXTS) else float(value)
+    except (TypeError, ValueError, OverflowError):
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
         raise ValueRangeError(f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite")
@@ -89,6 +107,8 @@ def time_step(value: Any) -> float:
     ValueRangeError: not positive, or so long that a robot falls metres within it.
     """
     dt = positive("dt", value, "s")
+    if dt < SHORTEST_STEP:
+        raise ValueRangeError(f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: velocities are differences over it")
     if dt > LONGEST_STEP:
         why = "within one step a robot falls over unseen"
         raise ValueRangeError(f"dt is {said(value)} s, must be at most {LONGEST_STEP:g} s: {why}")
@@ -131,10 +151,67 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
     return found
 
 
-def whole(field: str, value: Any, least: int = 1) -> int:
+def whole(field: str, value: Any, least: int = 1, most: int = MOST) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
+    if value > most:
+        raise ValueRangeError(f"{field} is {said(value)}, must be at most {most}")
     return int(value)
+
+
+def flag(field: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueRangeError(f"{field} is {said(value)}, must be True or False")
+    return bool(value)
+
+
+def one_of(kind: str, name: Any, valid: Iterable[str], hint: str = "") -> str:
+    """``name``, which must be one of the valid ones.
+
+    Raises
+    ------
+    UnknownNameError: says the nearest, or ``hint``.
+    """
+    names = tuple(valid)
+    if not isinstance(name, str) or name not in names:
+        raise UnknownNameError(kind, name, names, hint)
+    return name
+
+
+def instance(field: str, value: Any, kind: Any, words: str) -> Any:
+    """``value``, which must be of a kind; ``words`` say which.
+
+    Raises
+    ------
+    ProblemError: it is something else.
+    """
+    if not isinstance(value, kind):
+        raise ProblemError(f"{field} is {said(value)}, must be {words}")
+    return value
+
+
+def room(what: str, doubles: float) -> None:
+    """Refuse what does not fit into this machine's memory: the system would end the process in the middle.
+
+    Raises
+    ------
+    ProblemError: says how much it would be.
+    """
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if 8.0 * doubles > there:
+        raise ProblemError(f"{what} need {8e-9 * doubles:.3g} GB of memory, this machine has {1e-9 * there:.3g} GB")
+
+
+def steps_in(seconds: float, dt: float) -> int:
+    """The number of steps of ``dt`` s nearest to ``seconds``, which may be 0.
+
+    Raises
+    ------
+    ValueRangeError: more than fit into memory and a lifetime.
+    """
+    if not seconds / dt <= MOST_STEPS:
+        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {MOST_STEPS} steps of {dt:g} s")
+    return round(seconds / dt)
 
 
 def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -158,4 +235,7 @@ def owned(value: Any) -> Any:
         return tuple(owned(entry) for entry in value)
     if isinstance(value, np.ndarray):
         return np.array(value)
-    return copy.deepcopy(value) if hasattr(value, "__setitem__") else value
+    try:
+        return copy.deepcopy(value) if hasattr(value, "__setitem__") else value
+    except (TypeError, RecursionError):
+        raise ValueRangeError(f"{said(value)} is given, which cannot be copied, must be numbers or texts") from None

@@ -12,6 +12,8 @@ from typing import Any
 
 SHORT = 60  # characters of a value that a message quotes
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
+LONGEST_WORD = 300  # characters of a message without a space between them; longer ones are cut
+LONGEST = 1200  # characters of a message, of which the end says what is allowed
 
 
 def said(value: object) -> str:
@@ -27,16 +29,26 @@ def said(value: object) -> str:
             text = repr(shown)
         except ValueError:  # Python does not write numbers of more than 4300 digits
             text = f"a {type(value).__name__} with a number of more digits than can be written"
-    elif hasattr(value, "shape") and hasattr(value, "dtype"):
-        text = f"an array of shape {tuple(value.shape)}"
+    elif isinstance(shape := getattr(value, "shape", None), tuple) and hasattr(value, "dtype"):
+        text = f"an array of shape {shape}"
     else:
         kind = type(value).__name__
         text = f"{'an' if kind[0].lower() in 'aeiou' else 'a'} {kind}"
     return text if len(text) <= SHORT else f"{text[: SHORT - 1]}…"
 
 
+def one_line(text: str) -> str:
+    """A message without line breaks and what a terminal takes for commands; words and lists that are too long are cut."""
+    words = [word if len(word) <= LONGEST_WORD else f"{word[:SHORT]}…" for word in text.split()]
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in " ".join(words))
+    return line if len(line) <= LONGEST else f"{line[: 3 * LONGEST // 4]} … {line[-LONGEST // 5 :]}"
+
+
 class OctoError(Exception):
-    """Anything octo refuses to do. Catch this to catch every refusal."""
+    """Anything octo refuses to do, in one line. Catch this to catch every refusal."""
+
+    def __init__(self, message: str = ""):
+        super().__init__(one_line(str(message)))
 
 
 class UsageError(OctoError):

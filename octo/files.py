@@ -96,6 +96,14 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise OutputError(f"{path} cannot be written: {reason(error)}") from error
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file; no for names that no file can have: too long, or with a zero byte."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def reason(error: Exception) -> str:
     """What the system says, in one line."""
     return " ".join(str(getattr(error, "strerror", None) or error).split())

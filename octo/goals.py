@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-import numpy as np
-
-from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.checks import number, one_of
+from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.asked import Asked
@@ -15,6 +14,7 @@ from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, 
 from octo.problem.problem import Array
 from octo.solver.solution import Solution
 
+LARGEST = 1e6  # m/s, rad/s or m
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]
 Preset = Literal["natural", "paper", "robot"]
 
@@ -30,13 +30,11 @@ class Goal:
     preset: Preset = field(default="paper")
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise UnknownNameError("goal", self.kind, get_args(Kind))
-        if self.preset not in get_args(Preset):
-            raise UnknownNameError("costs", self.preset, get_args(Preset))
+        one_of("goal", self.kind, get_args(Kind))
+        one_of("costs", self.preset, get_args(Preset))
         for name in ("speed", "distance", "height"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueRangeError(f"{name} is {getattr(self, name)}, must be finite")
+            if not abs(number(name, getattr(self, name))) <= LARGEST:
+                raise ValueRangeError(f"{name} is {getattr(self, name):g}, must be at most {LARGEST:g} in size")
 
     @property
     def velocity(self) -> tuple[float, float, float]:

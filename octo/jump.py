@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from octo.checks import asked, number, positive, whole
+from octo.checks import asked, number, positive, steps_in, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
@@ -27,7 +27,7 @@ from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
 from octo.problem.problem import Array, Problem
-from octo.solve import best_of, smooth_noise, solve
+from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, smooth_noise, solve
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution
 from octo.solver.sqp import Iterate
@@ -134,8 +134,8 @@ def jump_problem(
     """
     if not isinstance(robot, Character):
         raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
-    positive("height", height, "m")
-    number("distance", distance)
+    height = positive("height", height, "m")
+    distance = number("distance", distance)
     if robot.base != "floating" or robot.nu == 0:
         raise ProblemError(
             f"robot {robot.name!r} cannot jump: its base must be floating, and a joint actuated"
@@ -177,7 +177,8 @@ def solve_jump(
     **options: Any,
 ) -> Solution:
     """Solve a :func:`jump_problem`: :func:`octo.solve` from first guesses that leave the ground."""
-    whole("seeds", seeds)
+    whole("seeds", seeds, most=MOST_STARTS)
+    whole("seed", seed, 0, LARGEST_SEED)
     guesses = list(first_guesses(problem, seeds, seed)) if start is None else start
     members = solve([problem] * seeds, start=guesses, **options)
     return best_of([replace(member, seed=seed + k) for k, member in enumerate(members)])
@@ -188,13 +189,14 @@ def _steps(problem: Problem, height: float, rise: float, seconds: float | None) 
     rate = float(np.sqrt(problem.length / problem.gravity))  # s
     push = max(DEPTHS) * problem.length * rise / height
     if seconds is None:
-        return 2 * int(np.ceil((rise + push + (SLOW + REST) * rate) / problem.dt))
+        half = rise + push + (SLOW + REST) * rate
+        return 2 * (steps_in(half, problem.dt) + (round(half / problem.dt) < half / problem.dt))
     least = 2.0 * (rise + push + LEAST * rate)
     if not positive("seconds", seconds, "s") >= least:
         raise ValueRangeError(
             f"seconds is {seconds:g}, a jump of {height:g} m takes at least {least:.2f} s"
         )
-    return round(seconds / problem.dt)
+    return steps_in(seconds, problem.dt)
 
 
 # -- the first guess ------------------------------------------------------------------------------

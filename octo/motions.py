@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, number, positive
+from octo.checks import asked, number, numbers, positive, steps_in, time_step, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import inside_limits, over_the_feet, static_pose
@@ -31,7 +31,7 @@ from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
-from octo.solve import best_of, evaluated, smooth_noise, solve, solve_all
+from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, check_progress, evaluated, settings_of, smooth_noise, solve, solve_all
 from octo.solver.gait import SHORT, flaws, runs, stances
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
@@ -167,6 +167,13 @@ def _journey(given: Mapping[str, Any], velocity: tuple[float, float], rate: floa
     robot, seconds = given["robot"], given["seconds"]
     if not isinstance(robot, Character):
         raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load and octo.gallery give")
+    time_step(given["dt"])
+    whole("starts", given["starts"], most=MOST_STARTS)
+    whole("seed", given["seed"], 0, LARGEST_SEED)
+    if given["period"] is not None:
+        numbers("period", given["period"])
+    check_progress(given["progress"], given["callback"])
+    settings_of(given["options"], given["max_iterations"], given["time_limit"], given["tolerance"])
     own = {name: given[name] for name in OWN}
     others = set(given).difference(OWN, ("robot", "speed", "rate", "seconds"))
     options = {name: given[name] for name in others if given[name] is not None}
@@ -197,7 +204,7 @@ class Journey:
 
     @property
     def steps(self) -> int:
-        return max(1, round(self.seconds / self.dt))
+        return max(1, steps_in(self.seconds, self.dt))
 
     @cached_property
     def whole(self) -> Problem:

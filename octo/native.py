@@ -75,8 +75,8 @@ def run_compiler(command: list[str], scratch: Path, seconds: float | None = None
     """
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", check=False, stdin=subprocess.DEVNULL, timeout=seconds,
-            env={**os.environ, "TMPDIR": str(scratch)},
+            command, capture_output=True, encoding="utf-8", errors="replace", check=False, stdin=subprocess.DEVNULL,
+            timeout=seconds, env={**os.environ, "TMPDIR": str(scratch)},
         )  # fmt: skip
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         said = f"no answer in {seconds:g} s" if isinstance(error, subprocess.TimeoutExpired) else reason(error)
@@ -95,7 +95,7 @@ def machine() -> str:
     version = run_compiler([*words, "--version"], Path(tempfile.gettempdir()), ASKED) if words else ""
     processor = platform.machine() + platform.processor()
     try:
-        lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
         kept = {line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))}
         processor += "".join(sorted(kept))
     except OSError:

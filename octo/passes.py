@@ -97,7 +97,7 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the caller fixed.
     """
     if count is not None:
-        whole("passes", count)
+        whole("passes", count, most=100)
     if not growable(problem):
         if count is not None and count > 1:
             raise ProblemError(f"passes is {count}: the stiffness of this contact law is fixed by the caller, must be 1")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import STILLS, ending, whole
+from octo.checks import STILLS, ending, numbers, whole
 from octo.errors import MissingExtraError, ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
@@ -232,7 +232,7 @@ class Scene:
 def _chosen(solution: Solution, moments: int, between: tuple[float, float] | None) -> NDArray[np.intp]:
     """Nodes at ``moments`` even times."""
     end = solution.steps * solution.dt
-    start, stop = between if between is not None else (0.0, end)
+    start, stop = (0.0, end) if between is None else numbers("between", between, (2,)).tolist()
     if not 0.0 <= start <= stop <= end + 1e-9:
         raise ValueRangeError(f"between is {between}, must be two times from 0 to {end:g} s, in order")
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))

@@ -15,9 +15,9 @@ from typing import Any, overload
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from octo.checks import asked, numbers, whole
+from octo.checks import asked, flag, instance, numbers, one_of, room, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
-from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
+from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.model.character import Character
@@ -41,6 +41,8 @@ NOISE_PERIOD = 0.5  # s, between the knots of the noise
 SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one that swings it
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 DEVICES = ("auto", "cpu", "cuda")
+BLOCKS = 20  # (n, n) of a step, about: derivatives of FD, E and C, and the factors
+MOST_STARTS, MOST_THREADS, LARGEST_SEED = 100_000, 1024, 2**64 - 1
 LOG = logging.getLogger("octo")
 Guess = Solution | Array | str | os.PathLike[str] | None
 Start = Guess | Sequence[Guess]
@@ -199,10 +201,13 @@ def _solve(
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> tuple[list[Solution], list[int]]:
     """All members' solutions, and the index of the best one of each problem."""
-    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
-    settings = replace(options or SqpOptions(), **{name: value for name, value in given.items() if value is not None})
-    for name, count in (("seeds", seeds), ("threads", threads)):
-        whole(name, count)
+    settings = settings_of(options, max_iterations, time_limit, tolerance)
+    for name, count, most in (("seeds", seeds, MOST_STARTS), ("threads", threads, MOST_THREADS)):
+        whole(name, count, most=most)
+    whole("seed", seed, 0, LARGEST_SEED)
+    check_progress(progress, callback)
+    steps, n = max(problem.steps for problem in problems), problems[0].dynamics.nx
+    room(f"{steps} steps of {len(problems) * seeds} starts", BLOCKS * n**2 * float(steps) * len(problems) * seeds)
     run = _Run(settings, int(threads), backend_of(device))
     batch = [problem for problem in problems for _ in range(seeds)]
     numbers = [seed + k for _ in problems for k in range(seeds)]
@@ -226,6 +231,13 @@ def _solve(
         run.backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: _rank(members[k])) for group in groups]
+
+
+def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: Any) -> SqpOptions:
+    """The options, with those in place that were given on their own."""
+    chosen = SqpOptions() if options is None else instance("options", options, SqpOptions, "an octo.SqpOptions")
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit, "tolerance": tolerance}
+    return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
 def _prepare(run: _Run, compiled: CompiledProblem, device: str) -> None:
@@ -506,6 +518,14 @@ def _say_cpu(reason: str) -> None:
     LOG.info("using the CPU: %s", reason)
 
 
+def check_progress(progress: object, callback: object) -> None:
+    """Refuse what cannot say how a solve goes."""
+    if not isinstance(progress, str):
+        flag("progress", progress)
+    if not (callback is None or callable(callback)):
+        raise ProblemError(f"callback is {said(callback)}, must be a function of an Iterate")
+
+
 def check_device_name(device: object) -> None:
     """Refuse what is no device. The nearest name would be a bad guess: that of "gpu" is "cpu".
 
@@ -513,8 +533,7 @@ def check_device_name(device: object) -> None:
     ------
     UnknownNameError: says which there are.
     """
-    if device not in DEVICES:
-        raise UnknownNameError("device", device, DEVICES, "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)")
+    one_of("device", device, DEVICES, "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)")
 
 
 def resolve_device(device: str) -> str:

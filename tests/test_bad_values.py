@@ -128,7 +128,7 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
         "terrain and law belong to a Character",
     ),
     "unknown goal": (lambda: octo.Goal("wlak"), "goal 'wlak'.*walk"),  # type: ignore[arg-type]
-    "speed not finite": (lambda: octo.Goal("walk", speed=np.inf), "speed is inf, must be finite"),
+    "speed not finite": (lambda: octo.Goal("walk", speed=np.inf), "speed is not finite"),
     "no mass": (lambda: character(bodies=arm(mass=0.0)), "total mass is 0.0, must be positive"),
     "negative mass": (lambda: character(bodies=arm(mass=-1.0)), "body 'arm': mass is -1.0, must be finite and not negative"),
     "a parent that comes later": (lambda: character(bodies=arm(parent=1)), "body 'arm': parent index 1 must be"),

@@ -30,7 +30,7 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
             path = os.pathsep.join([str(Path(octo.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
             done = subprocess.run(
                 [sys.executable, "-m", "octo.bench.compilation"], env={**os.environ, **own, "PYTHONPATH": path},
-                capture_output=True, text=True, check=True,
+                capture_output=True, encoding="utf-8", check=True,
             )  # fmt: skip
             if label == "cold" and not plan.cold:
                 continue

@@ -66,7 +66,7 @@ def read(path: Path, plan: Plan) -> dict[str, float]:
     UsageError: the file is missing or holds something else.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         values = {str(record["name"]): float(record["value"]) for record in content["records"]}
         return {name: value for name, value in values.items() if plan.compares(name, content["plan"])}
     except FileNotFoundError:
@@ -118,13 +118,14 @@ class Records:
     def write(self, path: Path) -> None:
         where = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "octo": octo.__version__}
         content = {**where, "plan": self.plan.record(), "records": [asdict(record) for record in self.made]}
-        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def processor() -> str:
     """The processor's name as the system says it."""
     try:
-        fields = dict(line.split(":", 1) for line in Path("/proc/cpuinfo").read_text().splitlines() if ":" in line)
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        fields = dict(line.split(":", 1) for line in lines if ":" in line)
         table = {name.strip(): value.strip() for name, value in fields.items()}
         return f"{table['model name']} (family {table['cpu family']}, model {table['model']})"
     except (OSError, KeyError):

@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from octo.checks import steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import ProblemError, RobotFileError, ShapeError, UnknownNameError, UsageError, ValueRangeError
 from octo.model.character import Array, Character
@@ -60,8 +61,8 @@ def positive(word: str) -> float:
 
 def steps_of(seconds: float, dt: float) -> int:
     """N, the whole number of steps of ``dt`` s in ``seconds``."""
+    steps = steps_in(seconds, dt)
     count = seconds / dt
-    steps = round(count)
     if steps < 1 or abs(count - steps) > WHOLE:
         near = max(1, steps) * dt
         raise ValueRangeError(f"seconds/dt is {count:.9g}, must be whole to {WHOLE:g} and at least 1: try --seconds {near:.9g}")
@@ -153,7 +154,7 @@ def pose_of(robot: Character, word: str | None) -> Array | None:
 def _read_numbers(path: Path) -> Array:
     try:
         if path.suffix == ".json":
-            return np.asarray(json.loads(path.read_text()), dtype=float)
+            return np.asarray(json.loads(path.read_text(encoding="utf-8")), dtype=float)
         if path.suffix == ".npy":
             return np.asarray(np.load(path, allow_pickle=False), dtype=float)
         return np.atleast_1d(np.loadtxt(path)).ravel()

@@ -84,6 +84,9 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     top, commands = parser()
     if words and not words[0].startswith("-") and words[0] not in commands:
         raise UnknownNameError("command", words[0], commands)
+    for word in words:  # argparse takes the two dashes for the end of all options
+        if word.startswith("--") and word.endswith("=--"):
+            raise UsageError(f"argument {word.removesuffix('=--')}: is '--', must be a value")
     arguments, left = top.parse_known_args(words)
     if left:
         valid = (commands[arguments.command] if arguments.command else top)._option_string_actions

@@ -303,4 +303,7 @@ def _levenberg(jac: Array, rows: Array, damping: float) -> Array:
     k = jac.shape[1]
     if damping > 0.0:
         jac, rows = np.vstack([jac, np.sqrt(damping) * np.eye(k)]), np.concatenate([rows, np.zeros(k)])
-    return np.asarray(np.linalg.lstsq(jac, -rows, rcond=1e-10)[0], dtype=float)
+    try:
+        return np.asarray(np.linalg.lstsq(jac, -rows, rcond=1e-10)[0], dtype=float)
+    except np.linalg.LinAlgError:
+        raise StaticPoseError("no static pose was found: what a small motion changes is not finite") from None

@@ -38,7 +38,7 @@ HINT = "describe a robot, whose links octo knows, or use fewer coordinates, cont
 
 
 def source(name: str) -> str:
-    return (resources.files("octo.dynamics") / name).read_text()
+    return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
 
 
 def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout, lanes: bool = False) -> str:

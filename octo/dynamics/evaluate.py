@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from types import NoneType
 from typing import Any
 
 import casadi as ca
@@ -16,7 +17,7 @@ from octo.dynamics import codegen
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
 from octo.dynamics.symbolic import forward_dynamics
-from octo.errors import ModelError, ShapeError, ValueRangeError
+from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
@@ -157,6 +158,19 @@ def unfold(blocks: Array) -> Array:
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
 
 
+def check_surroundings(terrain: object, law: object) -> None:
+    """Refuse a ground or a contact law that is none; None is octo's own.
+
+    Raises
+    ------
+    ProblemError: naming it and what is allowed.
+    """
+    if not isinstance(terrain, (Plane, Terrain, NoneType)):
+        raise ProblemError(f"terrain is {said(terrain)}, must be an octo.Plane or an octo.Terrain")
+    if law is not None and not all(hasattr(law, name) for name in ("parameters", "reach", "force")):
+        raise ProblemError(f"law is {said(law)}, must be one of octo.laws, or have parameters, reach and force")
+
+
 class RobotDynamics(Dynamics):
     """The dynamics of §4 of a character, with a contact law and a terrain."""
 
@@ -164,6 +178,7 @@ class RobotDynamics(Dynamics):
     generated = Dynamics.generated | {"symbolic"}
 
     def __init__(self, character: Character, law: ContactLaw | None = None, terrain: Plane | Terrain | None = None):
+        check_surroundings(terrain, law)
         self.character = character
         self.law: ContactLaw = Smooth() if law is None else law
         self.terrain: Plane | Terrain = Plane() if terrain is None else terrain

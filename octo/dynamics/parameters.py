@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class Layout:
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Layout:
-        return cls(tuple(values), np.array([float(v) for v in values.values()]))
+        return cls(tuple(values), np.array([number(f"parameter {name}", value) for name, value in values.items()]))
 
     @property
     def size(self) -> int:

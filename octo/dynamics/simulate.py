@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import positive, time_step
+from octo.checks import instance, number, numbers, one_of, positive, room, steps_in, time_step, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
@@ -263,10 +263,10 @@ def simulate(
     else:
         raise ProblemError(f"model is a {type(model).__name__}, must be a Character or a Dynamics")
     dt = time_step(dt) if isinstance(dynamics, RobotDynamics) else positive("dt", dt, "s")
-    p = _parameters(dynamics, dt, parameters or {})
+    p = _parameters(dynamics, dt, {} if parameters is None else parameters)
     x0 = _checked("x0", x0, (dynamics.nx,))
     v0 = np.zeros(dynamics.nx) if v0 is None else _checked("v0", v0, (dynamics.nx,))
-    N, control = _schedule(controls, seconds, steps, dt, dynamics.nu)
+    N, control = _schedule(controls, seconds, steps, dt, dynamics.nx, dynamics.nu)
     stepper = Stepper(dynamics, p)
     x, u = np.empty((N + 2, dynamics.nx)), np.zeros((N, dynamics.nu))
     x[0], x[1] = x0 - dt * v0, x0
@@ -280,26 +280,23 @@ def simulate(
 
 
 def _parameters(dynamics: Dynamics, dt: float, parameters: Mapping[str, float]) -> Array:
-    for name, value in parameters.items():
-        if name not in dynamics.layout.names:
-            raise UnknownNameError("parameter", name, dynamics.layout.names)
-        if not np.isfinite(value):
-            raise ValueRangeError(f"parameter {name} is {value}, must be finite")
+    for name, value in instance("parameters", parameters, Mapping, "numbers by name").items():
+        one_of("parameter", name, dynamics.layout.names)
+        number(f"parameter {name}", value)
     return dynamics.layout.pack(**{**parameters, "dt": dt})
 
 
 def _schedule(
-    controls: Controls | None, seconds: float | None, steps: int | None, dt: float, nu: int
+    controls: Controls | None, seconds: float | None, steps: int | None, dt: float, nx: int, nu: int
 ) -> tuple[int, Callable[[int, Array, Array], Array] | None]:
     """Number of steps, and u_i as a function of (i, x_i, v_i)."""
     if seconds is not None and steps is not None:
         raise ProblemError("seconds and steps are both given: give one of them")
     if seconds is not None:
-        if not (np.isfinite(seconds) and seconds > 0.0):
-            raise ValueRangeError(f"seconds is {seconds}, must be positive")
-        steps = max(1, round(seconds / dt))
-    if steps is not None and (not isinstance(steps, (int, np.integer)) or steps < 1):
-        raise ValueRangeError(f"steps is {said(steps)}, must be a whole number of at least 1")
+        steps = max(1, steps_in(positive("seconds", seconds, "s"), dt))
+    if steps is not None:
+        whole("steps", steps)
+        room(f"{steps} steps of simulation", 2.0 * steps * nx)
     if controls is None:
         if steps is None:
             raise ProblemError("give seconds, steps, or an array of controls: how long is not known")
@@ -309,16 +306,11 @@ def _schedule(
             raise ProblemError("give seconds or steps: controls is a function, so how long is not known")
         policy = controls
         return int(steps), lambda i, q, v: _checked(f"controls at step {i}", policy(i * dt, q.copy(), v), (nu,))
-    array = np.asarray(controls, dtype=float)
+    array = numbers("controls", controls)
     N = int(steps) if steps is not None else len(np.atleast_1d(array))
     table = _checked("controls", array, (N, nu))
     return N, lambda i, q, v: table[i]
 
 
 def _checked(name: str, value: Array, shape: tuple[int, ...]) -> Array:
-    array = np.asarray(value, dtype=float)
-    if array.shape != shape:
-        raise ShapeError(name, array.shape, shape)
-    if not np.isfinite(array).all():
-        raise ValueRangeError(f"{name} is not finite at index {tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])}")
-    return array
+    return numbers(name, value, shape)

@@ -95,4 +95,4 @@ class Device(Protocol):
 
 def source(name: str) -> str:
     """The text of one of octo's .cu or .cuh files."""
-    return (resources.files("octo.gpu") / name).read_text()
+    return (resources.files("octo.gpu") / name).read_text(encoding="utf-8")

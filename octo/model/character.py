@@ -22,7 +22,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import ModelError, UnknownNameError, said
+from octo.checks import one_of
+from octo.errors import ModelError, said
 from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ class Joint:
     def __post_init__(self) -> None:
         _text("joint", self.name)
         which = f"joint {self.name!r}"
-        if self.kind not in ("hinge", "slide"):
+        if not isinstance(self.kind, str) or self.kind not in ("hinge", "slide"):
             raise ModelError(f"{which}: kind is {said(self.kind)}, must be 'hinge' or 'slide'")
         axis = _array(f"{which}: axis", self.axis, (3,))
         length = float(np.linalg.norm(axis))
@@ -239,14 +240,17 @@ class Character(Shown):
             if not isinstance(things, (tuple, list)) or not all(isinstance(thing, kind) for thing in things):
                 raise ModelError(f"{which}: {field_name} is {said(things)}, must be a tuple of {kind.__name__}")
             keep(self, field_name, tuple(things))
-        if self.base not in ("floating", "fixed"):
+        if not isinstance(self.base, str) or self.base not in ("floating", "fixed"):
             raise ModelError(f"{which}: base is {said(self.base)}, must be 'floating' or 'fixed'")
-        if self.chart not in ("zyx", "zxy"):
+        if not isinstance(self.chart, str) or self.chart not in ("zyx", "zxy"):
             raise ModelError(f"{which}: chart is {said(self.chart)}, must be 'zyx' or 'zxy'")
         try:
             keep(self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs))
         except (TypeError, ValueError):
             raise ModelError(f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres") from None
+        if not isinstance(self.dropped, (tuple, list)) or not all(isinstance(sentence, str) for sentence in self.dropped):
+            raise ModelError(f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences")
+        keep(self, "dropped", tuple(self.dropped))
 
     def _check_base(self) -> None:
         """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing moves may have none."""
@@ -259,6 +263,8 @@ class Character(Shown):
             raise ModelError(f"character {self.name!r}: {what} three slides and three hinges that nothing drives")
 
     def _check_poses(self) -> None:
+        if not isinstance(self.poses, Mapping):
+            raise ModelError(f"character {self.name!r}: poses is {said(self.poses)}, must be configurations by name")
         poses = dict(self.poses)
         if self.default_pose is not None:
             pose = _array(f"character {self.name!r}: default pose", self.default_pose, (self.nx,))
@@ -406,9 +412,7 @@ class Character(Shown):
 
 
 def _index(kind: str, name: str, names: list[str]) -> int:
-    if name not in names:
-        raise UnknownNameError(kind, name, names)
-    return names.index(name)
+    return names.index(one_of(kind, name, names))
 
 
 def floating_base(prefix: str = "base", chart: Literal["zyx", "zxy"] = "zyx") -> tuple[Joint, ...]:

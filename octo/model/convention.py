@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo.checks import numbers
-from octo.errors import UnknownNameError
+from octo.checks import numbers, one_of
 from octo.model.character import Array, Character
 from octo.model.chart import angles_of, body_axes, rotation_of_angles, turned_by
 from octo.model.quaternions import quaternions, rotation_of
@@ -28,8 +27,7 @@ class Convention:
     """
 
     def __init__(self, robot: Character, name: str = "mujoco"):
-        if name not in CONVENTIONS:
-            raise UnknownNameError("convention", name, CONVENTIONS)
+        one_of("convention", name, CONVENTIONS)
         self.robot, self.name, self.real_first = robot, name, name == "mujoco"
         self.floating = robot.base == "floating"
         self.nq, self.nv = robot.nx + self.floating, robot.nx

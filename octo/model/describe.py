@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from octo.checks import instance
 from octo.model.character import Array, Character, Joint
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 
@@ -31,6 +32,7 @@ def describe(character: Character) -> dict[str, Any]:
     the default pose; ``joints`` in the order of the coordinates; ``links``: mass, centre of mass (m, body axes) and
     inertia (3, 3) about it; ``poses`` by name; ``units``.
     """
+    instance("character", character, Character, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
     pose = default_pose(character)
     return {
@@ -83,6 +85,7 @@ def summary(character: Character) -> Text:
     """A table for people: sizes, then a line for each joint, each body and each pose."""
     pose = default_pose(character)
     height = default_height(character)
+    instance("character", character, Character, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
     moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose)))
     counted = {

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from octo.checks import ending
+from octo.checks import ending, instance, number, numbers
 from octo.errors import ModelError
 from octo.files import replacing
 from octo.model.character import Array, Body, Character, Joint
@@ -68,6 +68,12 @@ def mjcf_text(
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
     """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes (3,) m of boxes on it."""
+    instance("character", character, Character, "a Character: what octo.load gives")
+    if terrain is not None:
+        instance("terrain", terrain, Plane, "an octo.Plane")
+    for name, value in (("friction", friction), ("timestep", timestep)):
+        number(name, value)
+    numbers("gravity", gravity, (3,))
     top = Element("mujoco", model=character.name)
     SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     SubElement(top, "option", timestep=_text(timestep), gravity=_text(gravity))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import floats, instance
 from octo.errors import ShapeError
 from octo.model.character import Array, Character
 
@@ -20,7 +21,8 @@ def body_poses(character: Character, x: NDArray) -> tuple[Array, Array]:
     -------
     rotation (..., bodies, 3, 3) and origin (..., bodies, 3) m.
     """
-    x = np.asarray(x, dtype=float)
+    instance("character", character, Character, "a Character: what octo.load gives")
+    x = floats("x", x)
     if x.ndim == 0 or x.shape[-1] != character.nx:
         raise ShapeError("x", x.shape, f"(..., {character.nx})")
     lead = x.shape[:-1]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Literal
-from xml.etree import ElementTree
 
-from octo.errors import RobotFileError, UnknownNameError, UnsupportedFeatureError, ValueRangeError, said
+from octo.errors import RobotFileError, UnknownNameError, UnsupportedFeatureError, UsageError, ValueRangeError, said
+from octo.files import is_file
+from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.gallery import CHARACTERS
 from octo.model.mjcf import load_mjcf
@@ -25,15 +26,17 @@ def load(path: str | os.PathLike[str], base: Base = "auto") -> Character:
     path: a file, or one of ``octo.model.gallery.CHARACTERS``.
     base: "floating" or "fixed"; "auto" is floating for a URDF and as written for an MJCF.
     """
-    if base not in BASES:
+    if not isinstance(base, str) or base not in BASES:
         raise ValueRangeError(f"base is {said(base)}, must be one of {', '.join(BASES)}")
+    if not isinstance(path, (str, os.PathLike)):
+        raise UsageError(f"path is {said(path)}, must be a robot file's path or a name of the gallery")
     name, file = os.fspath(path), Path(path)
     if name in CHARACTERS:
         character = CHARACTERS[name]()
         if base not in ("auto", character.base):
             raise ValueRangeError(f"character {name!r}: base is {said(base)}, must be auto or {character.base}")
         return character
-    if not file.is_file():
+    if not is_file(file):
         if not file.suffix and len(file.parts) == 1:
             raise UnknownNameError("robot", name, CHARACTERS)
         raise RobotFileError(f"{name}: no such file")
@@ -44,11 +47,7 @@ def _dialect(file: Path) -> str:
     """The top element of a robot file: "robot" (URDF) or "mujoco" (MJCF)."""
     if file.suffix == ".xacro":
         raise UnsupportedFeatureError(f"{file.name}: xacro macros are not expanded, must be a URDF or MJCF file")
-    try:
-        with file.open("rb") as stream:
-            _, top = next(ElementTree.iterparse(stream, events=("start",)))
-    except (ElementTree.ParseError, StopIteration) as error:
-        raise RobotFileError(f"{file.name}: not well-formed XML: {error}") from None
-    if top.tag not in ("robot", "mujoco"):
-        raise RobotFileError(f"{file.name}: top element is <{top.tag}>, must be <robot> (URDF) or <mujoco> (MJCF)")
-    return str(top.tag)
+    top = xml_file.top_of(file)
+    if top not in ("robot", "mujoco"):
+        raise RobotFileError(f"{file.name}: top element is <{top}>, must be <robot> (URDF) or <mujoco> (MJCF)")
+    return top

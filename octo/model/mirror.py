@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from octo.errors import MirrorError, ProblemError, ShapeError, UnknownNameError
+from octo.checks import instance, one_of
+from octo.errors import MirrorError, ProblemError, ShapeError
 from octo.model.character import Array, Character, Joint
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
@@ -90,7 +91,8 @@ def mirror_of(robot: Character, pairs: Mapping[str, str] | None = None) -> Mirro
     MirrorError: there is none; the sentence names what has no image.
     UnknownNameError: ``pairs`` names no joint of the robot.
     """
-    by_hand = _both_ways(robot, pairs or {})
+    instance("robot", robot, Character, "a Character: what octo.load gives")
+    by_hand = _both_ways(robot, {} if pairs is None else instance("pairs", pairs, Mapping, "names of joints by name"))
     refusals: list[_NoImage] = []
     for x in _configurations(robot):
         try:
@@ -114,8 +116,7 @@ def _both_ways(robot: Character, pairs: Mapping[str, str]) -> dict[str, str]:
     both: dict[str, str] = {}
     for pair in pairs.items():
         for joint, image in (pair, pair[::-1]):
-            if joint not in names:
-                raise UnknownNameError("joint", joint, names)
+            one_of("joint", joint, names)
             if both.setdefault(joint, image) != image:
                 named = f"{both[joint]!r} and {image!r}"
                 raise ProblemError(f"pairs gives joint {joint!r} the images {named}, must be one")

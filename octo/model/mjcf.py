@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
+from octo.model import xml_file
 from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
@@ -20,6 +21,7 @@ UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
     """The character of an MJCF; ``base`` "auto" is the one written in the file."""
     notes: list[str] = []
+    xml_file.check(path)
     spec, model = _compiled(path, notes)
     if model.nbody == 1:
         raise RobotFileError(f"{path.name}: has no <body>, must have one at least")

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, owned
-from octo.errors import ValueRangeError
+from octo.checks import instance, number
+from octo.errors import ProblemError, ValueRangeError, said
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,10 @@ class Terrain:
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", owned(self.parameters))
+        if not callable(self.expression):
+            raise ProblemError(f"terrain is {said(self.expression)}, must be a function (point, p) of CasADi symbols")
+        values = instance("terrain parameters", self.parameters, Mapping, "numbers by name")
+        object.__setattr__(self, "parameters", {name: number(f"terrain {name}", value) for name, value in values.items()})
 
     def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self.expression(point, p)

@@ -14,7 +14,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
+from octo.files import is_file
 from octo.model import urdf_elements as elements
+from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line, quiet_compiler
@@ -61,17 +63,15 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
 
 def prepare(path: Path) -> Prepared:
     """Read and check the URDF at ``path``."""
-    try:
-        tree = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        hint = "; macros of xacro must be expanded" if "unbound prefix" in str(error) else ""
-        raise RobotFileError(f"{path.name}: not well-formed XML: {error}{hint}") from None
+    tree = xml_file.read(path)
     if tree.tag != "robot":
         raise RobotFileError(f"{path.name}: top element is <{tree.tag}>, must be <robot>")
     file = path.name
     unknown = check_elements(file, tree)
     elements.check_names(file, tree)
     prepared = Prepared(path, tree.get("name") or path.stem, tree, elements.find_root(file, tree), dropped=unknown)
+    for link in tree.findall("link"):
+        elements.check_shapes(file, link)
     for joint in tree.findall("joint"):
         elements.check_joint(file, joint)
         if joint.get("type") == "floating":
@@ -107,7 +107,7 @@ def compile_prepared(prepared: Prepared) -> Any:
 def make_spec(prepared: Prepared) -> Any:
     """The prepared URDF as an MjSpec: no mass from geoms, no fusing, no balancing of inertias."""
     mujoco = import_mujoco()
-    spec = mujoco.MjSpec.from_string(ElementTree.tostring(prepared.tree, encoding="unicode"), assets=dict(prepared.meshes))
+    spec = mujoco.MjSpec.from_string(xml_file.text_of(prepared.tree), assets=dict(prepared.meshes))
     spec.compiler.fusestatic = spec.compiler.discardvisual = spec.compiler.balanceinertia = False
     for geom in spec.geoms:
         geom.density = 0.0
@@ -223,7 +223,7 @@ def find_mesh(written: str, urdf: Path) -> Path | None:
         candidates = [folder / inside for folder in (*here.parents, here, *folders)]
         # A package folder is often renamed when it is copied: the rest of the path still says where the mesh is.
         candidates += [folder / rest for folder in (here, *here.parents[:3], *folders)]
-    return next((candidate for candidate in candidates if candidate.is_file()), None)
+    return next((candidate for candidate in candidates if is_file(candidate)), None)
 
 
 def _rename_world(prepared: Prepared) -> None:

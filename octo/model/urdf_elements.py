@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
@@ -12,7 +13,11 @@ from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
 from octo.model.character import LARGEST, Array
 from octo.model.kinematics import axis_rotation
 from octo.model.robot_file import Inertial
+from octo.model.xml_file import line_of
 
+DEEPEST = 1000  # links in a row: MuJoCo's limit is near, and its time grows with the square
+SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}  # attributes of one number
+VECTORS = {"box": ("size",), "mesh": ("scale",)}  # of three
 MOVABLE = ("revolute", "continuous", "prismatic")
 ALLOWED = "allowed are revolute, continuous, prismatic, fixed and, at the root, floating"
 
@@ -22,23 +27,41 @@ def attribute(element: Element, child: str, key: str, default: str = "nan") -> s
     return default if found is None else found.get(key, default)
 
 
-def number(file: str, what: str, text: str) -> float:
+def number(file: str, what: str, text: str, line: int = 0) -> float:
+    """A number of the file; ``line`` is where it is, 0 if that is not known."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:
         most = f" of at most {LARGEST:.0e}" if math.isfinite(value) else ""
-        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number{most}")
+        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number{most}{on(line)}")
     return value
+
+
+def on(line: int) -> str:
+    """For the end of a sentence."""
+    return f" (line {line})" if line else ""
+
+
+def line_in(element: Element, child: str) -> int:
+    """The line of a child, or the element's own."""
+    found = element.find(child)
+    return line_of(element if found is None else found)
 
 
 def numbers(file: str, what: str, element: Element, child: str, key: str, default: str = "0 0 0") -> Array:
     """Three numbers (3,) of an attribute of a child."""
     words = attribute(element, child, key, default).split()
     if len(words) != 3:
-        raise RobotFileError(f"{file}: {what} {key} is {' '.join(words)!r}, must be three numbers")
-    return np.array([number(file, f"{what} {key}", word) for word in words])
+        raise RobotFileError(f"{file}: {what} {key} is {' '.join(words)!r}, must be three numbers{on(line_in(element, child))}")
+    try:
+        return np.array([number(file, f"{what} {key}", word) for word in words])
+    except RobotFileError:
+        if any("," in word for word in words):
+            all_three = f"{what} {key} is {' '.join(words)!r}, must be three numbers with spaces between them"
+            raise RobotFileError(f"{file}: {all_three}{on(line_in(element, child))}") from None
+        return np.array([number(file, f"{what} {key}", word, line_in(element, child)) for word in words])
 
 
 def ends(joint: Element) -> tuple[str, str]:
@@ -48,25 +71,27 @@ def ends(joint: Element) -> tuple[str, str]:
 
 def check_names(file: str, tree: Element) -> None:
     for tag in ("link", "joint"):
-        names = [element.get("name") for element in tree.findall(tag)]
-        for name in names:
+        names = Counter(element.get("name") for element in tree.findall(tag))
+        for element in tree.findall(tag):
+            name = element.get("name")
             if not name:
-                raise RobotFileError(f"{file}: a <{tag}> has no name, every one must")
-            if names.count(name) > 1:
-                raise RobotFileError(f"{file}: {tag} name {name!r} occurs {names.count(name)} times, names must differ")
+                raise RobotFileError(f"{file}: a <{tag}> has no name, every one must{on(line_of(element))}")
+            if names[name] > 1:
+                raise RobotFileError(f"{file}: {tag} name {name!r} occurs {names[name]} times, names must differ")
     if not tree.findall("link"):
         raise RobotFileError(f"{file}: has no <link>, must have one at least")
 
 
 def find_root(file: str, tree: Element) -> str:
     """Name of the one link that is nobody's child."""
-    links = [str(link.get("name")) for link in tree.findall("link")]
+    links = dict.fromkeys(str(link.get("name")) for link in tree.findall("link"))
     parents: dict[str, str] = {}
     for joint in tree.findall("joint"):
         for end in ("parent", "child"):
             link = attribute(joint, end, "link", "")
             if link not in links:
-                raise RobotFileError(f"{file}: joint {joint.get('name')!r}: {end} link is {link!r}, must be a link of the file")
+                what = f"joint {joint.get('name')!r}: {end} link is {link!r}, must be a link of the file"
+                raise RobotFileError(f"{file}: {what}{on(line_in(joint, end))}")
         parent, child = ends(joint)
         if child in parents:
             raise UnsupportedFeatureError(f"{file}: link {child!r} is the child of two joints; closed loops are not modelled")
@@ -76,13 +101,18 @@ def find_root(file: str, tree: Element) -> str:
         raise RobotFileError(
             f"{file}: {len(roots)} links have no parent ({', '.join(roots) or 'all are in a loop'}), exactly one must"
         )
-    reached = {roots[0]}
-    for _ in links:
-        reached |= {child for child, parent in parents.items() if parent in reached}
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    reached = [(roots[0], 1)]
+    for link, depth in reached:  # which grows meanwhile
+        reached += [(child, depth + 1) for child in children.get(link, ())]
     if len(reached) != len(links):
-        raise UnsupportedFeatureError(
-            f"{file}: links {', '.join(set(links) - reached)} form a loop; closed loops are not modelled"
-        )
+        looped = ", ".join(links.keys() - {link for link, _ in reached})
+        raise UnsupportedFeatureError(f"{file}: links {looped} form a loop; closed loops are not modelled")
+    link, depth = reached[-1]
+    if depth > DEEPEST:
+        raise UnsupportedFeatureError(f"{file}: link {link!r} hangs on {depth - 1} others in a row, at most {DEEPEST - 1} may")
     return roots[0]
 
 
@@ -92,9 +122,28 @@ def check_joint(file: str, joint: Element) -> None:
     if kind == "planar":
         raise UnsupportedFeatureError(f"{file}: joint {name!r} is planar; {ALLOWED}")
     if kind not in (*MOVABLE, "fixed", "floating"):
-        raise RobotFileError(f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}")
+        raise RobotFileError(f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}{on(line_of(joint))}")
+    for key in ("xyz", "rpy"):
+        numbers(file, f"joint {name!r}: origin", joint, "origin", key)
+    for key in ("damping", "friction"):
+        number(file, f"joint {name!r}: {key}", attribute(joint, "dynamics", key, "0"), line_in(joint, "dynamics"))
     if kind in MOVABLE and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any():
-        raise RobotFileError(f"{file}: joint {name!r}: axis is 0 0 0, must have a direction")
+        raise RobotFileError(f"{file}: joint {name!r}: axis is 0 0 0, must have a direction{on(line_in(joint, 'axis'))}")
+
+
+def check_shapes(file: str, link: Element) -> None:
+    """The numbers of a link's collision shapes."""
+    what = f"link {str(link.get('name'))!r}: collision"
+    for collision in link.findall("collision"):
+        for key in ("xyz", "rpy"):
+            numbers(file, f"{what} origin", collision, "origin", key)
+        for shape in collision.findall("geometry/*"):
+            for key in SIZES.get(str(shape.tag), ()):
+                number(file, f"{what}: {key} of its {shape.tag}", shape.get(key, "nan"), line_of(shape))
+            for key in set(VECTORS.get(str(shape.tag), ())) & shape.attrib.keys():
+                holder = Element("shape")
+                holder.append(shape)
+                numbers(file, f"{what}: {shape.tag}", holder, shape.tag, key)
 
 
 def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, Inertial]:
@@ -119,12 +168,15 @@ def _inertial(file: str, link: str, element: Element | None) -> Inertial:
     """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without <inertial>."""
     if element is None:
         return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
-    mass = number(file, f"link {link!r}: mass", attribute(element, "mass", "value"))
+    mass = number(file, f"link {link!r}: mass", attribute(element, "mass", "value"), line_in(element, "mass"))
     if mass < 0.0:
-        raise RobotFileError(f"{file}: link {link!r}: mass is {mass} kg, must not be negative")
+        raise RobotFileError(f"{file}: link {link!r}: mass is {mass} kg, must not be negative{on(line_in(element, 'mass'))}")
     com, angles = (numbers(file, f"link {link!r}: inertial origin", element, "origin", key) for key in ("xyz", "rpy"))
     keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    xx, yy, zz, xy, xz, yz = (number(file, f"link {link!r}: inertia {k}", attribute(element, "inertia", k, "0")) for k in keys)
+    line = line_in(element, "inertia")
+    xx, yy, zz, xy, xz, yz = (
+        number(file, f"link {link!r}: inertia {k}", attribute(element, "inertia", k, "0"), line) for k in keys
+    )
     roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
     turn = yaw @ pitch @ roll
     return Inertial(mass, com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
@@ -134,11 +186,14 @@ def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]
     """Every movable joint must carry some mass."""
     parent_joint = {ends(joint)[1]: joint for joint in tree.findall("joint")}
     carried = {link: inertial.mass for link, inertial in inertials.items()}
-    for link, inertial in inertials.items():
-        above = link
-        while above in parent_joint:
-            above = ends(parent_joint[above])[0]
-            carried[above] += inertial.mass
+    waiting = Counter(ends(joint)[0] for joint in parent_joint.values())  # children that have not been added to a link
+    done = [link for link in carried if not waiting[link]]
+    for link in done:  # which grows meanwhile: leaves first
+        if link in parent_joint:
+            above = ends(parent_joint[link])[0]
+            carried[above] += carried[link]
+            waiting[above] -= 1
+            done += [above] * (waiting[above] == 0)
     for child, joint in parent_joint.items():
         if carried[child] == 0.0 and joint.get("type") in MOVABLE:
             what = f"joint {joint.get('name')!r} moves link {child!r} of mass 0 kg and nothing else"

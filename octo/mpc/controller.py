@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, positive, whole
+from octo.checks import number, one_of, positive, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.model.convention import Convention
@@ -89,8 +89,7 @@ class Controller:
             raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
         if problem.steps <= PAST:
             raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
-        if curvature not in CURVATURES:
-            raise UnknownNameError("curvature", curvature, CURVATURES)
+        one_of("curvature", curvature, CURVATURES)
         self.problem, self.robot = problem, problem.character
         self.iterations, self.exact = whole("iterations", iterations), curvature == "exact"
         self.budget = None if budget is None else positive("budget", budget, "s")

@@ -169,6 +169,10 @@ def _check_kinds(controller: object, plant: object, push: object, each: object) 
             raise ProblemError(f"{name} is {type(value).__name__!r}, must be {wanted}")
 
 
+MOST_TICKS = 10_000_000  # a day at 100 Hz: the log is held in memory
+HUGE = 1e15  # a number that is still a whole one
+
+
 def timing(
     seconds: float, rate: float, timestep: float, push: Push | None = None, delay: int = 0
 ) -> tuple[float, int, int]:
@@ -180,12 +184,14 @@ def timing(
     """
     positive("seconds", seconds, "s")
     tick = 1.0 / positive("rate", rate, "Hz")
-    count = round(tick / timestep)
+    count = round(min(tick / timestep, HUGE))
     if count < 1 or abs(count * timestep - tick) > 1e-9 * tick + 1e-12:
         raise ValueRangeError(f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {timestep} s")
-    ticks = round(seconds / tick)
+    ticks = round(min(seconds / tick, HUGE))
     if ticks < 2:
         raise ValueRangeError(f"seconds is {seconds}, must be at least two ticks: {2.0 * tick:g}")
+    if ticks > MOST_TICKS:
+        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {MOST_TICKS} ticks: {MOST_TICKS * tick:g}")
     if whole("delay", delay, 0) >= ticks:
         raise ValueRangeError(f"delay is {delay} ticks, must be less than those of the motion: {ticks}")
     if push is not None and push.start >= ticks * tick:

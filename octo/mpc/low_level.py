@@ -58,7 +58,7 @@ class LowLevel:
 
     def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):
         """``q_at`` (nu,): places of the actuated coordinates in q."""
-        library = native.load((importlib.resources.files(__package__) / "low_level.c").read_text())
+        library = native.load((importlib.resources.files(__package__) / "low_level.c").read_text(encoding="utf-8"))
         self.kp, self.kd, self.limit = (np.array(k, dtype=float) for k in (kp, kd, limit))
         self._q_at, self._actuated = q_at, grid.actuated
         self._entry: Any = None

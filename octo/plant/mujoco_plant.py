@@ -21,6 +21,7 @@ BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y
 BUMPS_CLEAR = 0.5  # m, around the origin: where a robot starts
 BUMPS_EACH = 0.4  # m, one bump in every square of this side
 BUMPS_HALF = (0.05, 0.15)  # m, half of a bump's sides
+STICKIEST = 1e6  # of friction: wrenches inside the cone are still numbers
 
 
 class MujocoPlant:
@@ -54,8 +55,8 @@ class MujocoPlant:
         self.terrain = terrain or Plane()
         if not isinstance(self.terrain, Plane):
             raise ProblemError(f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other ground here")
-        if number("friction", friction) < 0.0:
-            raise ValueRangeError(f"friction is {friction}, must not be negative")
+        if not 0.0 <= number("friction", friction) <= STICKIEST:
+            raise ValueRangeError(f"friction is {friction}, must not be negative, and at most {STICKIEST:g}")
         if number("bumps", bumps) < 0.0:
             raise ValueRangeError(f"bumps is {bumps} m, must not be negative")
         self.timestep = positive("timestep", timestep, "s")

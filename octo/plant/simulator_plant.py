@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from octo.checks import numbers, positive
+from octo.checks import instance, number, numbers, one_of, positive
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
@@ -44,7 +44,10 @@ class SimulatorPlant:
     ):
         self.dynamics = RobotDynamics(loaded(character, payload), law, terrain)
         self.character, self.timestep = character, positive("timestep", timestep, "s")
-        self._p = self.dynamics.layout.pack(**{**(parameters or {}), "dt": self.timestep})
+        given = {} if parameters is None else instance("parameters", parameters, Mapping, "numbers by name")
+        known = self.dynamics.layout.names
+        values = {one_of("parameter", name, known): number(f"parameter {name}", value) for name, value in given.items()}
+        self._p = self.dynamics.layout.pack(**{**values, "dt": self.timestep})
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import ProblemError
+from octo.checks import one_of
+from octo.errors import ProblemError, said
 
 Array = NDArray[np.float64]
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
@@ -94,8 +95,8 @@ class Hermite:
 
     def check(self, steps: int) -> None:
         q = self.steps_per_segment
-        if q < 2:
-            raise ProblemError(f"steps_per_segment is {q}, must be at least 2")
+        if isinstance(q, bool) or not isinstance(q, int) or q < 2:
+            raise ProblemError(f"steps_per_segment is {said(q)}, must be at least 2")
         if steps % q:
             near = max(q, q * round(steps / q))
             raise ProblemError(f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for example {near})")
@@ -232,12 +233,8 @@ def basis_named(name: str | Basis) -> Basis:
     """The basis a user named: "nodes", "hermite", or one of the two objects."""
     if isinstance(name, (Nodes, Hermite, Folded)):
         return name
-    from octo.errors import UnknownNameError
-
     table: dict[str, Basis] = {"nodes": Nodes(), "hermite": Hermite()}
-    if name not in table:
-        raise UnknownNameError("basis", name, table)
-    return table[name]
+    return table[one_of("basis", name, table)]
 
 
 def node_values(stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None) -> Array:

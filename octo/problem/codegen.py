@@ -142,7 +142,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
     parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
-    return "\n".join([*text, tables, *((resources.files("octo.problem") / name).read_text() for name in parts)])
+    return "\n".join([*text, tables, *((resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in parts)])
 
 
 def residual_text(
@@ -153,7 +153,7 @@ def residual_text(
     rows, columns (NZ,): of the derivatives over the state, in the order that ``made`` writes them.
     """
     written = [function_of_numbers(function) for function in made]
-    rows_text = (resources.files("octo.problem") / "rows.c").read_text()
+    rows_text = (resources.files("octo.problem") / "rows.c").read_text(encoding="utf-8")
     tables = [_tables(functions, dynamics, rows, columns), _block_tables(functions, dynamics, columns)]
     return "\n".join([*written, *tables, rows_text])
 

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, owned, positive, shares, vectors
+from octo.checks import instance, number, numbers, one_of, owned, positive, shares, vectors
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
 
@@ -41,6 +41,10 @@ class Cost:
     def __post_init__(self) -> None:
         for each in fields(self):  # the caller's arrays, lists and dicts stay the caller's
             object.__setattr__(self, each.name, owned(getattr(self, each.name)))
+        kind = type(self).__name__
+        for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
+            instance(f"{kind}.{name}", getattr(self, name), str, "a text")
+        one_of(f"{self.label}.steps", self.steps, ("all", "last"))
 
     @property
     def label(self) -> str:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from octo.checks import number, numbers, shares
+from octo.checks import floats, number, numbers, positive, shares
 from octo.dynamics.balance import GRAVITY
-from octo.errors import ShapeError
+from octo.errors import ShapeError, ValueRangeError
 from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
@@ -67,6 +67,14 @@ def along(speed: float | Sequence[float]) -> Array:
     return np.array([float(found), 0.0, 0.0]) if found.ndim == 0 else found
 
 
+def _reasonable(length: float) -> float:
+    """m, of a body whose weights are numbers: its powers are."""
+    found = positive("length", length, "m")
+    if not 1e-6 <= found <= 1e6:
+        raise ValueRangeError(f"length is {found:g} m, must be from 1e-6 to 1e6")
+    return found
+
+
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
     """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
     return [CenterOfMassVelocity(velocity=tuple(numbers("velocity", velocity, (3,)))), Effort()]
@@ -96,6 +104,7 @@ def natural(
     """
     if length is None:
         return _sized(lambda length, times: natural(speed, yaw_rate, length=length, feet=feet, pose=pose))
+    length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
         Effort(weight=0.02),
@@ -142,9 +151,10 @@ def robot(
     if length is None:
         return _sized(lambda length, own: robot(speed, yaw_rate, length=length, times=own if times is None else times))
     velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
+    length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
-    begun = np.ones(1) if times is None else np.clip(np.asarray(times, dtype=float) / BEGIN, 0.0, 1.0)
+    begun = np.ones(1) if times is None else np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
     level = (1.0, 1.0, 0.5 if yaw_rate == 0.0 else 0.0)  # a turning base has no fixed heading
     terms: list[Cost] = [
         CenterOfMassVelocity(velocity=np.squeeze(begun[:, None] * velocity), weight=TRACKING / floor),
@@ -211,6 +221,7 @@ def locomotion(
     velocity: (3,) m/s, world. yaw_rate: rad/s. length: ℓ, m, height of the base over the ground.
     """
     command, yaw_rate = numbers("velocity", velocity, (3,)), number("yaw_rate", yaw_rate)
+    length = _reasonable(length)
     speed, rate = GRAVITY * length, GRAVITY / length  # (m/s)², (rad/s)²
     slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)  # what the two terms divide by
     return [

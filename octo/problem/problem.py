@@ -6,15 +6,14 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from types import NoneType
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import asked, number, numbers, owned, positive, time_step, whole
+from octo.checks import MOST_STEPS, asked, instance, number, numbers, one_of, owned, positive, time_step, whole
 from octo.dynamics.balance import GRAVITY
-from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
 from octo.errors import ProblemError, StaticPoseError, UnknownNameError, said
@@ -83,20 +82,17 @@ class Problem(Shown):
             raise ProblemError(f"model is a {type(self.model).__name__}, must be a Character or a Dynamics")
         if self.cycle is not None:
             self._check_cycle(self.cycle)
-        whole("steps", self.steps)
+        whole("steps", self.steps, most=MOST_STEPS)
         if isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics):
             positive("dt", self.dt, "s")  # in units of the user's own
         else:
             time_step(self.dt)
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
-        if not isinstance(self.terrain, (Plane, Terrain, NoneType)):
-            raise ProblemError(f"terrain is {said(self.terrain)}, must be an octo.Plane or an octo.Terrain")
-        if self.law is not None and not all(hasattr(self.law, name) for name in ("parameters", "reach", "force")):
-            raise ProblemError(f"law is {said(self.law)}, must be one of octo.laws, or have parameters, reach and force")
+        check_surroundings(self.terrain, self.law)
         self._check_costs()
         object.__setattr__(self, "costs", tuple(self.costs))
-        object.__setattr__(self, "parameters", owned(self.parameters))
+        object.__setattr__(self, "parameters", owned(instance("parameters", self.parameters, Mapping, "numbers by name")))
         self.basis_object.check(self.steps)
         if isinstance(self.pose, str) and self.pose != "balanced":
             raise UnknownNameError("pose", self.pose, ("balanced",))
@@ -157,8 +153,7 @@ class Problem(Shown):
         for term, label in zip(self.costs, labels, strict=True):
             if not isinstance(term, Cost):
                 raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
-            if term.steps not in ("all", "last"):
-                raise UnknownNameError(f"{label}.steps", term.steps, ("all", "last"))
+            one_of(f"{label}.steps", term.steps, ("all", "last"))
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
@@ -349,6 +344,7 @@ class Problem(Shown):
         """
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
+            instance("parameters", changes["parameters"], Mapping, "numbers by name")
             changes["parameters"] = {**self.parameters, **changes["parameters"]}
         cycle, costs = changes.get("cycle", self.cycle), changes.get("costs", self.costs)
         ranges = isinstance(cycle, Cycle) and isinstance(cycle.period, tuple)

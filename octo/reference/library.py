@@ -140,7 +140,7 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
             generated,
             *(["#define STAGEWISE"] if stagewise else []),
             *_constants(compiled, costs, made),
-            *((resources.files("octo.reference") / name).read_text() for name in ("nlp.c", "interface.c")),
+            *((resources.files("octo.reference") / name).read_text(encoding="utf-8") for name in ("nlp.c", "interface.c")),
         ]
     )
 

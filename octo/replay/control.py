@@ -117,7 +117,10 @@ class Controller:
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.length] * 3]) / self.weight
         rows = np.concatenate([scale[:, None] * (G @ edges), SPREAD / self.weight * edges])
         wanted = np.concatenate([scale * (G @ planned + wrench), SPREAD / self.weight * planned])
-        return np.asarray(edges @ nnls(rows, wanted)[0]).reshape(-1, 3)
+        try:
+            return np.asarray(edges @ nnls(rows, wanted)[0]).reshape(-1, 3)
+        except RuntimeError:  # out of iterations, as with a friction of 1e9: the planned forces stay
+            return planned.reshape(-1, 3)
 
 
 def _between(first: Array, second: Array) -> Array:

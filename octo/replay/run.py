@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import positive, whole
-from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.checks import one_of, positive, whole
+from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Array
 from octo.plant import MujocoPlant, from_chart
 from octo.replay.control import Controller, Gains
@@ -105,13 +105,13 @@ def replay(
     ------
     ProblemError: no robot, no floating base or no actuator, or a ground that is no plane. ValueRangeError, UnknownNameError.
     """
-    if feedback not in FEEDBACKS:
-        raise UnknownNameError("feedback", feedback, FEEDBACKS)
+    one_of("feedback", feedback, FEEDBACKS)
+    whole("seed", seed, 0)
     for name, value in (("kp", kp), ("kd", kd)):
         if value is not None:
             positive(name, value)
     if starts is not None:
-        whole("starts", starts)
+        whole("starts", starts, most=100_000)
     solution = solution_of(solution)
     if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
         raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s")

@@ -37,7 +37,7 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
     """The compiled elimination for units of nc variables and ma rows; None without a compiler."""
     folder = importlib.resources.files(__package__)
     names = ("threads.c", "elimination.c", "elimination_solve.c", "receding.c", "normal.c")
-    parts = [(folder / name).read_text() for name in names]
+    parts = [(folder / name).read_text(encoding="utf-8") for name in names]
     made = native.load("\n".join(parts), (f"-DNC={nc}", f"-DMA={ma}"))
     if made is None:
         return None

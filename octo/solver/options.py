@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.checks import number, positive, whole
-from octo.errors import UnknownNameError, ValueRangeError, said
+from octo.checks import number, one_of, positive, whole
+from octo.errors import ValueRangeError, said
 
 CHOICES = {
     "hessian": ("exact", "dynamics", "gauss_newton"),
@@ -57,15 +57,14 @@ class SqpOptions:
 
     def __post_init__(self) -> None:
         for name, values in CHOICES.items():
-            if getattr(self, name) not in values:
-                raise UnknownNameError(name, getattr(self, name), values)
+            one_of(name, getattr(self, name), values)
         for name in (*TOLERANCES, "cap", "first_sigma", "c_max"):
             positive(name, getattr(self, name))
         for name in TOLERANCES:
             if getattr(self, name) > LOOSEST:
                 value = getattr(self, name)
                 raise ValueRangeError(f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would converge")
-        if self.time_limit != np.inf:
+        if not (isinstance(self.time_limit, (float, np.floating)) and self.time_limit == np.inf):
             positive("time_limit", self.time_limit, "s")
         for name in ("plateau_change", "settled"):
             if not 0.0 <= number(name, getattr(self, name)) < 1.0:

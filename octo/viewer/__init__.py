@@ -9,13 +9,13 @@ import io
 import os
 import socket
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from octo.checks import ending
+from octo.checks import ending, flag, number
 from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
@@ -100,21 +100,24 @@ def view(
         import viser
     except ImportError:
         raise MissingExtraError("a moving picture", "view") from None
-    given: Any = solution if isinstance(solution, Iterable) and not isinstance(solution, str) else [solution]
+    given: Any = solution if isinstance(solution, (list, tuple)) else [solution]
     solutions = [motion_of(one) for one in given]
     if not solutions:
         raise ShapeError("solution", (0,), "one Solution or more")
-    names = _labels(solutions) if labels is None else list(labels)
+    follow, forces = flag("follow", follow), flag("forces", forces)
+    if labels is not None and not isinstance(labels, (list, tuple)):
+        raise ShapeError("labels", (), f"one for each solution: ({len(solutions)},)")
+    names = _labels(solutions) if labels is None else [str(label) for label in labels]
     if len(names) != len(solutions):
         raise ShapeError("labels", (len(names),), f"one for each solution: ({len(solutions)},)")
-    if loop is None:
-        loop = solutions[0].cycle is not None
+    loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
     if loop:  # from half a stride on the other half is its mirror image
         solutions = [s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions]
     times = frame_times(solutions)
     if apart is None:
         sizes = [size(s.character) for s in solutions if s.character is not None]
         apart = 1.5 * max(sizes, default=0.0)
+    apart = number("apart", apart)
     actors = [Actor.of(s, times, np.array([0.0, -k * apart, 0.0])) for k, s in enumerate(solutions)]
     with _server(viser) as server:
         nodes, grounds, scale = build(server, actors, forces)

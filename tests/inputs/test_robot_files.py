@@ -279,15 +279,20 @@ def test_extensions_and_looks_may_name_what_they_like(tmp_path):
 
 NUMBERS = {
     "damping": (PAIR + joint('<dynamics damping="-1"/>'), "joint 'j': damping is -1.0, must be finite and not negative"),
-    "endless damping": (PAIR + joint('<dynamics damping="inf"/>'), "joint 'j': damping is inf"),
-    "no damping": (PAIR + joint('<dynamics damping="nan"/>'), "joint 'j': damping is nan"),
-    "origin": (PAIR + joint(origin="0 nan 0"), "body 'b': position has the entry nan"),
-    "endless origin": (PAIR + joint(origin="inf 0 0"), "body 'b': position has the entry inf"),
-    "origin far away": (PAIR + joint(origin="0 0 1e200"), r"body 'b': position has the entry 1e\+200"),
-    "radius": (link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'), r"size has the entry 1e\+300"),
-    "endless radius": (link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'), "size has the entry inf"),
+    "endless damping": (PAIR + joint('<dynamics damping="inf"/>'), "joint 'j': damping is 'inf'"),
+    "no damping": (PAIR + joint('<dynamics damping="nan"/>'), "joint 'j': damping is 'nan'"),
+    "origin": (PAIR + joint(origin="0 nan 0"), "joint 'j': origin xyz is 'nan'"),
+    "endless origin": (PAIR + joint(origin="inf 0 0"), "joint 'j': origin xyz is 'inf'"),
+    "origin far away": (PAIR + joint(origin="0 0 1e200"), "joint 'j': origin xyz is '1e200'"),
+    "radius": (
+        link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'), "radius of its sphere is '1e300'",
+    ),
+    "endless radius": (
+        link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'), "radius of its sphere is 'inf'",
+    ),
     "no place of a shape": (
-        link("a", '<collision><origin xyz="0 nan 0"/><geometry><sphere radius=".1"/></geometry></collision>'), "entry nan",
+        link("a", '<collision><origin xyz="0 nan 0"/><geometry><sphere radius=".1"/></geometry></collision>'),
+        "collision origin xyz is 'nan'",
     ),
     "inertia": (PAIR.replace('ixx=".01"', 'ixx="-1"') + joint(), "body .*: inertia has the principal moments -1, 0.01, 0.01"),
     "large inertia": (link("a", ixx="1e300"), "link 'a': inertia ixx is '1e300', must be a finite number of at most 1e"),

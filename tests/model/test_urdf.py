@@ -250,7 +250,7 @@ BAD = {
     "origin": (
         [link("a"), link("b"), joint("j", "a", "b").replace("0 0 -.5", "0 0 low")],
         RobotFileError,
-        "MuJoCo does not compile it: ",
+        r"joint 'j': origin xyz is 'low', must be a finite number \(line 1\)",
     ),
     "planar": ([link("a"), link("b"), joint("j", "a", "b", "planar")], UnsupportedFeatureError, "joint 'j' is planar"),
     "floating": (
