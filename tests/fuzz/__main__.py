@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from octo import cache
+from octo.cli.interrupts import like_ctrl_c
 from tests.fuzz.worker import KINDS, kind_of
 
 ROOT = Path(__file__).parents[2]
@@ -195,6 +196,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so many")
     parser.add_argument("--kind", choices=KINDS, help="of this kind alone")
     given = parser.parse_args()
+    like_ctrl_c()  # its folder goes, however it is stopped
     begin, end = (0, given.cases) if given.case is None else (given.case, given.case + 1)
     began = time.monotonic()
     report = fuzz(given.seed, begin, end, given.seconds, given.kind)
