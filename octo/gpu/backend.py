@@ -89,8 +89,11 @@ class DeviceBackend(Backend):
     def blocks(self, model: Model) -> DeviceBlocks:
         return DeviceBlocks(model.H, model.A, model.b, model.C, self._of(model.A))
 
-    def linearize(self, problem: Any, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_]) -> Model:
-        return self.work(problem).linearize(at, lam, exact, curved)
+    def linearize(
+        self, problem: Any, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_] | None = None
+    ) -> Model:
+        members = np.ones(problem.batch, dtype=bool) if curved is None else curved
+        return self.work(problem).linearize(at, lam, exact, members)
 
     def evaluate(self, problem: Any, unknowns: Array) -> Evaluation:
         return self.work(problem).evaluate(unknowns)

@@ -43,10 +43,10 @@ class Backend:
         """At the end of a stage of an iteration: wait for the device, where stages are timed."""
 
     def linearize(
-        self, problem: CompiledProblem, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_]
+        self, problem: CompiledProblem, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_] | None = None
     ) -> Model:
         """Eq. 9, with the curvature of lamᵀC and of the torques where ``exact``, and then of the terms over contacts of the
-        members ``curved`` (batch,) too; it holds until the next one is asked for."""
+        members ``curved`` (batch,) too, by default of all; it holds until the next one is asked for."""
         return problem.linearize(at, lam if exact else None, curved)
 
     def evaluate(self, problem: CompiledProblem, unknowns: Array) -> Evaluation:

@@ -87,7 +87,8 @@ def test_the_matrix_of_a_cycle(cycle, wiggle, device, kind):
     problem, gpu = cycle(kind), device(5)
     linear, other, unknowns = Linear(gpu, problem.nc, problem.ma), DeviceProblem(problem, gpu), wiggle(problem)
     lam = 0.1 * np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
-    model = other.linearize(other.evaluate(gpu.array(unknowns)), lam)
+    plain = gpu.array(np.zeros(problem.batch), np.int32)  # contacts curve so much that 1e3 is too little
+    model = other.linearize(other.evaluate(gpu.array(unknowns)), lam, plain)
     system, empty = KKTBlocks(model.H, model.A, model.b, model.C), problem.ma + (0 if kind == "even" else problem.m)
     for weight, right in ((1e3, True), (0.0, False)):
         sigma = np.full((problem.batch, problem.K), weight)
