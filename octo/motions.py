@@ -48,6 +48,7 @@ RISES = 0.4  # ℓ: trunks of strides that are higher by more, or lower: a spide
 KEEPS = 0.2  # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
+ODD = 1.25  # of the least E of the strides of one period: strides that cost more are not looked at
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 20, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
@@ -387,7 +388,13 @@ class Journey:
 
 
 def _good(strides: Sequence[Solution]) -> list[Solution]:
-    return [made for made in strides if made.converged and made.passes[-1]["converged"]]
+    """Those that converged and cost no more than ODD of the least E of their period: others limp, or throw a leg."""
+    through = [made for made in strides if made.converged and made.passes[-1]["converged"]]
+    least: dict[int, float] = {}
+    for made in through:
+        steps = len(made.u)
+        least[steps] = min(made.energy, least.get(steps, np.inf))
+    return [made for made in through if made.energy <= ODD * least[len(made.u)]]
 
 
 def _quality(stride: Solution) -> tuple[int, float]:
