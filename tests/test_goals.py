@@ -85,7 +85,7 @@ def test_refused():
         Goal("wlak")
     with pytest.raises(UnknownNameError, match="robot"):
         Goal(preset="robots")
-    with pytest.raises(ValueRangeError, match="speed is nan"):
+    with pytest.raises(ValueRangeError, match="speed is not finite"):
         Goal(speed=np.nan)
     hinge = Joint("hinge", "hinge", np.array([0.0, 1.0, 0.0]))
     arm = Character("arm", (Body("link", -1, (hinge,), mass=1.0),), base="fixed")
