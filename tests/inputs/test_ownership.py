@@ -202,11 +202,13 @@ def test_threads_that_share_memories_of_factors() -> None:
 
 @pytest.fixture
 def blas_threads() -> Iterator[Callable[[], list[int]]]:
-    """How many threads each BLAS has now, 3 at first."""
+    """How many threads each BLAS has now, 3 at first: of those that products use, not the one that comes with IPOPT."""
     threadpoolctl = pytest.importorskip("threadpoolctl")
+    own = {pool["filepath"] for pool in blas._controller().info()}
 
     def found() -> list[int]:
-        return [pool["num_threads"] for pool in threadpoolctl.threadpool_info() if pool["user_api"] == "blas"]
+        pools = threadpoolctl.threadpool_info()
+        return [pool["num_threads"] for pool in pools if pool["user_api"] == "blas" and pool["filepath"] in own]
 
     with threadpoolctl.threadpool_limits(3, user_api="blas"):
         if not found() or 3 not in found():
