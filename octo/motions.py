@@ -48,7 +48,7 @@ RISES = 0.4  # ℓ: trunks of strides that are higher by more, or lower: a spide
 KEEPS = 0.2  # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
-ODD = 1.25  # of the least E of the strides of one period: strides that cost more are not looked at
+ODD = 1.25  # of the least E of the strides of that period or a shorter one: strides that cost more are not looked at
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 LONGER = range(-4, 20, 2)  # steps, by which the leaving is tried longer: at other phases of the stride
 
@@ -316,8 +316,8 @@ class Journey:
             return stride
         steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
         problem = self.whole.replace(steps=0, cycle=steady, costs=self.terms, parameters=_ground_laws(stride))
-        both = _going_on(solve(problem, start=stride.tile(1), **self.left(began, "the whole stride")))
-        if not both.converged:
+        both = _going_on(solve(problem, start=stride.tile(1), **self.near(began, "the whole stride")))
+        if not both.converged or both.energy > ODD * stride.energy:
             return stride
         return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
 
@@ -365,6 +365,13 @@ class Journey:
             options["time_limit"] = max(options["time_limit"] - (time.perf_counter() - began), 1e-3)
         return options
 
+    def near(self, began: float, doing: str) -> dict[str, Any]:
+        """:meth:`left` for what starts from a stride and is to stay near it: without the contacts' curvature, with which it
+        ends in worse optima (docs/notes/cycles.md)."""
+        given = self.left(began, doing)
+        own = given.get("options") or SqpOptions()
+        return {**given, "options": replace(own, hessian="dynamics") if own.hessian == "exact" else own}
+
     def _without(self, reason: str, began: float) -> Solution:
         """One problem from rest to rest with the natural terms alone, and a line that says so."""
         print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
@@ -388,13 +395,13 @@ class Journey:
 
 
 def _good(strides: Sequence[Solution]) -> list[Solution]:
-    """Those that converged and cost no more than ODD of the least E of their period: others limp, or throw a leg."""
+    """Those that converged and cost no more than ODD of the least E of their period or a shorter one, for E falls with the
+    period: others limp, or throw a leg."""
     through = [made for made in strides if made.converged and made.passes[-1]["converged"]]
-    least: dict[int, float] = {}
-    for made in through:
-        steps = len(made.u)
-        least[steps] = min(made.energy, least.get(steps, np.inf))
-    return [made for made in through if made.energy <= ODD * least[len(made.u)]]
+    return [
+        made for made in through
+        if made.energy <= ODD * min(other.energy for other in through if len(other.u) <= len(made.u))
+    ]  # fmt: skip
 
 
 def _quality(stride: Solution) -> tuple[int, float]:
@@ -516,10 +523,7 @@ class _Pieces:
         return [first, first + 1, first + 3]
 
     def _options(self, doing: str) -> dict[str, Any]:
-        """Without the contacts' curvature: with it the ways in and out of a turn end in worse optima (docs/notes/cycles.md)."""
-        given = self.journey.left(self.began, doing)
-        own = given.get("options") or SqpOptions()
-        return {**given, "options": replace(own, hessian="dynamics") if own.hessian == "exact" else own}
+        return self.journey.near(self.began, doing)
 
     def _entry(self, phase: int) -> int:
         """The node of the tiled stride at which it is entered."""
