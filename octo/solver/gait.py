@@ -26,6 +26,7 @@ TOUCHDOWN = 0.05  # of mg: a stance begins
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
+LOW, LOW_PART = 0.015, 0.06  # m, and part of ℓ: the smaller of the two is the least clearance of a foot that is not dragged
 ONE_SIDED = 0.3  # of the time: mammals that paced for more fell over in MuJoCo at 0.5 m/s
 FOUR = 4  # feet, with fewer of which standing on one side is walking
 LIFT_OFF = 0.01  # of mg: it ends; lower than TOUCHDOWN, so that a load that wavers is one stance
@@ -168,13 +169,14 @@ def measure_cycle(solution: Solution) -> Gait | None:
 
 
 def flaws(solution: Solution) -> int:
-    """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, feet of one side at a time."""
+    """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, dragged feet, one side at a time."""
     gait = solution.gait
     if gait is None or gait.touchdowns is None:
         return 5
     brief = sum(t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing))
     shaky = gait.torque_high is not None and gait.torque_high > SHAKY
-    return brief + (gait.touchdowns > TAPS) + shaky + ((gait.one_sided or 0.0) > ONE_SIDED)
+    drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * solution.length)
+    return brief + (gait.touchdowns > TAPS) + shaky + drags + ((gait.one_sided or 0.0) > ONE_SIDED)
 
 
 def _one_sided(robot: Character, part: Solution, feet: NDArray[np.intp]) -> float | None:
