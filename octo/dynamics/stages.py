@@ -22,11 +22,6 @@ PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is 
 SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}  # inputs that are p or of a table
 
 
-def _pose(flat: ca.SX) -> symbolic.Pose:
-    """(R, t) from kin's twelve numbers: R row by row, then t."""
-    return ca.reshape(flat[:9], 3, 3).T, flat[9:12]
-
-
 def _axial(N: ca.SX) -> ca.SX:
     return ca.vertcat(N[2, 1] - N[1, 2], N[0, 2] - N[2, 0], N[1, 0] - N[0, 1])
 
@@ -73,7 +68,7 @@ def body(order: int, layout: Layout) -> ca.Function:
     flat = [ca.SX.sym(name, 12) for name in ("next", "now", "previous")]
     inertia, p, V = ca.SX.sym("inertia", 10), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
     view = layout.view(p)
-    (R0, t0), (R1, t1), (R2, t2) = (_pose(f) for f in flat)
+    (R0, t0), (R1, t1), (R2, t2) = (symbolic.pose_of(f) for f in flat)
     com, m, k = inertia[:3], inertia[9], inertia[3:9]
     M = ca.blockcat([[k[0], k[1], k[2]], [k[1], k[3], k[4]], [k[2], k[4], k[5]]])
     rate = 1.0 / view["dt"] ** 2
@@ -123,7 +118,7 @@ class _Touch:
     """
 
     def __init__(self, flat: list[ca.SX], sphere: ca.SX, terrain: Plane | Terrain, view: View):
-        (R, t), (R1, t1) = _pose(flat[0]), _pose(flat[1])
+        (R, t), (R1, t1) = symbolic.pose_of(flat[0]), symbolic.pose_of(flat[1])
         self.center = R @ sphere[:3] + t
         point, pull = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
         ground = section(view, "terrain.")

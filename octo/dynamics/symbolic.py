@@ -18,6 +18,18 @@ from octo.model.terrain import Plane, Terrain, normal
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world
 
 
+def pose_of(numbers: ca.SX) -> Pose:
+    """(R, t) from the twelve numbers of a pose in the C text: R row by row, then t."""
+    return ca.reshape(numbers[:9], 3, 3).T, numbers[9:12]
+
+
+def perturbed(numbers: ca.SX, twist: ca.SX) -> ca.SX:
+    """(1 + twist^)·T of the twelve numbers of T; twist is (ω, v of the point at the world's origin)."""
+    rotation, position = pose_of(numbers)
+    turn = ca.SX.eye(3) + ca.skew(twist[:3])
+    return ca.vertcat(ca.vec((turn @ rotation).T), turn @ position + twist[3:])
+
+
 def _joint_pose(joint: Joint, displacement: ca.SX) -> Pose:
     """Pose (R, t) of one joint at ``displacement`` (rad or m) from its reference."""
     if joint.kind == "slide":

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
-from octo.dynamics.symbolic import contact_places
+from octo.dynamics.symbolic import contact_places, perturbed, pose_of
 from octo.problem.contact_costs import ContactCost
 from octo.problem.references import References, blamed, sizes
-from octo.problem.symbols import ContactSymbols, Pose, Setting
+from octo.problem.symbols import ContactSymbols, Setting
 
 BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))  # pairs of nodes (next, now, previous), as HESS in phases.c
 TOUCHED = 18 + 36 * len(BLOCKS)  # numbers of the gradient, to three twists, and of the blocks, row by row
@@ -82,7 +82,7 @@ class _Weightless:
 def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], ContactSymbols]:
     """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of them."""
     columns, sphere, place = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4), ca.SX.sym("place", 12)
-    next_, now, previous = (_pose(column) for column in columns)
+    next_, now, previous = (pose_of(column) for column in columns)
     symbols = ContactSymbols(
         (next_, now, previous), ((place[:3], place[3:6]), (place[6:9], place[9:])), sphere[3], dynamics.law, dynamics.terrain,
         dynamics.layout.view(p), dynamics.character.mass * GRAVITY,
@@ -169,7 +169,7 @@ class _Residuals:
     def _moved(self, y: ca.SX, gradient: ca.SX) -> tuple[ca.SX, ca.SX]:
         """y' (size, 18), and the blocks of ``gradient`` times y''."""
         outer, inner, nodes = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18), [slice(6 * k, 6 * k + 6) for k in range(3)]
-        moved = [_moved(_moved(T, inner[at]), outer[at]) for T, at in zip(self.columns, nodes, strict=True)]
+        moved = [perturbed(perturbed(T, inner[at]), outer[at]) for T, at in zip(self.columns, nodes, strict=True)]
         y = ca.substitute(y, ca.vertcat(*self.columns), ca.vertcat(*moved))
         still, pull = [ca.vertcat(outer, inner), ca.SX.zeros(36)], ca.SX.sym("pull", y.numel())
         pulled, blocks = ca.gradient(ca.dot(pull, y), inner), []
@@ -178,15 +178,3 @@ class _Residuals:
             blocks.append(ca.vec(ca.densify(block)))
         bend = ca.substitute(ca.substitute(ca.vertcat(*blocks), *still), pull, gradient)
         return ca.substitute(ca.jacobian(y, inner), *still), bend
-
-
-def _pose(column: ca.SX) -> Pose:
-    """R and t of 12 numbers, R row by row."""
-    return ca.reshape(column[:9], 3, 3).T, column[9:]
-
-
-def _moved(column: ca.SX, twist: ca.SX) -> ca.SX:
-    """(1 + twist^)·T of 12 numbers; twist is (ω, v of the point at the world's origin)."""
-    rotation, position = _pose(column)
-    turn = ca.SX.eye(3) + ca.skew(twist[:3])
-    return ca.vertcat(ca.vec((turn @ rotation).T), turn @ position + twist[3:])

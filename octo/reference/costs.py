@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.symbolic import perturbed
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import NeighbourCost
@@ -77,7 +78,7 @@ def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
     sphere, p = ca.SX.sym("sphere", 4), ca.SX.sym("p", compiled.dynamics.layout.size)
     q, use = ca.SX.sym("q", compiled.q.shape[2]), ca.SX.sym("use", len(own.terms))
     outer, inner = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18)
-    moved = [_moved(_moved(T, inner[6 * k : 6 * k + 6]), outer[6 * k : 6 * k + 6]) for k, T in enumerate(columns)]
+    moved = [perturbed(perturbed(T, inner[6 * k : 6 * k + 6]), outer[6 * k : 6 * k + 6]) for k, T in enumerate(columns)]
     r = own.value(*moved, sphere, p, q)
     energy = ca.dot(ca.vertcat(*[q[t] for t in own.terms]) * use, r**2)
     twists, still = ca.vertcat(outer, inner), ca.SX.zeros(36)
@@ -86,13 +87,6 @@ def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
     out = [ca.densify(ca.substitute(value, twists, still)) for value in out]
     inputs = [*columns, sphere, p, q, use]
     return tuple(ca.Function(f"octo_touch{order}", inputs, out[: order + 1], OPTIONS) for order in (0, 1, 2))
-
-
-def _moved(column: ca.SX, twist: ca.SX) -> ca.SX:
-    """(1 + twist^)·T of 12 numbers, R row by row; twist is (ω, v of the point at the world's origin)."""
-    turn = ca.SX.eye(3) + ca.skew(twist[:3])
-    rotation = turn @ ca.reshape(column[:9], 3, 3).T
-    return ca.vertcat(ca.vec(rotation.T), turn @ column[9:] + twist[3:])
 
 
 def patterns(compiled: CompiledProblem, costs: ExactCosts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
