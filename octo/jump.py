@@ -287,7 +287,7 @@ def _guess(problem: Problem, course: Course) -> Array:
 
 def slide(robot: Character, axis: int) -> int:
     """Index of the base's coordinate along x, y or z (0, 1, 2)."""
-    first = int(robot.first_joint[robot.base_body])
+    first = robot.base_coordinate
     joints = robot.bodies[robot.base_body].joints
     along = [abs(joint.axis[axis]) if joint.kind == "slide" else 0.0 for joint in joints]
     return first + int(np.argmax(along))

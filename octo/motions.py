@@ -340,7 +340,7 @@ class Journey:
         if self.pose is not None or not strides:
             return None
         best, normal = min(strides, key=_quality), plane_normal(self.whole)
-        first = int(self.robot.first_joint[self.robot.base_body])
+        first = self.robot.base_coordinate
         away = best.x[1:, first : first + 3] - self.whole.start[first : first + 3]
         if abs(float((away @ normal).mean())) <= RISES * self.whole.length * float(np.linalg.norm(normal)):
             return None
@@ -388,7 +388,7 @@ class Journey:
         """(nx,) from where the robot stands to where it stands after the motion."""
         robot, problem, duration = self.robot, self.whole, self.steps * self.dt
         assert isinstance(problem.dynamics, RobotDynamics)
-        first, angle, moved = int(robot.first_joint[robot.base_body]), self.rate * duration, problem.start.copy()
+        first, angle, moved = robot.base_coordinate, self.rate * duration, problem.start.copy()
         moved[first : first + 2] += along_arc(np.array(self.velocity), angle, duration, float(moved[first + 3]))
         moved[first + 3] += angle
         return static_pose(problem.dynamics, problem.p, moved) - problem.start
@@ -519,7 +519,7 @@ class _Pieces:
 
     def _base(self) -> list[int]:
         """Where x, y and the yaw of the base are in a configuration."""
-        first = int(self.journey.robot.first_joint[self.journey.robot.base_body])
+        first = self.journey.robot.base_coordinate
         return [first, first + 1, first + 3]
 
     def _options(self, doing: str) -> dict[str, Any]:
@@ -536,7 +536,7 @@ class _Pieces:
     def _moved(self, x: Array, places: float) -> Array:
         """Configurations (…, n) carried along the path by so many places."""
         journey, x = self.journey, x.copy()
-        first = int(journey.robot.first_joint[journey.robot.base_body])
+        first = journey.robot.base_coordinate
         duration, factor = places * journey.dt, journey.faster(self.count)
         angle = factor * journey.rate * duration
         shift = along_arc(factor * np.array(journey.velocity), angle, duration)

@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     rng = np.random.default_rng(arguments.seed)
     x = problem.start.copy()
     x[robot.actuated] += NOISE * rng.standard_normal(robot.nu)
-    x[int(robot.first_joint[robot.base_body]) + 2] += RAISED
+    x[robot.base_coordinate + 2] += RAISED
     plant.reset_chart(x)
     log = close_the_loop(
         controller, plant, arguments.seconds, rate=arguments.rate, realtime=arguments.realtime, noise=arguments.noise,

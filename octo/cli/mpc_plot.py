@@ -62,7 +62,7 @@ def _smooth(values: np.ndarray, tick: float) -> np.ndarray:
 
 
 def _base(log: Log, axes: Axes) -> None:
-    first = int(log.robot.first_joint[log.robot.base_body])
+    first = log.robot.base_coordinate
     for k, name in ((4, "middle angle (rad)"), (5, "inner angle (rad)"), (2, "height (m)")):
         axes.plot(log.t, log.x[:, first + k], lw=1.1, color=COLORS[(k + 1) % len(COLORS)], label=name)
     axes.set_title("base")

@@ -383,6 +383,11 @@ class Character(Shown):
                 return b if self.base == "floating" else 0
         return 0
 
+    @property
+    def base_coordinate(self) -> int:
+        """Where the coordinates of the base begin in a configuration; of a floating one x, y, z first."""
+        return int(self.first_joint[self.base_body])
+
     @cached_property
     def lower(self) -> Array:
         return np.array([joint.lower for joint in self.joints])

@@ -32,7 +32,7 @@ class Convention:
         self.floating = robot.base == "floating"
         self.nq, self.nv = robot.nx + self.floating, robot.nx
         base = robot.bodies[robot.base_body]
-        first = int(robot.first_joint[robot.base_body])
+        first = robot.base_coordinate
         self._p, self._r, self._joints = slice(first, first + 3), slice(first + 3, first + 6), slice(first + 6, None)
         self._before, self.quaternion, self._after = slice(0, first), slice(first + 3, first + 7), slice(first + 7, None)
         self._origin, self._frame, self.chart = base.position, base.rotation, robot.chart

@@ -130,7 +130,7 @@ def _configurations(robot: Character) -> list[Array]:
     for pose in (np.array([joint.reference for joint in robot.joints]), *known):
         x = np.array(pose, dtype=float)
         if robot.base == "floating":
-            first = int(robot.first_joint[robot.base_body])
+            first = robot.base_coordinate
             x[first : first + 3] = 0.0
         if not any(np.array_equal(x, other) for other in found):
             found.append(x)

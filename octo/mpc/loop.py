@@ -82,7 +82,7 @@ class Sensors:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
         floating = self.robot.base == "floating"
-        self._first = int(self.robot.first_joint[self.robot.base_body]) if floating else 0
+        self._first = self.robot.base_coordinate if floating else 0
         joints = self.robot.nx - 6 if floating else self.robot.nx
         self._size = (np.full(joints, JOINT), np.full(joints, JOINT_SPEED))
         self._floating = floating

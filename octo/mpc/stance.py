@@ -32,7 +32,7 @@ def stance(robot: Character) -> Array:
     straight = max(_stretch(robot, pose, foot) for foot in feet)
     if straight <= STRAIGHT:
         return pose
-    lift = int(robot.first_joint[robot.base_body]) + 2
+    lift = robot.base_coordinate + 2
     begun = pose.copy()
     for foot in feet:
         joints = [j for j in robot.path[robot.contacts[foot].body] if robot.joints[j].actuated][-2:]

@@ -75,7 +75,7 @@ def walking_problem(
 def _on_the_ground(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are read of it."""
     placed = pose.copy()
-    placed[int(robot.first_joint[robot.base_body]) + 2] -= float(bottoms(robot, pose).min())
+    placed[robot.base_coordinate + 2] -= float(bottoms(robot, pose).min())
     return placed
 
 

@@ -89,7 +89,7 @@ class MujocoPlant:
             v += [int(model.joint(joint.name).dofadr[0]) for joint in joints]
         self._q, self._v = np.array(q, dtype=np.intp), np.array(v, dtype=np.intp)
         base = character.bodies[character.base_body].name
-        self._first = int(character.first_joint[character.base_body])  # of q and v of a floating base
+        self._first = character.base_coordinate  # of q and v of a floating base
         self._base = int(model.body(base if base != "world" else "_world").id)
         self._gear = np.array([character.joints[j].gear or 1.0 for j in character.actuated])
         self._contacts = {int(model.geom(character.contacts[k].name).id): c for c, k in enumerate(character.terrain_contacts)}

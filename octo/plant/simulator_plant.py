@@ -104,7 +104,7 @@ class SimulatorPlant:
         load = np.zeros(self.character.nx)
         load[self.character.actuated] = np.clip(u, -self._limit, self._limit)
         if self.character.base == "floating":
-            first = int(self.character.first_joint[self.character.base_body])
+            first = self.character.base_coordinate
             load[first : first + 3] = self.character.bodies[self.character.base_body].rotation.T @ self.push
         for _ in range(1 if seconds is None else max(1, round(seconds / self.timestep))):
             x_next, left = self._stepper(self.x, self._before, load)

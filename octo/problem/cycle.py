@@ -193,7 +193,7 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
     if robot.nu == 0:
         raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
-    first = int(robot.first_joint[robot.base_body])
+    first = robot.base_coordinate
     normal = plane_normal(problem)
     across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
     sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL

@@ -116,18 +116,17 @@ _functions: OrderedDict[Any, CostFunctions] = OrderedDict()
 
 
 def functions_of(problem: Problem) -> CostFunctions:
-    """The functions of the terms; those of the last few problems are kept, for others of one structure.
+    """The functions of the terms; those of the last few problems are kept, for others of the same dynamics and structure.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    reader, dynamics = Reader(problem), problem.dynamics
-    model = (type(dynamics), dynamics.lanes_text(), dynamics.layout.names, tuple(dynamics.actuated.tolist()))
-    key = (*model, reader.between, tuple(reader.read(term) for term in problem.costs))
+    reader = Reader(problem)
+    key = (problem.dynamics, reader.between, tuple(reader.read(term) for term in problem.costs))
     found = _functions.pop(key, None)
     if found is None:
-        found = cost_functions(dynamics, problem.costs, problem.setting, reader.between)
+        found = cost_functions(problem.dynamics, problem.costs, problem.setting, reader.between)
     _functions[key] = found
     while len(_functions) > KEPT:
         _functions.popitem(last=False)

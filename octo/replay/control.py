@@ -74,7 +74,7 @@ class Controller:
         self.plan, self.gains, self.plant, self.length = plan, gains, plant, length
         robot = plan.character
         self.joints = robot.actuated
-        self.first = int(robot.first_joint[robot.base_body])
+        self.first = robot.base_coordinate
         self.in_q = robot.actuated + 1  # a quaternion has one number more than the angles it stands for
         self.normal = np.array([plant.terrain.parameters[f"normal_{c}"] for c in "xyz"])
         pyramid = _pyramid(self.normal, gains.friction)

@@ -68,7 +68,7 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the next."""
     if character.base != "floating":
         return x, rate
-    first = int(character.first_joint[character.base_body])
+    first = character.base_coordinate
     rotation, origin = (value[:, character.base_body] for value in body_poses(character, x))
     spin = turning(rotation) / timestep
     before, after = slice(0, first), slice(first + 6, None)

@@ -217,7 +217,7 @@ def perturbed(solution: Solution, rng: np.random.Generator) -> tuple[Array, Arra
     robot = solution.character
     assert robot is not None
     x, rate = started(solution)
-    first = int(robot.first_joint[robot.base_body])
+    first = robot.base_coordinate
     x[first + 2] += rng.uniform(0.0, RAISED)
     x[first + 4 : first + 6] += TILTED * rng.standard_normal(2)  # pitch and roll, in either chart
     x[robot.actuated] += BENT * rng.standard_normal(robot.nu)

@@ -52,7 +52,7 @@ class Stride:
         cycle, closure, robot = problem.cycle, problem.closure, problem.character
         if cycle is None or closure is None or robot is None:
             return None
-        first = int(robot.first_joint[robot.base_body])
+        first = robot.base_coordinate
         mirrored = closure.mirrored
         rotation = np.diag([1.0, -1.0, 1.0]) if mirrored else closure.forward[first : first + 3, first : first + 3]
         touching = list(robot.terrain_contacts)

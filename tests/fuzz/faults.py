@@ -12,23 +12,10 @@ from pathlib import Path
 from random import Random
 
 from tests.fuzz.judge import Fault
-from tests.fuzz.values import flaw_of_message
+from tests.fuzz.values import QUICK, flaw_of_message
 
 ROOT = Path(__file__).parents[2]
-SOLVE = (
-    "solve",
-    "chain",
-    "--seconds",
-    "0.1",
-    "--dt",
-    "0.05",
-    "--passes",
-    "1",
-    "--max-iterations",
-    "1",
-    "--costs",
-    "paper",
-)
+SOLVE = ("solve", "chain", *QUICK)
 LIMIT = 120.0  # s, of a process
 CONSOLES = (
     {"PYTHONIOENCODING": "ascii"},

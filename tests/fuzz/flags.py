@@ -9,22 +9,9 @@ from random import Random
 
 from octo.cli.main import parser
 from tests.fuzz.judge import command
-from tests.fuzz.values import any_number, any_word
+from tests.fuzz.values import QUICK, any_number, any_word
 
-SMALL = (
-    "--seconds",
-    "0.1",
-    "--dt",
-    "0.05",
-    "--passes",
-    "1",
-    "--max-iterations",
-    "1",
-    "--costs",
-    "paper",
-    "--out",
-    "out",
-)
+SMALL = (*QUICK, "--out", "out")
 USUAL = {  # a call that is quickly done
     "solve": ("solve", "chain", *SMALL),
     "cycle": (

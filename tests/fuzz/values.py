@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+QUICK = ("--seconds", "0.1", "--dt", "0.05", "--passes", "1", "--max-iterations", "1", "--costs", "paper")  # of octo solve
 WORDS = (
     "",
     " ",
