@@ -122,7 +122,7 @@ class _Cut:
 
 
 def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
-    """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one: places are of octo_contact_factors."""
+    """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one. Places: model.cu's TOUCHED."""
     if contact is None:
         return _Cut("octo_contact_piece", [], [], [0, 0, 0, 0])
     own = contact.factors
