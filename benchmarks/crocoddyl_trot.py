@@ -1,11 +1,13 @@
-"""Crocoddyl's own trotting problem of anymal_b, carried on for nine seconds: prints one line of JSON.
+"""Crocoddyl's own trotting problem of anymal_b, carried on for nine seconds: prints one line of
+JSON.
 
     PYTHON benchmarks/crocoddyl_trot.py STEP_LENGTH
 
-Run by benchmarks.cycles with a Python that has crocoddyl 3.2.1 (pip install pin==4.0.0 libpinocchio==4.0.0
-crocoddyl==3.2.1). Models, terms, start, height of steps and solver are those of its example quadrupedal_gaits_fwddyn; the
-time step is octo's (25 ms, 10 there), and strides follow one another as the steps of createTrottingProblem do. Which foot is on
-the ground when, where it goes and how high it swings are given; the example's step is 0.15 m long.
+Run by benchmarks.cycles with a Python that has crocoddyl 3.2.1 (pip install pin==4.0.0
+libpinocchio==4.0.0 crocoddyl==3.2.1). Models, terms, start, height of steps and solver are those of
+its example quadrupedal_gaits_fwddyn; the time step is octo's (25 ms, 10 there), and strides follow
+one another as the steps of createTrottingProblem do. Which foot is on the ground when, where it
+goes and how high it swings are given; the example's step is 0.15 m long.
 """
 
 import json
@@ -25,7 +27,9 @@ STEP_HEIGHT = 0.1  # m
 ITERATIONS = 100
 
 
-def trot(gait: SimpleQuadrupedalGaitProblem, x0: np.ndarray, step: float) -> crocoddyl.ShootingProblem:
+def trot(
+    gait: SimpleQuadrupedalGaitProblem, x0: np.ndarray, step: float
+) -> crocoddyl.ShootingProblem:
     """Strides of createTrottingProblem in a row."""
     pinocchio.forwardKinematics(gait.rmodel, gait.rdata, x0[: gait.rmodel.nq])
     pinocchio.updateFramePlacements(gait.rmodel, gait.rdata)
@@ -37,9 +41,14 @@ def trot(gait: SimpleQuadrupedalGaitProblem, x0: np.ndarray, step: float) -> cro
     models = []
     for stride in range(STRIDES):
         first = 0.5 if stride == 0 else 1.0
-        for length, places, stance, swing in ((first * step, [rf, lh], one, other), (step, [lf, rh], other, one)):
+        for length, places, stance, swing in (
+            (first * step, [rf, lh], one, other),
+            (step, [lf, rh], other, one),
+        ):
             models += [gait.createSwingFootModel(TIME_STEP, feet) for _ in range(SUPPORT)]
-            models += gait.createFootstepModels(com, places, length, STEP_HEIGHT, TIME_STEP, SWING, stance, swing)
+            models += gait.createFootstepModels(
+                com, places, length, STEP_HEIGHT, TIME_STEP, SWING, stance, swing
+            )
     return crocoddyl.ShootingProblem(x0, models, gait.createSwingFootModel(TIME_STEP, feet))
 
 
@@ -54,10 +63,14 @@ def main() -> None:
     start = [x0] * (problem.T + 1)
     converged = solver.solve(start, problem.quasiStatic([x0] * problem.T), ITERATIONS, False)
     record = {
-        "processor": time.process_time() - began, "converged": bool(converged), "iterations": solver.iter + 1,
-        "nodes": problem.T, "seconds": TIME_STEP * 2 * (SWING + SUPPORT) * STRIDES, "way": float(solver.xs[-1][0] - x0[0]),
+        "processor": time.process_time() - began,
+        "converged": bool(converged),
+        "iterations": solver.iter + 1,
+        "nodes": problem.T,
+        "seconds": TIME_STEP * 2 * (SWING + SUPPORT) * STRIDES,
+        "way": float(solver.xs[-1][0] - x0[0]),
         "cost": float(solver.cost),
-    }  # fmt: skip
+    }
     print(json.dumps(record))
 
 

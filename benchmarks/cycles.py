@@ -1,18 +1,19 @@
 """Strides, walks from rest to rest, jumps: every figure beside its limit, and whether it is met.
 
-    python -m benchmarks.cycles [SECTION …] [--only TEXT] [--json FILE] [--table] [--folder build/cycles] [--crocoddyl PYTHON]
+    python -m benchmarks.cycles [SECTION …] [--only TEXT] [--json FILE] [--table] [--folder
+    build/cycles] [--crocoddyl PYTHON]
 
 Sections:
 
-    cycles     the best stride of five starts, of eight robots at two speeds
-    walks      walks and turns of ten seconds from rest to rest, five starts each
-    replay     these walks of mammal and go2 and a fast stride of go2 in MuJoCo, from perturbed starts
-    jumps      jumps of mammal and go2, five starts each
-    crocoddyl  a walk of anymal_b beside Crocoddyl's own trotting problem; PYTHON has crocoddyl, this one need not
+    cycles     the best stride of five starts, of eight robots at two speeds walks      walks and
+    turns of ten seconds from rest to rest, five starts each replay     these walks of mammal and
+    go2 and a fast stride of go2 in MuJoCo, from perturbed starts jumps      jumps of mammal and
+    go2, five starts each crocoddyl  a walk of anymal_b beside Crocoddyl's own trotting problem;
+    PYTHON has crocoddyl, this one need not
 
-A row is one line, printed when it is done and written to FILE, where it takes the place of the row of that name. Times are
-those of the processor, one core, code generation apart. ``replay`` takes the walks that ``walks`` left in the folder, and
-solves those that are not there.
+A row is one line, printed when it is done and written to FILE, where it takes the place of the row
+of that name. Times are those of the processor, one core, code generation apart. ``replay`` takes
+the walks that ``walks`` left in the folder, and solves those that are not there.
 """
 
 from __future__ import annotations
@@ -60,9 +61,14 @@ STRIDES = [
     for speed in ((0.2, 0.3) if name == "spider" else (0.3, 0.5))  # a spider stands 16 cm high
 ]
 WALKS = (
-    ("mammal", "walk", 0.5), ("go2", "walk", 0.5), ("go2", "walk", 0.4), ("mammal", "turn", 0.3), ("go2", "turn", 0.3),
-    ("biped", "walk", 0.5), ("spider", "walk", 0.3),
-)  # fmt: skip
+    ("mammal", "walk", 0.5),
+    ("go2", "walk", 0.5),
+    ("go2", "walk", 0.4),
+    ("mammal", "turn", 0.3),
+    ("go2", "turn", 0.3),
+    ("biped", "walk", 0.5),
+    ("spider", "walk", 0.3),
+)
 REPLAYED = (("mammal", "walk", 0.5), ("go2", "walk", 0.5), ("go2", "walk", 0.4))
 FAST = ("go2", 1.0, 0.48)  # m/s, s
 TROTS = (0.15, 0.375)  # m, a step: that of Crocoddyl's example, and that of 0.5 m/s
@@ -76,8 +82,10 @@ FASTEST = 12.0  # rad/s, of joints whose file says no limit
 FRICTION = 0.8
 ROUNDING = 1e-9
 GENERATION = (
-    (dynamics_codegen, "function_text"), (problem_codegen, "cost_functions"), (problem_codegen, "cost_text"),
-)  # fmt: skip
+    (dynamics_codegen, "function_text"),
+    (problem_codegen, "cost_functions"),
+    (problem_codegen, "cost_text"),
+)
 
 
 @dataclass(frozen=True)
@@ -105,12 +113,16 @@ class Check:
 
     def __str__(self) -> str:
         value = "none" if self.value is None else f"{self.value:.3g}"
-        return f"{self.name} {value}{f' ({self.limit})' if self.limit else ''}{'' if self.met else ' SHORT'}"
+        return (
+            f"{self.name} "
+            f"{value}{f' ({self.limit})' if self.limit else ''}{'' if self.met else ' SHORT'}"
+        )
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a section. needed: whether a limit that is missed counts; rows of single starts are counted in a row of all."""
+    """A line of a section. needed: whether a limit that is missed counts; rows of single starts are
+    counted in a row of all."""
 
     section: str
     name: str
@@ -126,20 +138,39 @@ class Row:
         return f"{self.section} | {self.name} | {', '.join(map(str, self.checks))} | {outcome}"
 
     def record(self) -> dict[str, Any]:
-        values = {check.name: None if check.value is None else float(f"{check.value:.4g}") for check in self.checks}
+        values = {
+            check.name: None if check.value is None else float(f"{check.value:.4g}")
+            for check in self.checks
+        }
         limits = {check.name: check.limit for check in self.checks if check.limit}
         return {"name": self.name, "missed": self.missed, "figures": values, "limits": limits}
 
 
 def table(records: dict[str, Any]) -> str:
-    """The records as tables for docs/cycles.md: figures that have a limit, which the head says where it is one for all."""
+    """The records as tables for docs/cycles.md: figures that have a limit, which the head says
+    where it is one for all."""
     lines = []
     for section, rows in records.items():
         told = [row for row in rows if ", start " not in row["name"]]
-        limits = {name: {row["limits"].get(name) for row in told} for row in told for name in row["limits"]}
-        names = [name for name in dict.fromkeys(name for row in told for name in row["figures"]) if name in limits]
-        heads = [f"{name} {limits[name].copy().pop()}" if len(limits[name]) == 1 else name for name in names]
-        lines += ["", f"| {section} | {' | '.join(heads)} | short |", "| --- " * (len(names) + 2) + "|"]
+        limits = {
+            name: {row["limits"].get(name) for row in told}
+            for row in told
+            for name in row["limits"]
+        }
+        names = [
+            name
+            for name in dict.fromkeys(name for row in told for name in row["figures"])
+            if name in limits
+        ]
+        heads = [
+            f"{name} {limits[name].copy().pop()}" if len(limits[name]) == 1 else name
+            for name in names
+        ]
+        lines += [
+            "",
+            f"| {section} | {' | '.join(heads)} | short |",
+            "| --- " * (len(names) + 2) + "|",
+        ]
         for row in told:
             found = [row["figures"].get(name) for name in names]
             words = " | ".join("" if value is None else f"{value:.3g}" for value in found)
@@ -152,7 +183,8 @@ def load(name: str) -> Character:
 
 
 class Clock:
-    """Processor time of this process, code generation apart; the C compiler is a process of its own."""
+    """Processor time of this process, code generation apart; the C compiler is a process of its
+    own."""
 
     def __init__(self) -> None:
         self.began, self.generation = time.process_time(), 0.0
@@ -200,9 +232,17 @@ def gait_checks(motion: Solution, use: float) -> list[Check]:
         Check("touchdowns", gait.touchdowns, most=2.5),
         Check("shortest stance", gait.shortest_stance, least=0.1),
         Check("shortest swing", gait.shortest_swing, least=0.1),
-        Check("clearance mm", None if gait.clearance is None else 1e3 * gait.clearance, least=min(15.0, 60.0 * length)),
+        Check(
+            "clearance mm",
+            None if gait.clearance is None else 1e3 * gait.clearance,
+            least=min(15.0, 60.0 * length),
+        ),
         Check("torque > 5 Hz", gait.torque_high, most=0.3),
-        Check("joint speed use", float(np.max(speed / np.where(np.isfinite(limit), limit, FASTEST))), most=1.0),
+        Check(
+            "joint speed use",
+            float(np.max(speed / np.where(np.isfinite(limit), limit, FASTEST))),
+            most=1.0,
+        ),
         Check("slip", motion.slip, most=0.05),
         Check("sink mm", 1e3 * motion.penetration, most=max(4.0, 12.0 * length)),
         Check("torque use", motion.torque_excess, most=use),
@@ -211,7 +251,8 @@ def gait_checks(motion: Solution, use: float) -> list[Check]:
 
 
 def journey_checks(motion: Solution, goal: Goal) -> list[Check]:
-    """What a motion from rest to rest must have beside: rhythm, soft ends, all feet on the ground at last."""
+    """What a motion from rest to rest must have beside: rhythm, soft ends, all feet on the ground
+    at last."""
     steady = measure_gait(motion, 1.0, motion.steps * motion.dt - 1.0)
     ends, weight = round(0.25 / motion.dt), motion.weight
     push = np.linalg.norm(motion.contact_force[..., :2].sum(axis=1), axis=1) / weight
@@ -220,8 +261,14 @@ def journey_checks(motion: Solution, goal: Goal) -> list[Check]:
     return [
         Check("goal error", goal.error(motion), most=0.1),
         Check("rhythm", None if steady is None else steady.rhythm, least=0.6),
-        Check("horizontal force at the ends", float(max(push[:ends].max(), push[-ends:].max())), most=0.6),
-        Check("feet in the air at the end", float((loads[-1, feet] < LOADED * weight).sum()), most=0.0),
+        Check(
+            "horizontal force at the ends",
+            float(max(push[:ends].max(), push[-ends:].max())),
+            most=0.6,
+        ),
+        Check(
+            "feet in the air at the end", float((loads[-1, feet] < LOADED * weight).sum()), most=0.0
+        ),
         *gait_checks(motion, use=1.01),
         Check("limit excess", None if motion.gait is None else motion.gait.limit_excess, most=0.01),
     ]
@@ -233,9 +280,15 @@ def journey_checks(motion: Solution, goal: Goal) -> list[Check]:
 def cycle_of(robot: Character, speed: float, period: float | None = None) -> octo.Problem:
     """A mirrored stride; of the usual period × 1.25 where none is given."""
     plain = octo.Problem(robot, steps=3, dt=0.025, costs=[octo.Effort()])
-    wanted = GRAIN * round(SLOWER * usual_period(plain.length, speed) / GRAIN) if period is None else period
+    wanted = (
+        GRAIN * round(SLOWER * usual_period(plain.length, speed) / GRAIN)
+        if period is None
+        else period
+    )
     terms = octo.costs.natural(length=plain.length)
-    problem = octo.Problem(robot, costs=[octo.Effort()], cycle=octo.Cycle(speed=speed, period=wanted))
+    problem = octo.Problem(
+        robot, costs=[octo.Effort()], cycle=octo.Cycle(speed=speed, period=wanted)
+    )
     return problem.replace(costs=terms)
 
 
@@ -255,24 +308,33 @@ def cycles(only: str, folder: Path) -> Iterator[Row]:
             best = octo.solve(problem, seeds=STARTS, device="cpu")
         assert best.cycle is not None and best.gait is not None
         best.save(folder / f"cycle-{name}-{speed:g}.npz")
-        yield Row("cycles", f"{name} {speed:g} m/s, {best.cycle.period:.2f} s", (
-            Check("converged of 5", sum(passed(record) for record in best.starts), least=4),
-            Check("processor s", spent.seconds, most=10.0),
-            *gait_checks(best, use=1.0),
-            Check("limit excess", best.gait.limit_excess),
-            Check("joint speed", best.gait.joint_speed),
-            Check("E", best.energy),
-            Check("start", best.seed),
-        ))  # fmt: skip
+        yield Row(
+            "cycles",
+            f"{name} {speed:g} m/s, {best.cycle.period:.2f} s",
+            (
+                Check("converged of 5", sum(passed(record) for record in best.starts), least=4),
+                Check("processor s", spent.seconds, most=10.0),
+                *gait_checks(best, use=1.0),
+                Check("limit excess", best.gait.limit_excess),
+                Check("joint speed", best.gait.joint_speed),
+                Check("E", best.energy),
+                Check("start", best.seed),
+            ),
+        )
 
 
-def plan(name: str, kind: str, speed: float, start: int, folder: Path, again: bool) -> tuple[Solution, float | None]:
-    """One motion from rest to rest and the processor time that it took, None of one that the folder has."""
+def plan(
+    name: str, kind: str, speed: float, start: int, folder: Path, again: bool
+) -> tuple[Solution, float | None]:
+    """One motion from rest to rest and the processor time that it took, None of one that the folder
+    has."""
     path = folder / f"{kind}-{name}-{speed:g}-{start}.npz"
     if path.exists() and not again:
         return Solution.load(path), None
     with clock() as spent:
-        motion = getattr(octo, kind)(load(name), speed, SECONDS, seed=10 * start, device="cpu", time_limit=TIME_LIMIT)
+        motion = getattr(octo, kind)(
+            load(name), speed, SECONDS, seed=10 * start, device="cpu", time_limit=TIME_LIMIT
+        )
     motion.save(path)
     return motion, spent.seconds
 
@@ -289,40 +351,53 @@ def walks(only: str, folder: Path) -> Iterator[Row]:
             assert seconds is not None
             times.append(seconds)
             told = (
-                Check("converged", float(motion.converged)), Check("processor s", seconds),
+                Check("converged", float(motion.converged)),
+                Check("processor s", seconds),
                 *journey_checks(motion, Goal(kind, speed)),  # type: ignore[arg-type]
                 Check("joint speed", motion.gait.joint_speed if motion.gait else None),
-                Check("E", motion.energy), Check("iterations", motion.iterations), Check("stride's start", motion.seed),
+                Check("E", motion.energy),
+                Check("iterations", motion.iterations),
+                Check("stride's start", motion.seed),
                 Check("|C| N", motion.violation),
-            )  # fmt: skip
+            )
             row = Row("walks", f"{case}, start {start}", told, needed=False)
             converged += motion.converged
             good += motion.converged and not row.missed
             missed |= set(row.missed) if motion.converged else set()
             yield row
         limit = 8.0 if name == "mammal" and kind == "walk" else None
-        yield Row("walks", f"{case}, all", (
-            Check("converged of 5", converged, least=4),
-            Check("of these with all limits met", good, least=converged),
-            Check("processor s", float(np.median(times)), most=limit),
-        ))  # fmt: skip
+        yield Row(
+            "walks",
+            f"{case}, all",
+            (
+                Check("converged of 5", converged, least=4),
+                Check("of these with all limits met", good, least=converged),
+                Check("processor s", float(np.median(times)), most=limit),
+            ),
+        )
 
 
 def stood(motion: Solution, feedback: str) -> tuple[int, float]:
     """How many of five perturbed starts stand in MuJoCo, and for how long (s, mean) they do."""
     starts = octo.replay(motion, friction=FRICTION, starts=STARTS, feedback=feedback).starts
-    return sum(not start.fell for start in starts), float(np.mean([start.seconds_upright for start in starts]))
+    return sum(not start.fell for start in starts), float(
+        np.mean([start.seconds_upright for start in starts])
+    )
 
 
-def replayed(name: str, motion: Solution, least: float | None = None) -> tuple[Row, NDArray[np.intp]]:
+def replayed(
+    name: str, motion: Solution, least: float | None = None
+) -> tuple[Row, NDArray[np.intp]]:
     """The row of a plan, and how many starts stand with base feedback and without."""
     base, upright = stood(motion, "base")
     alone, upright_alone = stood(motion, "none")
     checks = (
-        Check("stand of 5", base, least=least), Check("upright s", upright),
-        Check("stand of 5 without base feedback", alone), Check("upright s without", upright_alone),
+        Check("stand of 5", base, least=least),
+        Check("upright s", upright),
+        Check("stand of 5 without base feedback", alone),
+        Check("upright s without", upright_alone),
         Check("converged", float(motion.converged)),
-    )  # fmt: skip
+    )
     return Row("replay", name, checks, needed=least is not None), np.array([base, alone])
 
 
@@ -337,7 +412,10 @@ def replay(only: str, folder: Path) -> Iterator[Row]:
             row, counts = replayed(f"{case}, start {start}", motion)
             standing += counts
             yield row
-        checks = Check("stand of 25", standing[0], least=24), Check("stand of 25 without base feedback", standing[1])
+        checks = (
+            Check("stand of 25", standing[0], least=24),
+            Check("stand of 25 without base feedback", standing[1]),
+        )
         yield Row("replay", f"{case}, all", checks)
     name, speed, period = FAST
     case = f"{name} cycle {speed:g} m/s, {period:g} s"
@@ -354,14 +432,21 @@ def jumps(only: str, folder: Path) -> Iterator[Row]:
             continue
         problem = jump_problem(load(name), goal.height, goal.distance)
         with clock() as spent:
-            members = octo.solve([problem] * STARTS, start=list(first_guesses(problem, STARTS)), device="cpu")
+            members = octo.solve(
+                [problem] * STARTS, start=list(first_guesses(problem, STARTS)), device="cpu"
+            )
         good = 0
         for start, motion in enumerate(members):
             motion.save(folder / f"jump-{name}-{start}.npz")
-            row = Row("jumps", f"{case}, start {start}", tuple(jump_checks(motion, goal)), needed=False)
+            row = Row(
+                "jumps", f"{case}, start {start}", tuple(jump_checks(motion, goal)), needed=False
+            )
             good += not row.missed
             yield row
-        checks = Check("land and stand of 5", good, least=3), Check("processor s of all", spent.seconds)
+        checks = (
+            Check("land and stand of 5", good, least=3),
+            Check("processor s of all", spent.seconds),
+        )
         yield Row("jumps", f"{case}, all", checks)
 
 
@@ -379,8 +464,14 @@ def jump_checks(motion: Solution, goal: Goal) -> list[Check]:
         Check("goal error", goal.error(motion), most=0.1),
         Check("flights", float(len(edges)), most=1.0, least=1.0),
         Check("flight s", flight, least=0.6 * ballistic),
-        Check("feet in the air at the end", float((loads[-1, feet] < LOADED * weight).sum()), most=0.0),
-        Check("joint speed at the end", float(np.abs(motion.x[-1] - motion.x[-2]).max() / motion.dt), most=0.1),
+        Check(
+            "feet in the air at the end", float((loads[-1, feet] < LOADED * weight).sum()), most=0.0
+        ),
+        Check(
+            "joint speed at the end",
+            float(np.abs(motion.x[-1] - motion.x[-2]).max() / motion.dt),
+            most=0.1,
+        ),
         Check("torque use", motion.torque_excess, most=1.01),
         Check("friction use", motion.friction_use),
         Check("joint speed", gait.joint_speed if gait else None),
@@ -395,7 +486,8 @@ def gravity_of(motion: Solution) -> float:
 
 
 def beside_crocoddyl(only: str, folder: Path, python: str | None) -> Iterator[Row]:
-    """Each for itself, one core: contacts are given there and found here. With the step of its example, and with octo's speed."""
+    """Each for itself, one core: contacts are given there and found here. With the step of its
+    example, and with octo's speed."""
     if python is None:
         print("crocoddyl | skipped: --crocoddyl names no Python that has it")
         return
@@ -409,20 +501,33 @@ def beside_crocoddyl(only: str, folder: Path, python: str | None) -> Iterator[Ro
             with clock() as spent:
                 motion = octo.walk(load("anymal_b"), seconds=theirs["seconds"], device="cpu")
             seconds = spent.seconds
-        yield Row("crocoddyl", f"anymal_b, {theirs['seconds']:g} s, its steps of {step:g} m", (
-            Check("time over Crocoddyl's", seconds / theirs["processor"], most=3.0),
-            Check("octo processor s", seconds), Check("Crocoddyl processor s", theirs["processor"]),
-            Check("octo converged", float(motion.converged), least=1.0), Check("Crocoddyl converged", float(theirs["converged"])),
-            Check("octo iterations", motion.iterations), Check("Crocoddyl iterations", theirs["iterations"]),
-            Check("octo steps", motion.steps), Check("Crocoddyl nodes", theirs["nodes"]),
-            Check("octo way m", float(motion.com[-1, 0] - motion.com[0, 0])), Check("Crocoddyl way m", theirs["way"]),
-            Check("goal error", Goal("walk", 0.5).error(motion), most=0.1),
-        ))  # fmt: skip
+        yield Row(
+            "crocoddyl",
+            f"anymal_b, {theirs['seconds']:g} s, its steps of {step:g} m",
+            (
+                Check("time over Crocoddyl's", seconds / theirs["processor"], most=3.0),
+                Check("octo processor s", seconds),
+                Check("Crocoddyl processor s", theirs["processor"]),
+                Check("octo converged", float(motion.converged), least=1.0),
+                Check("Crocoddyl converged", float(theirs["converged"])),
+                Check("octo iterations", motion.iterations),
+                Check("Crocoddyl iterations", theirs["iterations"]),
+                Check("octo steps", motion.steps),
+                Check("Crocoddyl nodes", theirs["nodes"]),
+                Check("octo way m", float(motion.com[-1, 0] - motion.com[0, 0])),
+                Check("Crocoddyl way m", theirs["way"]),
+                Check("goal error", Goal("walk", 0.5).error(motion), most=0.1),
+            ),
+        )
 
 
 SECTIONS: dict[str, Callable[..., Iterator[Row]]] = {
-    "cycles": cycles, "walks": walks, "replay": replay, "jumps": jumps, "crocoddyl": beside_crocoddyl,
-}  # fmt: skip
+    "cycles": cycles,
+    "walks": walks,
+    "replay": replay,
+    "jumps": jumps,
+    "crocoddyl": beside_crocoddyl,
+}
 
 
 def keep(row: Row, path: Path) -> None:
@@ -436,12 +541,22 @@ def keep(row: Row, path: Path) -> None:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"{', '.join(SECTIONS)}; all by default")
-    parser.add_argument("--only", default="", help="rows whose name has this text: 'go2 walk', 'spider'")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections", nargs="*", metavar="SECTION", help=f"{', '.join(SECTIONS)}; all by default"
+    )
+    parser.add_argument(
+        "--only", default="", help="rows whose name has this text: 'go2 walk', 'spider'"
+    )
     parser.add_argument("--json", type=Path, help="where the records are kept")
-    parser.add_argument("--folder", type=Path, default=Path("build/cycles"), help="where the motions go")
-    parser.add_argument("--table", action="store_true", help="run nothing: print the records of --json as tables")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("build/cycles"), help="where the motions go"
+    )
+    parser.add_argument(
+        "--table", action="store_true", help="run nothing: print the records of --json as tables"
+    )
     parser.add_argument("--crocoddyl", metavar="PYTHON", help="a Python that has crocoddyl 3.2.1")
     arguments = parser.parse_args(words)
     if arguments.table:
@@ -449,7 +564,9 @@ def main(words: Sequence[str] | None = None) -> int:
         return 0
     unknown = set(arguments.sections) - set(SECTIONS)
     if unknown:
-        parser.error(f"no section is named {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
+        parser.error(
+            f"no section is named {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}"
+        )
     arguments.folder.mkdir(parents=True, exist_ok=True)
     short = 0
     for name in arguments.sections or SECTIONS:

@@ -1,12 +1,15 @@
-"""octo on a GPU, measured: ``python benchmarks/gpu.py`` writes benchmarks/gpu.json and benchmarks/gpu.png.
+"""octo on a GPU, measured: ``python benchmarks/gpu.py`` writes benchmarks/gpu.json and
+benchmarks/gpu.png.
 
-Needs a CUDA GPU, CuPy and NVRTC (pip install -e '.[cuda13,view]' or cuda12), and for "kkt", octo's reduction beside cuBLAS and
-cuSOLVER (gpu_kkt.py), those (pip install 'cupy-cuda13x[ctk]'); nothing is downloaded. On a machine without
-one, ``--emulate`` runs the same kernels on the CPU, which says whether this script works and nothing about speed.
-``--once`` solves one small problem for three iterations and measures nothing: for compute-sanitizer (docs/gpu.md).
+Needs a CUDA GPU, CuPy and NVRTC (pip install -e '.[cuda13,view]' or cuda12), and for "kkt", octo's
+reduction beside cuBLAS and cuSOLVER (gpu_kkt.py), those (pip install 'cupy-cuda13x[ctk]'); nothing
+is downloaded. On a machine without one, ``--emulate`` runs the same kernels on the CPU, which says
+whether this script works and nothing about speed. ``--once`` solves one small problem for three
+iterations and measures nothing: for compute-sanitizer (docs/gpu.md).
 
-The JSON is written anew whenever something has been measured, so that an end at any time keeps what is there. A section that
-fails, or takes too long, says so under "why_not", and the next one follows. ``--only`` adds sections to an existing JSON.
+The JSON is written anew whenever something has been measured, so that an end at any time keeps what
+is there. A section that fails, or takes too long, says so under "why_not", and the next one
+follows. ``--only`` adds sections to an existing JSON.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ PATIENCE = 3.0  # times what a section is thought to take, and at least a minute
 
 
 class Ended(BaseException):
-    """Ctrl-C or the end that a batch system sends: not KeyboardInterrupt, after which a solve gives its best so far."""
+    """Ctrl-C or the end that a batch system sends: not KeyboardInterrupt, after which a solve gives
+    its best so far."""
 
 
 class TooLong(BaseException):
@@ -55,7 +59,10 @@ class Paper:
     def write(self) -> None:
         gpu_figure.conclude(self.found)
         part = self.path.with_name(f"{self.path.name}.part")
-        part.write_text(json.dumps(self.found, indent=1, default=lambda value: np.asarray(value).tolist()) + "\n")
+        part.write_text(
+            json.dumps(self.found, indent=1, default=lambda value: np.asarray(value).tolist())
+            + "\n"
+        )
         os.replace(part, self.path)
 
 
@@ -80,7 +87,8 @@ def signals() -> Iterator[None]:
 
 
 def measure(bench: Bench, paper: Paper, names: Sequence[str], end: float) -> list[str] | None:
-    """Sections, while their time fits before ``end``; those that another process must do. None: it was ended."""
+    """Sections, while their time fits before ``end``; those that another process must do. None: it
+    was ended."""
     name = ""
     try:
         for place, name in enumerate(names):
@@ -97,7 +105,10 @@ def _fitting(bench: Bench, paper: Paper, name: str, left: float) -> None:
     """One section, if it takes no more than the ``left`` s."""
     section = SECTIONS[name]
     if section.about > left:
-        why = f"not begun: it takes about {section.about:.0f} s and {max(0.0, left):.0f} s of the budget are left"
+        why = (
+            f"not begun: it takes about {section.about:.0f} s and {max(0.0, left):.0f} s of the "
+            "budget are left"
+        )
         paper.found.setdefault(name, {"why_not": why})
         print(f"skipped: {name}, {why}", flush=True)
         return
@@ -116,7 +127,10 @@ def _section(bench: Bench, paper: Paper, name: str, limit: float) -> None:
         signal.setitimer(signal.ITIMER_REAL, limit)
         for key, row in SECTIONS[name].run(bench):
             rows[key] = row
-            print(f"  {key}: {gpu_figure.in_short(row)} ({time.perf_counter() - began:.0f} s)", flush=True)
+            print(
+                f"  {key}: {gpu_figure.in_short(row)} ({time.perf_counter() - began:.0f} s)",
+                flush=True,
+            )
             paper.write()
         del rows["why_not"]
     except TooLong:
@@ -135,14 +149,16 @@ def _section(bench: Bench, paper: Paper, name: str, limit: float) -> None:
 
 
 def once(device: Any) -> None:
-    """Three iterations of each rule of a small problem, every kernel: launched, captured and replayed."""
+    """Three iterations of each rule of a small problem, every kernel: launched, captured and
+    replayed."""
     for options in (SqpOptions(max_iterations=3), SqpOptions.paper(max_iterations=3)):
         bench = Bench(device, short=True)
         print(bench.solve(walk(octo.gallery.mammal(), 8, "nodes"), options, range(2)).at.energy)
 
 
 def begun(path: Path, hardware: dict[str, str], short: bool, add: bool) -> dict[str, Any]:
-    """What the JSON begins with: nothing, or with ``add`` what is there already, of the same hardware.
+    """What the JSON begins with: nothing, or with ``add`` what is there already, of the same
+    hardware.
 
     Raises
     ------
@@ -154,25 +170,59 @@ def begun(path: Path, hardware: dict[str, str], short: bool, add: bool) -> dict[
             found = json.loads(path.read_text())
             there = found["hardware"], found["short"]
         except (ValueError, KeyError, TypeError):
-            raise ValueError(f"--only adds to {path}, which this script did not write: give another --out") from None
+            raise ValueError(
+                f"--only adds to {path}, which this script did not write: give another --out"
+            ) from None
         if there != (hardware, short):
-            own, other = (f"{device['device']}, {device['cpu']}, short {small}" for device, small in ((hardware, short), there))
-            raise ValueError(f"--only adds to {path}, which is of {other}; this is {own}: give another --out")
-    fresh = {"hardware": hardware, "date": datetime.date.today().isoformat(), "octo": octo.__version__, "short": short}
+            own, other = (
+                f"{device['device']}, {device['cpu']}, short {small}"
+                for device, small in ((hardware, short), there)
+            )
+            raise ValueError(
+                f"--only adds to {path}, which is of {other}; this is {own}: give another --out"
+            )
+    fresh = {
+        "hardware": hardware,
+        "date": datetime.date.today().isoformat(),
+        "octo": octo.__version__,
+        "short": short,
+    }
     return {**found, **fresh, "seconds": found.get("seconds", {})}
 
 
 def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="benchmarks/gpu.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="benchmarks/gpu.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--short", action="store_true", help="small sizes: whether it works, not how fast")
-    parser.add_argument("--emulate", action="store_true", help="run the kernels on the CPU; writes only where --out says")
-    parser.add_argument("--once", action="store_true", help="three iterations of a small problem, and nothing measured")
-    parser.add_argument("--only", metavar="NAME,…", help=f"these sections, added to the JSON: {', '.join(SECTIONS)}")
+    parser.add_argument(
+        "--short", action="store_true", help="small sizes: whether it works, not how fast"
+    )
+    parser.add_argument(
+        "--emulate",
+        action="store_true",
+        help="run the kernels on the CPU; writes only where --out says",
+    )
+    parser.add_argument(
+        "--once",
+        action="store_true",
+        help="three iterations of a small problem, and nothing measured",
+    )
+    parser.add_argument(
+        "--only", metavar="NAME,…", help=f"these sections, added to the JSON: {', '.join(SECTIONS)}"
+    )
     parser.add_argument("--no-ipopt", action="store_true", help="leave IPOPT out")
-    parser.add_argument("--budget", type=float, default=float("inf"), metavar="SECONDS", help="leave out what no longer fits")
-    parser.add_argument("--out", type=Path, help="the JSON; the figure is beside it (default benchmarks/gpu.json)")
+    parser.add_argument(
+        "--budget",
+        type=float,
+        default=float("inf"),
+        metavar="SECONDS",
+        help="leave out what no longer fits",
+    )
+    parser.add_argument(
+        "--out", type=Path, help="the JSON; the figure is beside it (default benchmarks/gpu.json)"
+    )
     arguments = parser.parse_args(words)
     arguments.names = list(SECTIONS) if arguments.only is None else arguments.only.split(",")
     for name in arguments.names:
@@ -210,14 +260,25 @@ def main(words: Sequence[str] | None = None) -> int:
         rest = measure(Bench(device, arguments.short), paper, arguments.names, end)
     paper.write()
     if rest:
-        print(f"the GPU is lost to this process: another one goes on with {', '.join(rest)}", flush=True)
+        print(
+            f"the GPU is lost to this process: another one goes on with {', '.join(rest)}",
+            flush=True,
+        )
         flags = [f"--{name}" for name in ("emulate", "short") if getattr(arguments, name)]
-        own = ["--only", ",".join(rest), "--budget", str(end - time.perf_counter()), "--out", str(path)]
+        own = [
+            "--only",
+            ",".join(rest),
+            "--budget",
+            str(end - time.perf_counter()),
+            "--out",
+            str(path),
+        ]
         os.execv(sys.executable, [sys.executable, __file__, *flags, *own])
     print("\n".join(gpu_figure.table(paper.found)), flush=True)
     try:
         gpu_figure.draw(paper.found, path.with_suffix(".png"))
-    except Exception as error:  # matplotlib is not installed, say: the figures are worth more than their picture
+    # matplotlib is not installed, say: the figures are worth more than their picture
+    except Exception as error:
         print(f"no figure: {first_line(error)}", file=sys.stderr)
     if rest is None:
         print(f"benchmarks/gpu.py: interrupted; what was measured is in {path}", file=sys.stderr)

@@ -1,7 +1,9 @@
-"""The KKT matrices of a walk, factored by octo's kernels in float64 and in float32, by CuPy's libraries, and as one dense matrix.
+"""The KKT matrices of a walk, factored by octo's kernels in float64 and in float32, by CuPy's
+libraries, and as one dense matrix.
 
-``python benchmarks/gpu.py`` measures them on a GPU. ``PYTHONPATH=. python benchmarks/gpu_kkt.py`` says on the CPU, where
-the same kernels are executed, what accuracy each has: what float32 with residuals and refinement in float64 reaches.
+``python benchmarks/gpu.py`` measures them on a GPU. ``PYTHONPATH=. python benchmarks/gpu_kkt.py``
+says on the CPU, where the same kernels are executed, what accuracy each has: what float32 with
+residuals and refinement in float64 reaches.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ DENSE = 12000  # unknowns up to which the whole matrix is factored as one
 
 @dataclass(frozen=True)
 class System:
-    """A KKT system that a solve has used, the scale (1, D, B) that equilibrates it, and its right-hand side (1, D, B, 1)."""
+    """A KKT system that a solve has used, the scale (1, D, B) that equilibrates it, and its
+    right-hand side (1, D, B, 1)."""
 
     matrix: SBT
     scale: Any
@@ -71,7 +74,9 @@ class _Recording(Backend):
     def __init__(self) -> None:
         self.systems: list[System] = []
 
-    def factors(self, problem: CompiledProblem, model: Model, at: Any, lam: Any, options: SqpOptions) -> HostFactors:
+    def factors(
+        self, problem: CompiledProblem, model: Model, at: Any, lam: Any, options: SqpOptions
+    ) -> HostFactors:
         keep, blocks = self.systems, self.blocks(model)
 
         class Recorded(HostFactors):
@@ -91,14 +96,23 @@ def systems(problem: octo.Problem, iterations: int) -> list[System]:
     compiled, recording = CompiledProblem([problem]), _Recording()
     compiled.prepare()
     nodes = first_nodes(problem, 0, None)[None]
-    sqp.run(compiled, compiled.unknowns(nodes), None, SqpOptions(max_iterations=iterations), None, recording)
+    sqp.run(
+        compiled,
+        compiled.unknowns(nodes),
+        None,
+        SqpOptions(max_iterations=iterations),
+        None,
+        recording,
+    )
     return recording.systems
 
 
 def reduction_text(B: int, dtype: Any, shared: int) -> str:
     """The CUDA text of the reduction of blocks of B, in float64 or in float32."""
     kernels = source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", "kkt")
-    text = "\n".join([sizes(B // 2, 0, shared), *map(source, ("common.cuh", "pivots.cu", "linear.cu")), kernels])
+    text = "\n".join(
+        [sizes(B // 2, 0, shared), *map(source, ("common.cuh", "pivots.cu", "linear.cu")), kernels]
+    )
     if np.dtype(dtype) == np.float64:
         return text
     text = re.sub(r"\bdouble\b", "float", text)
@@ -106,7 +120,8 @@ def reduction_text(B: int, dtype: Any, shared: int) -> str:
 
 
 class _Kernels:
-    """What ``Reduction`` asks of ``Linear``, for blocks of B: the kernels in float64 or in float32."""
+    """What ``Reduction`` asks of ``Linear``, for blocks of B: the kernels in float64 or in
+    float32."""
 
     def __init__(self, device: Any, B: int, dtype: Any):
         self._device, self._B, self._dtype = device, B, np.dtype(dtype)
@@ -119,7 +134,9 @@ class _Kernels:
     def empty(self, shape: tuple[int, ...], dtype: Any = None) -> Any:
         return self._device.empty(shape, self._dtype if dtype is None else dtype)
 
-    def each(self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = 256, shared: int = 0) -> None:
+    def each(
+        self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = 256, shared: int = 0
+    ) -> None:
         own = [self._dtype.type(a) if isinstance(a, float) else a for a in arguments]
         # in float32 half the room, but for PIVOT_BYTES' integers
         room = shared if self._dtype == np.float64 else shared // 2 + 512 + 12 * self._B
@@ -127,7 +144,8 @@ class _Kernels:
 
 
 class _Library:
-    """Block cyclic reduction with a library's batched inverses and products: cuBLAS' getrf, getri and gemm. No inertia."""
+    """Block cyclic reduction with a library's batched inverses and products: cuBLAS' getrf, getri
+    and gemm. No inertia."""
 
     def __init__(self, xp: Any, diagonal: Any, lower: Any):
         self._xp, self._levels = xp, []
@@ -152,7 +170,9 @@ class _Library:
             r[:, : left.shape[1]] -= xp.swapaxes(left, -1, -2) @ w[:, lead:]
             r[:, 1 - lead :] -= xp.swapaxes(right, -1, -2) @ w
         x = self._last @ r
-        for (lead, inverse, left, right), w in zip(reversed(self._levels), reversed(held), strict=True):
+        for (lead, inverse, left, right), w in zip(
+            reversed(self._levels), reversed(held), strict=True
+        ):
             reach = right @ x[:, 1 - lead :]
             reach[:, lead:] += left @ x[:, : left.shape[1]]
             both = xp.empty((x.shape[0], x.shape[1] + w.shape[1], *x.shape[2:]), dtype=x.dtype)
@@ -174,7 +194,8 @@ class _Dense:
             if k:
                 whole[:, k, :, k - 1] = lower[:, k - 1]
                 whole[:, k - 1, :, k] = xp.swapaxes(lower[:, k - 1], -1, -2)
-        self._xp, self._factors = xp, [self._linalg.lu_factor(one) for one in whole.reshape(batch, D * B, D * B)]
+        self._xp = xp
+        self._factors = [self._linalg.lu_factor(one) for one in whole.reshape(batch, D * B, D * B)]
 
     def solve(self, r: Any) -> Any:
         flat = r.reshape(r.shape[0], -1, r.shape[3])
@@ -183,7 +204,8 @@ class _Dense:
 
 
 def ways(device: Any) -> dict[str, tuple[Any, Callable[[Any, Any], Any]]]:
-    """By name the type of the numbers, and what makes of (diagonal, lower) something with ``solve``."""
+    """By name the type of the numbers, and what makes of (diagonal, lower) something with
+    ``solve``."""
 
     def octos(dtype: Any, rounding: float, shift: float) -> Callable[[Any, Any], Any]:
         made: dict[int, _Kernels] = {}
@@ -207,8 +229,11 @@ def ways(device: Any) -> dict[str, tuple[Any, Callable[[Any, Any], Any]]]:
     }
 
 
-def accuracy(device: Any, system: System, dtype: Any, factor: Callable[[Any, Any], Any]) -> dict[str, Any]:
-    """Relative residuals in float64 after 0, 1, … refinements, the backward error without one, and the inertia."""
+def accuracy(
+    device: Any, system: System, dtype: Any, factor: Callable[[Any, Any], Any]
+) -> dict[str, Any]:
+    """Relative residuals in float64 after 0, 1, … refinements, the backward error without one, and
+    the inertia."""
     equal = system.equilibrated
     reduced = factor(device.array(equal.diagonal, dtype), device.array(_some(equal.lower), dtype))
     x, left, size = np.zeros(system.rhs.shape), system.rhs, np.abs(system.rhs).max()
@@ -225,7 +250,11 @@ def accuracy(device: Any, system: System, dtype: Any, factor: Callable[[Any, Any
             backward = float(np.abs(left).max() / (rows.max() * np.abs(x).max() + size))
         if not np.isfinite(residuals[-1]) or residuals[-1] < 1e-15:
             break
-    made: dict[str, Any] = {"residuals": residuals, "backward_error": backward, "refinements": refinements(residuals)}
+    made: dict[str, Any] = {
+        "residuals": residuals,
+        "backward_error": backward,
+        "refinements": refinements(residuals),
+    }
     if isinstance(reduced, Reduction):
         made["wrong_inertia"] = bool(int(host(reduced.counts)[:, :, 0].sum()) != system.constraints)
     return made
@@ -248,18 +277,23 @@ def along(device: Any, found: list[System], names: tuple[str, ...]) -> list[dict
         row: dict[str, Any] = {"condition": system.condition()}
         for name in names:
             dtype, factor = table[name]
-            row[name] = _tried(lambda dtype=dtype, factor=factor, one=system: accuracy(device, one, dtype, factor))
+            row[name] = _tried(
+                lambda dtype=dtype, factor=factor, one=system: accuracy(device, one, dtype, factor)
+            )
         rows.append(row)
     return rows
 
 
 def milliseconds(device: Any, system: System, batch: int, repeats: int) -> dict[str, Any]:
-    """ms of one factorisation and of one solution of ``batch`` copies of a system by each way, or why it cannot be had."""
+    """ms of one factorisation and of one solution of ``batch`` copies of a system by each way, or
+    why it cannot be had."""
     equal, unknowns = system.equilibrated, system.rhs.shape[1] * system.rhs.shape[2]
 
     def timed(dtype: Any, factor: Callable[[Any, Any], Any]) -> dict[str, float]:
         parts = (equal.diagonal, _some(equal.lower), system.rhs)
-        diagonal, lower, rhs = (device.array(np.repeat(part, batch, axis=0), dtype) for part in parts)
+        diagonal, lower, rhs = (
+            device.array(np.repeat(part, batch, axis=0), dtype) for part in parts
+        )
         times = []
         for _ in range(repeats + 1):  # the first one warms up
             fresh = diagonal.copy()
@@ -274,12 +308,17 @@ def milliseconds(device: Any, system: System, batch: int, repeats: int) -> dict[
         middle = 1e3 * np.median(times[1:], axis=0)
         return {"factor_ms": float(middle[0]), "solve_ms": float(middle[1])}
 
-    chosen = {name: way for name, way in ways(device).items() if name != "dense" or unknowns * batch <= DENSE}
+    chosen = {
+        name: way
+        for name, way in ways(device).items()
+        if name != "dense" or unknowns * batch <= DENSE
+    }
     return {name: _tried(lambda way=way: timed(*way)) for name, way in chosen.items()}
 
 
 def _tried(call: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What is measured, or why it is not: CuPy finds no cuBLAS or no cuSOLVER, or a singular block has no inverse."""
+    """What is measured, or why it is not: CuPy finds no cuBLAS or no cuSOLVER, or a singular block
+    has no inverse."""
     try:
         return call()
     except (ImportError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -292,12 +331,16 @@ def measure(device: Any, problem: octo.Problem, short: bool) -> dict[str, Any]:
     names = tuple(name for name in ways(device) if name != "dense")
     rows = along(device, found[:: max(1, len(found) // 3)], names)
     batches = (1, 2) if short else (1, 64)
-    times = {str(batch): milliseconds(device, found[-1], batch, 1 if short else 10) for batch in batches}
+    times = {
+        str(batch): milliseconds(device, found[-1], batch, 1 if short else 10) for batch in batches
+    }
     return {"blocks": list(found[-1].rhs.shape[1:3]), "accuracy": rows, "milliseconds": times}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--steps", type=int, default=40, help="of the mammal's walk (default 40)")
     parser.add_argument("--iterations", type=int, default=60)
     parser.add_argument("--every", type=int, default=1, help="every so many systems of a solve")
@@ -305,22 +348,32 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="everything, not the summary")
     arguments = parser.parse_args()
     robot, basis = octo.gallery.mammal(), arguments.basis
-    problem = octo.Problem(robot, steps=arguments.steps, dt=0.025, costs=octo.costs.paper(), basis=basis)
+    problem = octo.Problem(
+        robot, steps=arguments.steps, dt=0.025, costs=octo.costs.paper(), basis=basis
+    )
     names = ("octo", "octo_float32", "inverses_float32")
-    rows = along(EmulatedDevice(), systems(problem, arguments.iterations)[:: arguments.every], names)
+    rows = along(
+        EmulatedDevice(), systems(problem, arguments.iterations)[:: arguments.every], names
+    )
     if arguments.json:
         print(json.dumps(rows, indent=1))
         return
     conditions = np.array([row["condition"] for row in rows])
-    print(f"{len(rows)} systems, condition {conditions.min():.1e} to {conditions.max():.1e}, median {np.median(conditions):.1e}")
+    print(
+        f"{len(rows)} systems, condition {conditions.min():.1e} to {conditions.max():.1e}, "
+        f"median {np.median(conditions):.1e}"
+    )
     for name in names:
         parts = [row[name] for row in rows if "residuals" in row[name]]
         took = [part["refinements"] for part in parts]
         counts = {k: took.count(k) for k in sorted({k for k in took if k is not None})}
-        first, best = np.median([part["residuals"][0] for part in parts]), max(min(part["residuals"]) for part in parts)
+        first = np.median([part["residuals"][0] for part in parts])
+        best = max(min(part["residuals"]) for part in parts)
         print(
-            f"{name}: {len(parts)} systems; refinements to {TOLERANCE:g} {counts}, not reached {took.count(None)}; wrong inertia "
-            f"{sum(part.get('wrong_inertia', False) for part in parts)}; residual without any, median {first:.1e}, "
+            f"{name}: {len(parts)} systems; refinements to {TOLERANCE:g} {counts}, not reached "
+            f"{took.count(None)}; wrong inertia "
+            f"{sum(part.get('wrong_inertia', False) for part in parts)}; residual without any, "
+            f"median {first:.1e}, "
             f"the best of the worst system {best:.1e}"
         )
 

@@ -1,9 +1,11 @@
-"""One iteration of benchmarks/gpu.py kernel by kernel: what its kernels do, how long each takes, and how many they are.
+"""One iteration of benchmarks/gpu.py kernel by kernel: what its kernels do, how long each takes,
+and how many they are.
 
-Every kernel is waited for, so that its time has the launch and the waiting in it; those of an empty kernel are taken off.
-Contact detection is no kernel of its own: phases.c finds the depth of a contact sphere, its force and the derivatives of both
-in one phase, between the bodies and the products, within octo_curvature. What is said of it here is by how much longer the
-derivatives take than those of the same robot without contact spheres, at the same nodes.
+Every kernel is waited for, so that its time has the launch and the waiting in it; those of an empty
+kernel are taken off. Contact detection is no kernel of its own: phases.c finds the depth of a
+contact sphere, its force and the derivatives of both in one phase, between the bodies and the
+products, within octo_curvature. What is said of it here is by how much longer the derivatives take
+than those of the same robot without contact spheres, at the same nodes.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from octo.gpu.backend import DeviceBackend
 GROUPS = {  # kernels by what they do; octo_kin_of_nodes belongs to what comes after it
     "derivatives": "jacobian curvature cost_derivatives",
     "products": "step_model gather_hessian gather_constraints",
-    "factorisation": "kkt_blocks kkt_finite kkt_equilibrate kkt_scale kkt_pivots kkt_couple kkt_complement kkt_verdict",
+    "factorisation": "kkt_blocks kkt_finite kkt_equilibrate kkt_scale kkt_pivots kkt_couple "
+    "kkt_complement kkt_verdict",
     "solution": "negative kkt_join kkt_part kkt_fold kkt_unfold kkt_last kkt_residual kkt_check",
     "trial": "step_numbers advance nodes value terms summary constraints unit_sizes",
 }
@@ -54,7 +57,8 @@ class TimedModule:
 
 
 def timed(device: Any, log: Log) -> Any:
-    """The same device, whose kernels write down their time in ``log``: each is launched on its own."""
+    """The same device, whose kernels write down their time in ``log``: each is launched on its
+    own."""
     made = object.__new__(type(device))
     made.__dict__.update(device.__dict__, graphs=False)
     made.module = lambda text: TimedModule(device.module(text), device, log)
@@ -72,7 +76,9 @@ def grouped(log: Log, empty: float) -> tuple[dict[str, float], dict[str, int]]:
     return seconds, kernels
 
 
-def middle(log: Log, run: Any, empty: float, repeats: int) -> tuple[dict[str, float], dict[str, int]]:
+def middle(
+    log: Log, run: Any, empty: float, repeats: int
+) -> tuple[dict[str, float], dict[str, int]]:
     """The median over repeated runs of each group's ms, and its kernels."""
     rows: list[dict[str, float]] = []
     kernels: dict[str, int] = {}
@@ -100,11 +106,14 @@ def without_contacts(problem: octo.Problem) -> octo.Problem:
     """The same walk, of the same robot without contact spheres."""
     robot = problem.character
     assert robot is not None
-    return problem.replace(model=replace(robot, contacts=(), pairs=()), x0=problem.start, parameters={})
+    return problem.replace(
+        model=replace(robot, contacts=(), pairs=()), x0=problem.start, parameters={}
+    )
 
 
 def measure(bench: Bench, problem: octo.Problem) -> dict[str, Any]:
-    """What benchmarks/gpu.json has of one basis under "stages": ms by stage, kernels, and what was taken off each of them."""
+    """What benchmarks/gpu.json has of one basis under "stages": ms by stage, kernels, and what was
+    taken off each of them."""
     iterate, _ = bench.iterate(problem, 1)
     log: Log = []
     backend = DeviceBackend(timed(bench.device, log))
@@ -120,4 +129,9 @@ def measure(bench: Bench, problem: octo.Problem) -> dict[str, Any]:
     alone, _ = middle(log, lambda: backend.linearize(placed, at, lam, True), empty, repeats)
     contact = min(max(0.0, whole["derivatives"] - alone["derivatives"]), whole["derivatives"])
     split = {"derivatives": whole.pop("derivatives") - contact, CONTACT: contact, **whole}
-    return {"ms": split, "sum_ms": sum(split.values()), "kernels": kernels, "empty_kernel_ms": 1e3 * empty}
+    return {
+        "ms": split,
+        "sum_ms": sum(split.values()),
+        "kernels": kernels,
+        "empty_kernel_ms": 1e3 * empty,
+    }

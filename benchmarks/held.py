@@ -1,4 +1,5 @@
-"""What octo's own Python holds more after some calls of a control loop than before, by tracemalloc."""
+"""What octo's own Python holds more after some calls of a control loop than before, by
+tracemalloc."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from octo.plant import MujocoPlant
 
 
 def held(controller: Controller, plant: MujocoPlant, warm: int, calls: int) -> tuple[int, int]:
-    """Bytes and blocks after ``calls`` calls of 10 ms, five commands each; ``warm`` calls and 100 traced ones come first."""
+    """Bytes and blocks after ``calls`` calls of 10 ms, five commands each; ``warm`` calls and 100
+    traced ones come first."""
     own = tracemalloc.Filter(True, str(Path(octo.__file__).parent / "*"))
 
     def some(first: int, count: int) -> None:

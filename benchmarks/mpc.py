@@ -1,7 +1,9 @@
-"""Receding-horizon control, measured: latency, walking in MuJoCo, pushes, other robots, warm starts, memory.
+"""Receding-horizon control, measured: latency, walking in MuJoCo, pushes, other robots, warm
+starts, memory.
 
-Run ``python -m benchmarks.mpc [SECTION …]``; what is in ``benchmarks/results/mpc.json`` already is not run again, so it may be
-stopped at any time. ``--again`` runs the named sections anew. Seeds 0 … 4 here; the terms were tuned on 100 … 104.
+Run ``python -m benchmarks.mpc [SECTION …]``; what is in ``benchmarks/results/mpc.json`` already is
+not run again, so it may be stopped at any time. ``--again`` runs the named sections anew. Seeds 0 …
+4 here; the terms were tuned on 100 … 104.
 """
 
 from __future__ import annotations
@@ -26,12 +28,19 @@ from octo.problem.problem import Problem
 
 RESULTS = Path(__file__).parent / "results" / "mpc.json"
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
-FILES = {"go2": "go2_description/urdf/go2.urdf", "anymal_c": "anymal_c_simple_description/urdf/anymal.urdf"}
+FILES = {
+    "go2": "go2_description/urdf/go2.urdf",
+    "anymal_c": "anymal_c_simple_description/urdf/anymal.urdf",
+}
 SEEDS = range(5)
 WALKS = {
-    "ahead 0.3": (0.3, 0.0, 0.0), "ahead 0.5": (0.5, 0.0, 0.0), "back 0.3": (-0.3, 0.0, 0.0), "sideways 0.2": (0.0, 0.2, 0.0),
-    "turn 0.3": (0.0, 0.0, 0.3), "walk and turn": (0.3, 0.0, 0.3),
-}  # fmt: skip
+    "ahead 0.3": (0.3, 0.0, 0.0),
+    "ahead 0.5": (0.5, 0.0, 0.0),
+    "back 0.3": (-0.3, 0.0, 0.0),
+    "sideways 0.2": (0.0, 0.2, 0.0),
+    "turn 0.3": (0.0, 0.0, 0.3),
+    "walk and turn": (0.3, 0.0, 0.3),
+}
 Sections = dict[str, Callable[[], Iterator[tuple[str, Callable[[], dict[str, Any]]]]]]
 
 
@@ -50,7 +59,8 @@ def problem_of(name: str) -> Problem:
 
 
 def closed_loop(name: str, yaw_rate: float = 0.0) -> tuple[Problem, MujocoPlant, Controller]:
-    """A robot at its start in MuJoCo, and a controller that walks it ahead at 0.3 m/s and has seen it there."""
+    """A robot at its start in MuJoCo, and a controller that walks it ahead at 0.3 m/s and has seen
+    it there."""
     problem = problem_of(name)
     assert problem.character is not None
     plant = MujocoPlant(problem.character)
@@ -61,7 +71,11 @@ def closed_loop(name: str, yaw_rate: float = 0.0) -> tuple[Problem, MujocoPlant,
 
 
 def set_out(
-    name: str, command: tuple[float, float, float], seed: int, kind: type[MujocoPlant] = MujocoPlant, **plant: Any
+    name: str,
+    command: tuple[float, float, float],
+    seed: int,
+    kind: type[MujocoPlant] = MujocoPlant,
+    **plant: Any,
 ) -> tuple[Controller, MujocoPlant]:
     """A controller and its plant at a start that the seed moves a little."""
     problem = problem_of(name)
@@ -77,9 +91,17 @@ def set_out(
 
 
 def walk(
-    name: str, command: tuple[float, float, float], seed: int, seconds: float, *, push: Push | None = None, noise: float = 0.0,
-    delay: int = 0, plot: str = "", **plant: Any,
-) -> dict[str, Any]:  # fmt: skip
+    name: str,
+    command: tuple[float, float, float],
+    seed: int,
+    seconds: float,
+    *,
+    push: Push | None = None,
+    noise: float = 0.0,
+    delay: int = 0,
+    plot: str = "",
+    **plant: Any,
+) -> dict[str, Any]:
     """One closed loop in MuJoCo from a start that the seed moves a little."""
     controller, machine = set_out(name, command, seed, **plant)
     log = run(controller, machine, seconds, push=push, noise=noise, delay=delay, seed=seed)
@@ -90,11 +112,24 @@ def walk(
     wanted = np.array(command)
     mean = np.array(log.report()["velocity"])
     follows = [mean[k] / wanted[k] for k in range(3) if wanted[k] != 0.0]
-    kept = ("falls", "fall_times", "velocity", "command", "foot_lift", "slip", "slip_mean", "torque_excess", "statuses")
-    return {**{k: v for k, v in log.report().items() if k in kept}, "followed": [float(f) for f in follows]}
+    kept = (
+        "falls",
+        "fall_times",
+        "velocity",
+        "command",
+        "foot_lift",
+        "slip",
+        "slip_mean",
+        "torque_excess",
+        "statuses",
+    )
+    return {
+        **{k: v for k, v in log.report().items() if k in kept},
+        "followed": [float(f) for f in follows],
+    }
 
 
-# -- sections: (name, function) pairs, each run once -------------------------------------------------------------------
+# -- sections: (name, function) pairs, each run once -----------------------------------------------
 
 
 def latency() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -121,12 +156,25 @@ def measure_latency(name: str, calls: int = 1000, warm: int = 200) -> dict[str, 
             plant.step(u)
     whole, ahead = whole[warm:], ahead[warm:]
     after = np.array(whole) - np.array(ahead)
-    parts = {"step": whole, "processor": processor[warm:], "prepare": ahead, "feedback": after, "command": low[5 * warm :]}
+    parts = {
+        "step": whole,
+        "processor": processor[warm:],
+        "prepare": ahead,
+        "feedback": after,
+        "command": low[5 * warm :],
+    }
     stages = split(controller)
     return {
-        **{part: {f"p{p}": 1e3 * float(np.percentile(v, p)) for p in (50, 95, 99, 100)} for part, v in parts.items()},
-        "stages_p50": stages, "unit": "ms", "horizon": problem.steps, "calls": calls, "height": float(plant.height),
-    }  # fmt: skip
+        **{
+            part: {f"p{p}": 1e3 * float(np.percentile(v, p)) for p in (50, 95, 99, 100)}
+            for part, v in parts.items()
+        },
+        "stages_p50": stages,
+        "unit": "ms",
+        "horizon": problem.steps,
+        "calls": calls,
+        "height": float(plant.height),
+    }
 
 
 def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
@@ -147,11 +195,17 @@ def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
     q, v = controller.convention.from_octo(nodes[1], (nodes[1] - nodes[0]) / controller.dt)
     last = horizon.steps + 1
     return {
-        "guide": median(lambda: controller.guide(controller, plan.time, nodes[1]) if controller.guide else None),
+        "guide": median(
+            lambda: controller.guide(controller, plan.time, nodes[1]) if controller.guide else None
+        ),
         "linearise steps 2 and on": median(lambda: horizon._linearize(1, False)),
         "eliminate their units": median(lambda: horizon._eliminate(last, 4)),
-        "measurement to chart": median(lambda: controller.convention.to_octo(q, v, controller.dt, nodes[1])),
-        "linearise steps 0 and 1, eliminate, solve": median(horizon.feedback, before=horizon.prepare),
+        "measurement to chart": median(
+            lambda: controller.convention.to_octo(q, v, controller.dt, nodes[1])
+        ),
+        "linearise steps 0 and 1, eliminate, solve": median(
+            horizon.feedback, before=horizon.prepare
+        ),
         "torques, E and C of the new plan": median(horizon.evaluate),
         "gains": median(horizon.gain),
     }
@@ -160,7 +214,10 @@ def split(controller: Controller, repeats: int = 300) -> dict[str, float]:
 def walks() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
     for name, command in WALKS.items():
         for seed in SEEDS:
-            yield f"{name}, seed {seed}", lambda c=command, s=seed, n=name: walk("go2", c, s, 30.0, plot=f"{n} {s}")
+            yield (
+                f"{name}, seed {seed}",
+                lambda c=command, s=seed, n=name: walk("go2", c, s, 30.0, plot=f"{n} {s}"),
+            )
 
 
 def slips() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -170,22 +227,41 @@ def slips() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 def stress() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
     for seed in SEEDS:
-        yield f"payload 0.2, delay 1, noise 1, seed {seed}", lambda s=seed: walk(
-            "go2", (0.3, 0.0, 0.0), s, 30.0, payload=0.2, delay=1, noise=1.0, plot=f"stress {s}"
+        yield (
+            f"payload 0.2, delay 1, noise 1, seed {seed}",
+            lambda s=seed: walk(
+                "go2", (0.3, 0.0, 0.0), s, 30.0, payload=0.2, delay=1, noise=1.0, plot=f"stress {s}"
+            ),
         )
-        yield f"boxes of 2 cm, seed {seed}", lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.02, plot=f"boxes2 {s}")
+        yield (
+            f"boxes of 2 cm, seed {seed}",
+            lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.02, plot=f"boxes2 {s}"),
+        )
     for seed in SEEDS:
-        yield f"boxes of 5 cm, seed {seed}", lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.05, plot=f"boxes5 {s}")
-        yield f"ahead 0.8, seed {seed}", lambda s=seed: walk("go2", (0.8, 0.0, 0.0), s, 30.0, plot=f"ahead 0.8 {s}")
+        yield (
+            f"boxes of 5 cm, seed {seed}",
+            lambda s=seed: walk("go2", (0.3, 0.0, 0.0), s, 30.0, bumps=0.05, plot=f"boxes5 {s}"),
+        )
+        yield (
+            f"ahead 0.8, seed {seed}",
+            lambda s=seed: walk("go2", (0.8, 0.0, 0.0), s, 30.0, plot=f"ahead 0.8 {s}"),
+        )
 
 
 def pushes() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
-    for force, names in ((50.0, ("standing", "walking")), (100.0, ("standing", "walking")), (150.0, ("standing",))):
+    for force, names in (
+        (50.0, ("standing", "walking")),
+        (100.0, ("standing", "walking")),
+        (150.0, ("standing",)),
+    ):
         for name in names:
             command = (0.3 if name == "walking" else 0.0, 0.0, 0.0)
             for k in range(8):
                 push = Push(force, 0.2, 45.0 * k, 4.0)
-                yield f"{force:g} N {name}, {45 * k} deg", lambda c=command, p=push, s=k: walk("go2", c, s % 5, 8.0, push=p)
+                yield (
+                    f"{force:g} N {name}, {45 * k} deg",
+                    lambda c=command, p=push, s=k: walk("go2", c, s % 5, 8.0, push=p),
+                )
 
 
 def robots() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -193,8 +269,11 @@ def robots() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
         for seed in SEEDS if name in ("anymal_c", "mammal") else (0,):
             for speed in (0.0, 0.3):
                 what = "walks" if speed else "stands"
-                yield f"{name} {what}, seed {seed}", lambda n=name, v=speed, s=seed: walk(
-                    n, (v, 0.0, 0.0), s, 20.0, plot=f"{n} {s}"
+                yield (
+                    f"{name} {what}, seed {seed}",
+                    lambda n=name, v=speed, s=seed: walk(
+                        n, (v, 0.0, 0.0), s, 20.0, plot=f"{n} {s}"
+                    ),
                 )
 
 
@@ -203,7 +282,8 @@ def warm() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
-    """Iterations until ‖C‖∞ ≤ 1e-3 mg and the step ≤ 1e-2, from the shifted plan and from the measured pose held still."""
+    """Iterations until ‖C‖∞ ≤ 1e-3 mg and the step ≤ 1e-2, from the shifted plan and from the
+    measured pose held still."""
     problem, plant, controller = closed_loop("go2")
     other = Controller(problem, guide=VelocityCommand((0.3, 0.0)))
     counts: dict[str, list[Any]] = {"warm": [], "cold": [], "warm_energy": [], "cold_energy": []}
@@ -212,7 +292,8 @@ def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
         q, v = plant.q, plant.v
         if k >= 200:
             x, before = controller.convention.to_octo(q, v, controller.dt, controller._near)
-            converge(controller, t, x, before, "shifted", cap)  # the plan that the next cycle starts from
+            # the plan that the next cycle starts from
+            converge(controller, t, x, before, "shifted", cap)
             shifted = controller.plan
             nodes = np.empty((problem.steps + 2, plant.character.nx))
             shifted.shift(t + 0.01, nodes)
@@ -232,10 +313,15 @@ def warm_against_cold(cycles: int = 100, cap: int = 200) -> dict[str, Any]:
             plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
     median = {name: float(np.median(values)) for name, values in counts.items()}
     return {
-        **median, "ratio": median["warm"] / median["cold"], "cap": cap,
-        "warm_at_cap": int(np.sum(np.array(counts["warm"]) >= cap)), "cold_at_cap": int(np.sum(np.array(counts["cold"]) >= cap)),
-        "cold_better_energy": float(np.mean(np.array(counts["cold_energy"]) < np.array(counts["warm_energy"]))),
-    }  # fmt: skip
+        **median,
+        "ratio": median["warm"] / median["cold"],
+        "cap": cap,
+        "warm_at_cap": int(np.sum(np.array(counts["warm"]) >= cap)),
+        "cold_at_cap": int(np.sum(np.array(counts["cold"]) >= cap)),
+        "cold_better_energy": float(
+            np.mean(np.array(counts["cold_energy"]) < np.array(counts["warm_energy"]))
+        ),
+    }
 
 
 def converge(controller: Controller, t: float, x: Any, before: Any, how: str, cap: int) -> None:
@@ -282,7 +368,13 @@ def ten_minutes(minutes: int = 10) -> dict[str, Any]:
                 controller.reset(plant.q, plant.v, t)
         used.append(memory_in_use())
         p50.append(1e3 * float(np.median(seconds)))
-    return {"memory": used, "growth": used[-1] - used[0], "p50_ms": p50, "p50_ratio": p50[-1] / p50[1], "falls": fallen}
+    return {
+        "memory": used,
+        "growth": used[-1] - used[0],
+        "p50_ms": p50,
+        "p50_ratio": p50[-1] / p50[1],
+        "falls": fallen,
+    }
 
 
 def allocations() -> dict[str, Any]:
@@ -313,10 +405,15 @@ def solve_chain() -> dict[str, Any]:
 
 def chain_report(motion: octo.Solution) -> dict[str, Any]:
     return {
-        "distance": float(motion.com[-1, 0] - motion.com[0, 0]), "seconds": motion.seconds,
-        "processor_seconds": motion.processor_seconds, "energy": motion.energy, "iterations": motion.iterations,
-        "violation_mg": motion.violation / motion.weight, "torque_excess": motion.torque_excess, "status": motion.status.label,
-    }  # fmt: skip
+        "distance": float(motion.com[-1, 0] - motion.com[0, 0]),
+        "seconds": motion.seconds,
+        "processor_seconds": motion.processor_seconds,
+        "energy": motion.energy,
+        "iterations": motion.iterations,
+        "violation_mg": motion.violation / motion.weight,
+        "torque_excess": motion.torque_excess,
+        "status": motion.status.label,
+    }
 
 
 def stand_up() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -332,7 +429,8 @@ def faults() -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
-    """Every 20th measurement NaN, every 23rd the one before again, now and then a budget of 1 ms for half a second.
+    """Every 20th measurement NaN, every 23rd the one before again, now and then a budget of 1 ms
+    for half a second.
 
     The one before is stale, unless it was never seen whole.
     """
@@ -351,21 +449,40 @@ def faulty_walk(seconds: float = 20.0) -> dict[str, Any]:
         command = controller.step(t, broken, v)
         name = command.status.label
         counts[name] = counts.get(name, 0) + 1
-        wrong += int((k % 20 == 19) != (name == "invalid")) + int(k % 20 not in (19, 0) and k % 23 == 0 and name != "stale")
+        wrong += int((k % 20 == 19) != (name == "invalid")) + int(
+            k % 20 not in (19, 0) and k % 23 == 0 and name != "stale"
+        )
         for j in range(5):
             u = controller.command(t + 0.002 * j, plant.q, plant.v)
-            outside += int(not (np.isfinite(u).all() and (np.abs(u) <= plant.character.torque_limit + 1e-12).all()))
+            outside += int(
+                not (
+                    np.isfinite(u).all()
+                    and (np.abs(u) <= plant.character.torque_limit + 1e-12).all()
+                )
+            )
             plant.step(u)
     return {
-        "statuses": counts, "commands_outside": outside, "statuses_wrong": wrong, "height": plant.height,
+        "statuses": counts,
+        "commands_outside": outside,
+        "statuses_wrong": wrong,
+        "height": plant.height,
         "upright": float(plant.base_rotation[2, 2]),
-    }  # fmt: skip
+    }
 
 
 SECTIONS: Sections = {
-    "latency": latency, "walks": walks, "slips": slips, "pushes": pushes, "stress": stress, "robots": robots, "warm": warm,
-    "memory": memory, "chain": chain, "stand_up": stand_up, "faults": faults,
-}  # fmt: skip
+    "latency": latency,
+    "walks": walks,
+    "slips": slips,
+    "pushes": pushes,
+    "stress": stress,
+    "robots": robots,
+    "warm": warm,
+    "memory": memory,
+    "chain": chain,
+    "stand_up": stand_up,
+    "faults": faults,
+}
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """A term of one's own: the trunk squats to a beat; then deeper, without compiling anything again.
 
-A term says its residual for one step in CasADi; its references are numbers, constant or one row a step, that may depend
-on the start. ``--short`` solves one second instead of four.
+A term says its residual for one step in CasADi; its references are numbers, constant or one row a
+step, that may depend on the start. ``--short`` solves one second instead of four.
 """
 
 import sys

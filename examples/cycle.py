@@ -1,6 +1,8 @@
-"""One stride of a four-legged character that repeats itself: its gait, five of it in a row, and a page that loops.
+"""One stride of a four-legged character that repeats itself: its gait, five of it in a row, and a
+page that loops.
 
-Run ``python examples/cycle.py``; ``--short`` solves one start of one period instead of three starts of five.
+Run ``python examples/cycle.py``; ``--short`` solves one start of one period instead of three starts
+of five.
 """
 
 import sys
@@ -11,7 +13,9 @@ SHORT = "--short" in sys.argv
 PERIOD = 0.6 if SHORT else (0.45, 0.8)  # s
 
 robot = octo.gallery.mammal()
-problem = octo.Problem(robot, costs=octo.costs.natural(), cycle=octo.Cycle(speed=0.5, period=PERIOD))
+problem = octo.Problem(
+    robot, costs=octo.costs.natural(), cycle=octo.Cycle(speed=0.5, period=PERIOD)
+)
 stride = octo.solve(problem, seeds=1 if SHORT else 3, passes=2 if SHORT else None, progress=True)
 print(stride)
 print(f"period {stride.cycle.period:.3g} s; {stride.gait}")

@@ -1,7 +1,8 @@
-"""Forty seconds of the chain, planned one second at a time: a plan's first tenth is kept, the rest starts the next.
+"""Forty seconds of the chain, planned one second at a time: a plan's first tenth is kept, the rest
+starts the next.
 
-Run ``python examples/mpc_chain.py``; ``--short`` stops after three seconds, ``--compare`` also solves the forty seconds as one
-problem (Hermite controls) and compares how far the two went.
+Run ``python examples/mpc_chain.py``; ``--short`` stops after three seconds, ``--compare`` also
+solves the forty seconds as one problem (Hermite controls) and compares how far the two went.
 """
 
 import sys
@@ -29,4 +30,7 @@ if "--compare" in sys.argv:
     whole = octo.Problem(robot, steps=round(SECONDS / DT), dt=DT, costs=costs, basis="hermite")
     solution = octo.solve(whole, passes=1, progress=True)
     print(solution)
-    print(f"the full horizon went {solution.com[-1, 0] - solution.com[0, 0]:.2f} m in {solution.seconds:.1f} s of solving")
+    print(
+        f"the full horizon went {solution.com[-1, 0] - solution.com[0, 0]:.2f} m in "
+        f"{solution.seconds:.1f} s of solving"
+    )

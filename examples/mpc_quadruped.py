@@ -1,7 +1,8 @@
-"""go2 walks in MuJoCo at 0.3 m/s and is pushed from the side; one plan of a second from every measurement, no gait anywhere.
+"""go2 walks in MuJoCo at 0.3 m/s and is pushed from the side; one plan of a second from every
+measurement, no gait anywhere.
 
-Run ``python examples/mpc_quadruped.py [ROBOT]``: a robot file or a name of the gallery; without one the go2 of the package
-``example-robot-data``. ``--short`` stops after two seconds, before the push.
+Run ``python examples/mpc_quadruped.py [ROBOT]``: a robot file or a name of the gallery; without one
+the go2 of the package ``example-robot-data``. ``--short`` stops after two seconds, before the push.
 """
 
 import sys
@@ -11,14 +12,18 @@ from pathlib import Path
 import octo
 from octo.mpc import Controller, Push, VelocityCommand, run, walking_problem
 
-PACKAGE = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots/go2_description/urdf/go2.urdf"
+PACKAGE = (
+    Path(sysconfig.get_path("purelib"))
+    / "cmeel.prefix/share/example-robot-data/robots/go2_description/urdf/go2.urdf"
+)
 SECONDS = 2.0 if "--short" in sys.argv else 20.0
 PUSH = Push(50.0, 0.2, 90.0, start=5.0) if SECONDS > 5.0 else None
 
 files = [word for word in sys.argv[1:] if not word.startswith("--")]
 robot = octo.load(files[0] if files else PACKAGE)
 
-problem = walking_problem(robot)  # 25 steps of 0.04 s, soft feet, the terms of octo.costs.locomotion
+# 25 steps of 0.04 s, soft feet, the terms of octo.costs.locomotion
+problem = walking_problem(robot)
 guide = VelocityCommand(velocity=(0.3, 0.0))
 controller = Controller(problem, guide=guide)
 

@@ -1,7 +1,9 @@
-"""A mammal that lies on its side or on its back gets up in MuJoCo: no motion is given, only a pose to end in.
+"""A mammal that lies on its side or on its back gets up in MuJoCo: no motion is given, only a pose
+to end in.
 
-The first plan is solved from the pose it lies in (several starts, the best is kept); after that a plan of three seconds is
-improved by six iterations from every measurement. Run ``python examples/mpc_stand_up.py [--short]``.
+The first plan is solved from the pose it lies in (several starts, the best is kept); after that a
+plan of three seconds is improved by six iterations from every measurement. Run ``python
+examples/mpc_stand_up.py [--short]``.
 """
 
 from __future__ import annotations
@@ -21,11 +23,14 @@ STANDING, UPRIGHT = 0.8, 0.94  # of the height, cosine of the tilt
 
 
 def stand_up_problem(robot: octo.Character) -> octo.Problem:
-    """Height, roll, pitch and joints of the standing pose at every step; no joint or body moves faster than it must."""
+    """Height, roll, pitch and joints of the standing pose at every step; no joint or body moves
+    faster than it must."""
     standing = walking_problem(robot, STEPS, DT)
     length, base = standing.length, int(robot.first_joint[robot.base_body])
     weights = np.zeros(robot.nx)
-    weights[base + 2], weights[base + 4 : base + 6], weights[robot.actuated] = 5.0 / length**2, 1.0, 0.05
+    weights[base + 2] = 5.0 / length**2
+    weights[base + 4 : base + 6] = 1.0
+    weights[robot.actuated] = 0.05
     costs = [
         octo.PoseTarget(target=standing.start, coordinates=weights, steps="all", weight=0.01),
         octo.BaseAngularVelocity(weight=0.02 * length),
@@ -37,13 +42,19 @@ def stand_up_problem(robot: octo.Character) -> octo.Problem:
     return standing.replace(costs=costs)
 
 
-def lying(robot: octo.Character, standing: np.ndarray, roll: float, rng: np.random.Generator) -> np.ndarray:
+def lying(
+    robot: octo.Character, standing: np.ndarray, roll: float, rng: np.random.Generator
+) -> np.ndarray:
     """On the ground at a roll angle (rad), with random joints."""
     base, x = int(robot.first_joint[robot.base_body]), standing.copy()
     x[base + 4 : base + 6] = rng.uniform(-0.2, 0.2), roll + rng.uniform(-0.2, 0.2)
     moved = x[robot.actuated] + 0.3 * rng.standard_normal(robot.nu)
-    x[robot.actuated] = np.clip(moved, robot.lower[robot.actuated] + 0.05, robot.upper[robot.actuated] - 0.05)
-    lowest = octo.kinematics.sphere_centers(robot, x)[:, 2] - [contact.radius for contact in robot.contacts]
+    x[robot.actuated] = np.clip(
+        moved, robot.lower[robot.actuated] + 0.05, robot.upper[robot.actuated] - 0.05
+    )
+    lowest = octo.kinematics.sphere_centers(robot, x)[:, 2] - [
+        contact.radius for contact in robot.contacts
+    ]
     x[base + 2] -= lowest[list(robot.terrain_contacts)].min()
     return x
 
@@ -51,7 +62,8 @@ def lying(robot: octo.Character, standing: np.ndarray, roll: float, rng: np.rand
 def first_plan(problem: octo.Problem, x: np.ndarray, starts: int) -> octo.Solution:
     """The better of two motions of three seconds from x, rolling to the left or to the right.
 
-    The solver begins from a straight line to the standing pose, or from lying still with noise; E decides.
+    The solver begins from a straight line to the standing pose, or from lying still with noise; E
+    decides.
     """
     roll = int(problem.character.first_joint[problem.character.base_body]) + 5
     found = []
@@ -59,7 +71,12 @@ def first_plan(problem: octo.Problem, x: np.ndarray, starts: int) -> octo.Soluti
         begin = x.copy()
         begin[roll] += side
         scale = max(float(np.sum((problem.start - begin) ** 2)), 0.01)  # what PoseTarget divides by
-        aim = octo.PoseTarget(target=problem.start, coordinates=problem.costs[0].coordinates, steps="all", weight=scale)
+        aim = octo.PoseTarget(
+            target=problem.start,
+            coordinates=problem.costs[0].coordinates,
+            steps="all",
+            weight=scale,
+        )
         lying_down = problem.replace(x0=begin, costs=[aim, *problem.costs[1:]])
         share = np.clip(np.linspace(0.0, 2.0, STEPS + 1), 0.0, 1.0)[:, None]
         line = begin + share * (problem.start - begin)
@@ -73,7 +90,8 @@ def first_plan(problem: octo.Problem, x: np.ndarray, starts: int) -> octo.Soluti
 
 
 def rise(problem: octo.Problem, seed: int, starts: int = 4) -> dict[str, Any]:
-    """One trial: odd seeds lie on their back, even ones on a side. ``stood``: s, from when on it stands, None for never."""
+    """One trial: odd seeds lie on their back, even ones on a side. ``stood``: s, from when on it
+    stands, None for never."""
     robot, rng = problem.character, np.random.default_rng(seed)
     roll = np.pi if seed % 2 else (0.5 * np.pi if seed % 4 else -0.5 * np.pi)
     x = lying(robot, problem.start, roll, rng)
@@ -90,7 +108,12 @@ def rise(problem: octo.Problem, seed: int, starts: int = 4) -> dict[str, Any]:
             plant.step(controller.command(t + 0.002 * j, plant.q, plant.v))
         up = plant.height > STANDING * problem.start[2] and plant.base_rotation[2, 2] > UPRIGHT
         stood = (t if stood is None else stood) if up else None
-    return {"from": "back" if seed % 2 else "side", "stood": stood, "height": plant.height, "energy": plan.energy}
+    return {
+        "from": "back" if seed % 2 else "side",
+        "stood": stood,
+        "height": plant.height,
+        "energy": plan.energy,
+    }
 
 
 if __name__ == "__main__":
@@ -100,7 +123,10 @@ if __name__ == "__main__":
     results = [rise(described, seed, starts=1 if trials == 1 else 4) for seed in range(trials)]
     for result in results:
         stood = result["stood"]
-        print(f"from its {result['from']}: {'does not stand' if stood is None else f'stands after {stood:.2f} s'}")
+        print(
+            f"from its {result['from']}: "
+            f"{'does not stand' if stood is None else f'stands after {stood:.2f} s'}"
+        )
     share = float(np.mean([result["stood"] is not None for result in results]))
     print(f"{100 * share:.0f} % stand within {SECONDS:g} s")
     assert trials == 1 or share >= 0.4

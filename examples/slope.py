@@ -1,4 +1,5 @@
-"""Uphill, and over a ground written by the user as a signed distance in CasADi. ``--short`` solves one second instead of four."""
+"""Uphill, and over a ground written by the user as a signed distance in CasADi. ``--short`` solves
+one second instead of four."""
 
 import sys
 
@@ -24,9 +25,12 @@ grounds = {
 }
 for name, (terrain, velocity) in grounds.items():
     problem = octo.Problem(
-        octo.gallery.mammal(), steps=round(SECONDS / DT), dt=DT, terrain=terrain,
+        octo.gallery.mammal(),
+        steps=round(SECONDS / DT),
+        dt=DT,
+        terrain=terrain,
         costs=[octo.CenterOfMassVelocity(velocity), octo.Effort()],
-    )  # fmt: skip
+    )
     solution = octo.solve(problem, progress=True)
     print(f"{name}: {solution}")
     octo.view(solution, f"{name}.html")

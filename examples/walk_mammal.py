@@ -1,6 +1,8 @@
-"""A four-legged character walks for ten seconds at 0.5 m/s, from rest to rest: no gait, no footholds, only a speed.
+"""A four-legged character walks for ten seconds at 0.5 m/s, from rest to rest: no gait, no
+footholds, only a speed.
 
-Run ``python examples/walk_mammal.py``; ``--short`` looks at one stride of one period and walks for 2.5 seconds.
+Run ``python examples/walk_mammal.py``; ``--short`` looks at one stride of one period and walks for
+2.5 seconds.
 """
 
 import sys

@@ -1,7 +1,8 @@
 """octo: from a robot file to a motion, by contact-aware trajectory optimisation without velocities.
 
-A trajectory is a list of configurations and nothing else; contact and friction are smooth functions of two of them.
-Everything a user needs is a name of this module; each is imported when it is first asked for.
+A trajectory is a list of configurations and nothing else; contact and friction are smooth functions
+of two of them. Everything a user needs is a name of this module; each is imported when it is first
+asked for.
 """
 
 from __future__ import annotations
@@ -164,7 +165,9 @@ def __getattr__(name: str) -> Any:
         value = getattr(importlib.import_module(_HOME[name]), name)
     else:
         near = " or ".join(difflib.get_close_matches(name, __all__, n=2))
-        raise AttributeError(f"module 'octo' has no attribute {name!r}" + (f"; did you mean {near}?" if near else ""))
+        raise AttributeError(
+            f"module 'octo' has no attribute {name!r}" + (f"; did you mean {near}?" if near else "")
+        )
     globals()[name] = value
     return value
 
@@ -174,7 +177,8 @@ def __dir__() -> list[str]:
 
 
 class _Package(types.ModuleType):
-    """``octo.solve`` and ``octo.plot`` stay functions when the modules of those names are imported."""
+    """``octo.solve`` and ``octo.plot`` stay functions when the modules of those names are
+    imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if isinstance(value, types.ModuleType) and _HOME.get(name) == value.__name__:

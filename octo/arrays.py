@@ -1,7 +1,7 @@
 """Arrays of NumPy or of a device, under one set of words.
 
-What is large (batch, K, …) stays where the kernels run; the scalars of the algorithm, (batch,) or (batch, K), are NumPy
-arrays: a decision costs one small copy, and then no launch.
+What is large (batch, K, …) stays where the kernels run; the scalars of the algorithm, (batch,) or
+(batch, K), are NumPy arrays: a decision costs one small copy, and then no launch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ copies = 0  # from a device to the host, so far
 
 
 def array_module(array: Array) -> Any:
-    """The module whose functions take ``array``: numpy, or cupy for a device array (it is not imported here)."""
+    """The module whose functions take ``array``: numpy, or cupy for a device array (it is not
+    imported here)."""
     return sys.modules[type(array).__module__.partition(".")[0]]
 
 
@@ -59,7 +60,8 @@ def scaled(factor: Numbers, v: Array) -> Array:
 
 
 def some(mask: NDArray[np.bool_]) -> bool:
-    """Whether any is set: by its bytes, for on a few members NumPy's any() and all() take ten times as long."""
+    """Whether any is set: by its bytes, for on a few members NumPy's any() and all() take ten times
+    as long."""
     return b"\1" in mask.tobytes()
 
 
@@ -69,7 +71,8 @@ def every(mask: NDArray[np.bool_]) -> bool:
 
 
 def choose(mask: NDArray[np.bool_], one: Array, other: Array | float) -> Array:
-    """``one`` (batch, …) where mask (batch,), ``other`` elsewhere; an array itself where all members come from it."""
+    """``one`` (batch, …) where mask (batch,), ``other`` elsewhere; an array itself where all
+    members come from it."""
     if every(mask):
         return one
     if not (some(mask) or isinstance(other, float)):

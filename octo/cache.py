@@ -1,8 +1,9 @@
 """Compiled code on the disk: only files that this user's octo made whole are ever loaded.
 
-Beside each file is its digest: a file that was cut, changed or put there by something else is made anew. The folder is
-``$OCTO_CACHE``, else the user's cache folder. Where it cannot serve (a disk that is full, read-only or forbids code, no home,
-a folder that others own or may write to) one temporary folder does, for as long as the process runs.
+Beside each file is its digest: a file that was cut, changed or put there by something else is made
+anew. The folder is ``$OCTO_CACHE``, else the user's cache folder. Where it cannot serve (a disk
+that is full, read-only or forbids code, no home, a folder that others own or may write to) one
+temporary folder does, for as long as the process runs.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ NOEXEC: int = getattr(os, "ST_NOEXEC", 0)
 
 Maker = Callable[[Path], object]  # writes the file at the path that it is given
 
-_locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)  # by file: two threads compile it once
+# by file: two threads compile it once
+_locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
 _given_up: set[Path] = set()  # folders that could not be written in this process
 
 
@@ -37,11 +39,13 @@ class Unsafe(Exception):
 
 
 def path_of(name: str, make: Maker) -> Path:
-    """The file ``name`` of the cache, made by ``make(path)`` where it is not there or not as it was made.
+    """The file ``name`` of the cache, made by ``make(path)`` where it is not there or not as it was
+    made.
 
     Raises
     ------
-    DeviceError: there is no folder to make it in. And what ``make`` raises in the temporary folder too.
+    DeviceError: there is no folder to make it in. And what ``make`` raises in the temporary folder
+        too.
     """
     with _locks[name]:
         folder = lasting()
@@ -68,15 +72,20 @@ def path_in_temporary(name: str, make: Maker) -> Path:
         if not whole(path):
             _make(path, make)
     except OSError as error:
-        raise DeviceError(f"no compiled code can be written to {path.parent}: {reason(error)}") from error
+        raise DeviceError(
+            f"no compiled code can be written to {path.parent}: {reason(error)}"
+        ) from error
     return path
 
 
 def lasting() -> Path | None:
-    """The folder where compiled code is kept, absolute, made with mode 0700 where it is missing; None: there is none."""
+    """The folder where compiled code is kept, absolute, made with mode 0700 where it is missing;
+    None: there is none."""
     folder = wanted()
     if folder is None:
-        _say("octo: there is no home folder for compiled code: it is compiled again in every process")
+        _say(
+            "octo: there is no home folder for compiled code: it is compiled again in every process"
+        )
         return None
     try:
         _check(folder)
@@ -100,7 +109,10 @@ def wanted() -> Path | None:
 def give_up(folder: Path, why: str) -> None:
     """Write to the temporary folder in place of this one from now on, and say so once."""
     _given_up.add(folder)
-    _say(f"octo: {folder} cannot keep compiled code ({' '.join(why.split())}): it is compiled again in every process")
+    _say(
+        f"octo: {folder} cannot keep compiled code ({' '.join(why.split())}): it is compiled "
+        "again in every process"
+    )
 
 
 @functools.cache
@@ -136,7 +148,11 @@ def _own(path: Path) -> bytes:
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     with os.fdopen(handle, "rb") as file:
         found = os.fstat(handle)
-        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & OTHERS:
+        if (
+            not stat.S_ISREG(found.st_mode)
+            or found.st_uid != os.geteuid()
+            or found.st_mode & OTHERS
+        ):
             raise Unsafe(f"{path} is not a file of this user alone")
         return file.read()
 
@@ -157,7 +173,8 @@ def _make(path: Path, make: Maker) -> None:
 
 def _check(folder: Path) -> None:
     """Make the folder where it is missing; refuse one that cannot keep code safely."""
-    ours = not os.environ.get("OCTO_CACHE")  # made for nothing else: its permissions are octo's to correct
+    # made for nothing else: its permissions are octo's to correct
+    ours = not os.environ.get("OCTO_CACHE")
     try:
         missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         for parent in reversed(missing):
@@ -210,4 +227,3 @@ def _temporary_of(process: int) -> Path:
 
     atexit.register(remove)
     return path
-

@@ -13,7 +13,15 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.errors import OutputError, ProblemError, ShapeError, UnknownNameError, UsageError, ValueRangeError, said
+from octo.errors import (
+    OutputError,
+    ProblemError,
+    ShapeError,
+    UnknownNameError,
+    UsageError,
+    ValueRangeError,
+    said,
+)
 
 Array = NDArray[np.float64]
 Given = ParamSpec("Given")
@@ -27,11 +35,13 @@ TEXTS = (str, bytes, bytearray, memoryview)
 
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """``function`` of the package octo, with a call that does not fit its signature refused in octo's own words.
+    """``function`` of the package octo, with a call that does not fit its signature refused in
+    octo's own words.
 
     Raises
     ------
-    UnknownNameError: no such option; says the nearest. UsageError: an argument is missing, or given twice.
+    UnknownNameError: no such option; says the nearest. UsageError: an argument is missing, or given
+        twice.
     """
     signature = inspect.signature(function)
     name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
@@ -56,11 +66,14 @@ def floats(field: str, value: Any) -> Array:
 
     Raises
     ------
-    ValueRangeError: not numbers. NumPy would make some of texts and dates, and real ones of complex ones.
+    ValueRangeError: not numbers. NumPy would make some of texts and dates, and real ones of complex
+        ones.
     """
     try:
         found = np.asarray(value)
-        if found.dtype.kind not in "biufO" or (found.dtype.kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)):
+        if found.dtype.kind not in "biufO" or (
+            found.dtype.kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)
+        ):
             raise TypeError
         return np.asarray(found, dtype=float)
     except (TypeError, ValueError, OverflowError, RecursionError):
@@ -79,7 +92,11 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
     if not finite.all():
-        where = f" at index {', '.join(str(int(k)) for k in np.argwhere(~finite)[0])}" if array.ndim else ""
+        where = (
+            f" at index {', '.join(str(int(k)) for k in np.argwhere(~finite)[0])}"
+            if array.ndim
+            else ""
+        )
         raise ValueRangeError(f"{field} is not finite{where}")
     return array
 
@@ -95,7 +112,9 @@ def positive(field: str, value: Any, unit: str = "") -> float:
     except (TypeError, ValueError, OverflowError):
         found = float("nan")
     if not (np.isfinite(found) and found > 0.0):
-        raise ValueRangeError(f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite")
+        raise ValueRangeError(
+            f"{field} is {said(value)}{unit and ' '}{unit}, must be positive and finite"
+        )
     return found
 
 
@@ -108,7 +127,10 @@ def time_step(value: Any) -> float:
     """
     dt = positive("dt", value, "s")
     if dt < SHORTEST_STEP:
-        raise ValueRangeError(f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: velocities are differences over it")
+        raise ValueRangeError(
+            f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: velocities are "
+            "differences over it"
+        )
     if dt > LONGEST_STEP:
         why = "within one step a robot falls over unseen"
         raise ValueRangeError(f"dt is {said(value)} s, must be at most {LONGEST_STEP:g} s: {why}")
@@ -116,7 +138,8 @@ def time_step(value: Any) -> float:
 
 
 def vectors(field: str, value: Any, size: int) -> Array:
-    """``value`` as ``size`` finite numbers, or as a row of them for each step: (size,) or (N, size)."""
+    """``value`` as ``size`` finite numbers, or as a row of them for each step: (size,) or (N,
+    size)."""
     array = numbers(field, value)
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise ShapeError(field, array.shape, f"({size},) or (N, {size})")
@@ -124,12 +147,15 @@ def vectors(field: str, value: Any, size: int) -> Array:
 
 
 def shares(field: str, value: Any, size: int) -> Array:
-    """Weights of ``size`` things, as one number for all, (size,) or (N, size): finite, none negative."""
+    """Weights of ``size`` things, as one number for all, (size,) or (N, size): finite, none
+    negative."""
     array = numbers(field, value)
     if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
         raise ShapeError(field, array.shape, f"(), ({size},) or (N, {size})")
     if (array < 0.0).any():
-        raise ValueRangeError(f"{field} has the negative weight {array.min():g}, must not be negative")
+        raise ValueRangeError(
+            f"{field} has the negative weight {array.min():g}, must not be negative"
+        )
     return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
 
 
@@ -153,7 +179,9 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
 
 def whole(field: str, value: Any, least: int = 1, most: int = MOST) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueRangeError(f"{field} is {said(value)}, must be a whole number of at least {least}")
+        raise ValueRangeError(
+            f"{field} is {said(value)}, must be a whole number of at least {least}"
+        )
     if value > most:
         raise ValueRangeError(f"{field} is {said(value)}, must be at most {most}")
     return int(value)
@@ -191,7 +219,8 @@ def instance(field: str, value: Any, kind: Any, words: str) -> Any:
 
 
 def room(what: str, doubles: float) -> None:
-    """Refuse what does not fit into this machine's memory: the system would end the process in the middle.
+    """Refuse what does not fit into this machine's memory: the system would end the process in the
+    middle.
 
     Raises
     ------
@@ -199,7 +228,9 @@ def room(what: str, doubles: float) -> None:
     """
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if 8.0 * doubles > there:
-        raise ProblemError(f"{what} need {8e-9 * doubles:.3g} GB of memory, this machine has {1e-9 * there:.3g} GB")
+        raise ProblemError(
+            f"{what} need {8e-9 * doubles:.3g} GB of memory, this machine has {1e-9 * there:.3g} GB"
+        )
 
 
 def steps_in(seconds: float, dt: float) -> int:
@@ -210,12 +241,15 @@ def steps_in(seconds: float, dt: float) -> int:
     ValueRangeError: more than fit into memory and a lifetime.
     """
     if not seconds / dt <= MOST_STEPS:
-        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {MOST_STEPS} steps of {dt:g} s")
+        raise ValueRangeError(
+            f"seconds is {seconds:g}, must be at most {MOST_STEPS} steps of {dt:g} s"
+        )
     return round(seconds / dt)
 
 
 def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """``value`` as native code reads it: float64 in C order, of ``shape``; itself where it is that already.
+    """``value`` as native code reads it: float64 in C order, of ``shape``; itself where it is that
+    already.
 
     Raises
     ------
@@ -228,7 +262,8 @@ def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def owned(value: Any) -> Any:
-    """``value``, or a copy of what its giver could still change: arrays, lists, dicts, and what they hold."""
+    """``value``, or a copy of what its giver could still change: arrays, lists, dicts, and what
+    they hold."""
     if isinstance(value, Mapping):
         return {key: owned(entry) for key, entry in value.items()}
     if isinstance(value, tuple) and type(value) is tuple:
@@ -238,4 +273,6 @@ def owned(value: Any) -> Any:
     try:
         return copy.deepcopy(value) if hasattr(value, "__setitem__") else value
     except (TypeError, RecursionError):
-        raise ValueRangeError(f"{said(value)} is given, which cannot be copied, must be numbers or texts") from None
+        raise ValueRangeError(
+            f"{said(value)} is given, which cannot be copied, must be numbers or texts"
+        ) from None

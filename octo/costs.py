@@ -1,4 +1,5 @@
-"""Every term of E by one import path, and the lists of terms that go together: natural, paper, robot, locomotion."""
+"""Every term of E by one import path, and the lists of terms that go together: natural, paper,
+robot, locomotion."""
 
 from octo.problem.contact_costs import (
     BodyLoad,

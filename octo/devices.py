@@ -12,11 +12,16 @@ def devices() -> dict[str, str]:
     """The devices by name, and what each is; behind "cannot be used:" why it is none here."""
     words = native.compiler()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    known = {"cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"}
+    known = {
+        "cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"
+    }
     reason = cuda.reason()
     if reason is None:
         gpu = cuda.device()
-        known["cuda"] = f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC {nvrtc.version()}"
+        known["cuda"] = (
+            f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC "
+            f"{nvrtc.version()}"
+        )
     else:
         known["cuda"] = f"cannot be used: {reason}"
     return known

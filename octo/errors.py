@@ -1,7 +1,7 @@
 """One exception class per mistake, all under :class:`OctoError`.
 
-A message is one line: it names the field, the value found and what is allowed. The command line prints
-it and exits with code 2; nothing of octo raises a bare ``ValueError`` for bad input.
+A message is one line: it names the field, the value found and what is allowed. The command line
+prints it and exits with code 2; nothing of octo raises a bare ``ValueError`` for bad input.
 """
 
 from __future__ import annotations
@@ -17,14 +17,25 @@ LONGEST = 1200  # characters of a message, of which the end says what is allowed
 
 
 def said(value: object) -> str:
-    """A value in a message, in one short line: plain ones as they are written, of others the kind."""
+    """A value in a message, in one short line: plain ones as they are written, of others the
+    kind."""
     shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
-    held = shown if isinstance(shown, (list, tuple)) else [*shown, *shown.values()] if isinstance(shown, dict) else [object()]
+    held = (
+        shown
+        if isinstance(shown, (list, tuple))
+        else [*shown, *shown.values()]
+        if isinstance(shown, dict)
+        else [object()]
+    )
     kind_of_array = getattr(getattr(value, "dtype", None), "kind", "O")
     listed = all(isinstance(entry, PLAIN) for entry in held)
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
-    elif listed or isinstance(value, PLAIN) or (kind_of_array != "O" and getattr(value, "shape", None) == ()):
+    elif (
+        listed
+        or isinstance(value, PLAIN)
+        or (kind_of_array != "O" and getattr(value, "shape", None) == ())
+    ):
         try:
             text = repr(shown)
         except ValueError:  # Python does not write numbers of more than 4300 digits
@@ -38,9 +49,13 @@ def said(value: object) -> str:
 
 
 def one_line(text: str) -> str:
-    """A message without line breaks and what a terminal takes for commands; words and lists that are too long are cut."""
+    """A message without line breaks and what a terminal takes for commands; words and lists that
+    are too long are cut."""
     words = [word if len(word) <= LONGEST_WORD else f"{word[:SHORT]}…" for word in text.split()]
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in " ".join(words))
+    line = "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii")
+        for c in " ".join(words)
+    )
     return line if len(line) <= LONGEST else f"{line[: 3 * LONGEST // 4]} … {line[-LONGEST // 5 :]}"
 
 
@@ -68,14 +83,17 @@ class UnsupportedFeatureError(RobotFileError):
 
 
 class UnknownNameError(OctoError):
-    """A name (robot, body, joint, goal, option) that does not exist; lists the nearest valid ones, or says ``hint``."""
+    """A name (robot, body, joint, goal, option) that does not exist; lists the nearest valid ones,
+    or says ``hint``."""
 
     def __init__(self, kind: str, name: object, valid: Iterable[str], hint: str = ""):
         names = sorted(str(v) for v in valid)
         word = name if isinstance(name, str) else said(name)
         begun = [valid_name for valid_name in names if word and valid_name.startswith(word)]
         near = begun or difflib.get_close_matches(word[:SHORT], names, n=3, cutoff=0.4)
-        nearest = f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
+        nearest = (
+            f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
+        )
         super().__init__(f"{kind} {said(name)} is not known; {hint or nearest}")
 
 

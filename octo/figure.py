@@ -1,4 +1,5 @@
-"""matplotlib's Figure, which a notebook shows where it is the last value of a cell. Imported where a picture is drawn."""
+"""matplotlib's Figure, which a notebook shows where it is the last value of a cell. Imported where
+a picture is drawn."""
 
 from __future__ import annotations
 

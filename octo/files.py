@@ -1,4 +1,5 @@
-"""Files that are whole or not there: scratch folders of living processes, renames that survive a power cut, safe names."""
+"""Files that are whole or not there: scratch folders of living processes, renames that survive a
+power cut, safe names."""
 
 from __future__ import annotations
 
@@ -14,13 +15,16 @@ from pathlib import Path
 
 from octo.errors import OutputError
 
-SCRATCH = ".octo-scratch-"  # how the names of scratch folders begin; eight letters of tempfile's follow
-LONGEST_NAME = 80  # bytes of what a file's word becomes of a folder's name; file systems allow 255 in all
+# how the names of scratch folders begin; eight letters of tempfile's follow
+SCRATCH = ".octo-scratch-"
+# bytes of what a file's word becomes of a folder's name; file systems allow 255 in all
+LONGEST_NAME = 80
 
 
 @contextlib.contextmanager
 def scratch(folder: Path, prefix: str = SCRATCH) -> Iterator[Path]:
-    """A new folder in ``folder``, removed at the end; those that dead processes left there are removed first."""
+    """A new folder in ``folder``, removed at the end; those that dead processes left there are
+    removed first."""
     path, lock = locked(folder, prefix)
     try:
         yield path
@@ -30,13 +34,16 @@ def scratch(folder: Path, prefix: str = SCRATCH) -> Iterator[Path]:
 
 
 def locked(folder: Path, prefix: str) -> tuple[Path, int]:
-    """A new folder, and the file descriptor that holds its lock: the system opens it when the process ends, however it does."""
+    """A new folder, and the file descriptor that holds its lock: the system opens it when the
+    process ends, however it does."""
     sweep(folder, prefix)
     while True:
         path = Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
-        with contextlib.suppress(FileNotFoundError):  # another process took it for a dead one's before it was locked
+        # another process took it for a dead one's before it was locked
+        with contextlib.suppress(FileNotFoundError):
             lock = os.open(path, os.O_RDONLY)
-            with contextlib.suppress(OSError):  # a file system without locks: nobody sweeps there either
+            # a file system without locks: nobody sweeps there either
+            with contextlib.suppress(OSError):
                 fcntl.flock(lock, fcntl.LOCK_EX)
             if path.exists():
                 return path, lock
@@ -71,7 +78,8 @@ def settle(path: Path) -> None:
 
 
 def place(made: Path, target: Path) -> None:
-    """Rename a finished file of the same disk to ``target``: there is the old one or the whole new one, whatever happens."""
+    """Rename a finished file of the same disk to ``target``: there is the old one or the whole new
+    one, whatever happens."""
     settle(made)
     os.replace(made, target)
     with contextlib.suppress(OSError):  # some file systems cannot
@@ -80,7 +88,8 @@ def place(made: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path to write ``target``'s new contents to, which takes its place at the end, if all went well.
+    """A path to write ``target``'s new contents to, which takes its place at the end, if all went
+    well.
 
     Raises
     ------
@@ -97,7 +106,8 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file; no for names that no file can have: too long, or with a zero byte."""
+    """Whether there is a file; no for names that no file can have: too long, or with a zero
+    byte."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -110,7 +120,10 @@ def reason(error: Exception) -> str:
 
 
 def file_name(word: str) -> str:
-    """``word``, which a file or a user gave, as a part of a file's name: letters, digits and "-+._" alone, and not too long."""
-    plain = "".join(c if c.isalnum() or c in "-+._" else "_" for c in unicodedata.normalize("NFC", str(word)))
+    """``word``, which a file or a user gave, as a part of a file's name: letters, digits and "-+._"
+    alone, and not too long."""
+    plain = "".join(
+        c if c.isalnum() or c in "-+._" else "_" for c in unicodedata.normalize("NFC", str(word))
+    )
     plain = re.sub(r"\.{2,}|_{2,}", "_", plain).strip("._")
     return plain.encode("utf-8", "ignore")[:LONGEST_NAME].decode("utf-8", "ignore") or "unnamed"

@@ -1,4 +1,5 @@
-"""What the command line asks for: walk, stride, turn, jump, stand; as terms of E, and as one number that says how well."""
+"""What the command line asks for: walk, stride, turn, jump, stand; as terms of E, and as one number
+that says how well."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ Preset = Literal["natural", "paper", "robot"]
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal: ``speed`` in m/s (rad/s for turn, its sign the side), ``distance`` and ``height`` (of its top) in m for jump."""
+    """A goal: ``speed`` in m/s (rad/s for turn, its sign the side), ``distance`` and ``height`` (of
+    its top) in m for jump."""
 
     kind: Kind = "walk"
     speed: float = 0.5
@@ -34,7 +36,9 @@ class Goal:
         one_of("costs", self.preset, get_args(Preset))
         for name in ("speed", "distance", "height"):
             if not abs(number(name, getattr(self, name))) <= LARGEST:
-                raise ValueRangeError(f"{name} is {getattr(self, name):g}, must be at most {LARGEST:g} in size")
+                raise ValueRangeError(
+                    f"{name} is {getattr(self, name):g}, must be at most {LARGEST:g} in size"
+                )
 
     @property
     def velocity(self) -> tuple[float, float, float]:
@@ -50,9 +54,14 @@ class Goal:
         ProblemError: no actuator, or no floating base to move.
         """
         if robot.nu == 0:
-            raise ProblemError(f"robot {robot.name!r} has no actuator: at least one joint must be actuated")
+            raise ProblemError(
+                f"robot {robot.name!r} has no actuator: at least one joint must be actuated"
+            )
         if robot.base != "floating":
-            raise ProblemError(f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
+            raise ProblemError(
+                f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try "
+                "base='floating'"
+            )
 
     def costs(self, length: float = 0.3, times: Array | None = None) -> list[Cost]:
         """The terms of E, of a problem that no cycle and no fixed end tells how far to go.
@@ -66,11 +75,15 @@ class Goal:
         ProblemError: a jump, whose terms go with its steps.
         """
         if self.kind == "jump":
-            raise ProblemError("the terms of a jump go with its steps: jump_problem of octo.jump describes one")
+            raise ProblemError(
+                "the terms of a jump go with its steps: jump_problem of octo.jump describes one"
+            )
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "natural":
-            terms = presets.natural(None if self.kind == "stand" else self.velocity, yaw_rate or None, length=length)
+            terms = presets.natural(
+                None if self.kind == "stand" else self.velocity, yaw_rate or None, length=length
+            )
         elif self.preset == "robot":
             terms = presets.robot(self.velocity, yaw_rate, length=length, times=times)
         elif self.kind == "turn":
@@ -79,7 +92,8 @@ class Goal:
         return terms
 
     def asked(self, solution: Solution) -> Asked:
-        """What the motion does and what was asked: mean yaw rate, distance and height of the top, or mean velocity (x, y)."""
+        """What the motion does and what was asked: mean yaw rate, distance and height of the top,
+        or mean velocity (x, y)."""
         duration, name = solution.steps * solution.dt, f"goal {self.kind}"
         if self.kind == "turn":
             rate = (solution.yaw[-1] - solution.yaw[0]) / duration
@@ -90,7 +104,13 @@ class Goal:
             reached = (moved[-1, 0], moved[:, 2].max())
             return Asked.of(name, what, reached, (self.distance, self.height), "m", each=True)
         axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
-        return Asked.of(name, "the centre of mass moves at", moved[-1, :axes] / duration, self.velocity[:axes], "m/s")
+        return Asked.of(
+            name,
+            "the centre of mass moves at",
+            moved[-1, :axes] / duration,
+            self.velocity[:axes],
+            "m/s",
+        )
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""
@@ -101,7 +121,8 @@ class Goal:
         return self.asked(solution).met
 
     def verdict(self, solution: Solution) -> str:
-        """One line: whether the goal was met, what was asked, what came out, by how much it was missed."""
+        """One line: whether the goal was met, what was asked, what came out, by how much it was
+        missed."""
         return str(self.asked(solution))
 
     def said(self, solution: Solution) -> Solution:

@@ -204,7 +204,8 @@ def _steps(problem: Problem, height: float, rise: float, seconds: float | None) 
 
 @dataclass(frozen=True)
 class Course:
-    """A jump that is the same before and after its top: how high (m), and how long (s) each part is."""
+    """A jump that is the same before and after its top: how high (m), and how long (s) each part
+    is."""
 
     height: float  # m, of the top
     depth: float  # m, of the crouch
@@ -294,7 +295,8 @@ def slide(robot: Character, axis: int) -> int:
 
 
 def _reaching(robot: Character, x: Array, feet: list[int], targets: Array) -> Array:
-    """x (nx,) with joints that bring the feet near ``targets`` (feet, 3) m: damped least squares."""
+    """x (nx,) with joints that bring the feet near ``targets`` (feet, 3) m: damped least
+    squares."""
     joints, small, damping = robot.actuated, 1e-6, 1e-4  # rad or m; m²
     count = len(joints)
     lower = np.minimum(robot.lower[joints] + REACH, x[joints])

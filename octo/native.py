@@ -1,7 +1,8 @@
-"""C text to a loaded shared library, cached by what it was made from; says once when there is no compiler.
+"""C text to a loaded shared library, cached by what it was made from; says once when there is no
+compiler.
 
-``CC`` names the compiler (gcc, cc and clang are tried otherwise), ``OCTO_CACHE`` the cache folder (octo.cache), and
-``OCTO_NO_COMPILER=1`` makes octo behave as on a machine without one.
+``CC`` names the compiler (gcc, cc and clang are tried otherwise), ``OCTO_CACHE`` the cache folder
+(octo.cache), and ``OCTO_NO_COMPILER=1`` makes octo behave as on a machine without one.
 """
 
 from __future__ import annotations
@@ -23,14 +24,23 @@ from octo import cache
 from octo.errors import DeviceError
 from octo.files import reason
 
-# No -ffast-math: it lets the compiler assume that NaN never happens, and the solver's checks live on NaN. What is
-# here keeps NaN and infinity exact: no errno from sqrt, no floating-point traps.
-# The lanes' text looks at vectors as numbers, as masks and as arrays: -fno-strict-aliasing, which costs nothing measurable.
-# -fno-semantic-interposition lets it inline functions of a shared library: 15 % of FD, 5 % of its Jacobian.
+# No -ffast-math: it lets the compiler assume that NaN never happens, and the solver's checks live
+# on NaN. What is here keeps NaN and infinity exact: no errno from sqrt, no floating-point traps.
+# The lanes' text looks at vectors as numbers, as masks and as arrays: -fno-strict-aliasing, which
+# costs nothing measurable. -fno-semantic-interposition lets it inline functions of a shared
+# library: 15 % of FD, 5 % of its Jacobian.
 FLAGS = (
-    "-std=gnu11", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-strict-aliasing",
-    "-fno-semantic-interposition", "-fPIC", "-shared", "-w",
-)  # fmt: skip
+    "-std=gnu11",
+    "-O3",
+    "-march=native",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-strict-aliasing",
+    "-fno-semantic-interposition",
+    "-fPIC",
+    "-shared",
+    "-w",
+)
 LIBRARIES = ("-lm", "-lpthread")
 ASKED = 60.0  # s, in which a compiler must say its version
 
@@ -46,21 +56,31 @@ def compiler() -> tuple[str, ...] | None:
     DeviceError: ``CC`` is no command line.
     """
     if os.environ.get("OCTO_NO_COMPILER", "0") not in ("", "0"):
-        print("octo: OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, slowly", file=sys.stderr)
+        print(
+            "octo: OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, "
+            "slowly",
+            file=sys.stderr,
+        )
         return None
     named = os.environ.get("CC", "")
     try:
         wanted = shlex.split(named)
     except ValueError as error:
-        raise DeviceError(f"CC is {named!r}, must be a compiler and its options: {error}") from error
+        raise DeviceError(
+            f"CC is {named!r}, must be a compiler and its options: {error}"
+        ) from error
     for words in ([wanted] if wanted else []) + [["gcc"], ["cc"], ["clang"]]:
         path = shutil.which(words[0])
         if path and wanted and words is not wanted:
-            print(f"octo: CC is {named!r}, which is no program: {words[0]} compiles in its place", file=sys.stderr)
+            print(
+                f"octo: CC is {named!r}, which is no program: {words[0]} compiles in its place",
+                file=sys.stderr,
+            )
         if path:
             return (path, *words[1:])
     print(
-        "octo: no C compiler (gcc, cc, clang or $CC): CasADi's virtual machine evaluates, 20 times slower",
+        "octo: no C compiler (gcc, cc, clang or $CC): CasADi's virtual machine evaluates, 20 "
+        "times slower",
         file=sys.stderr,
     )
     return None
@@ -75,16 +95,35 @@ def run_compiler(command: list[str], scratch: Path, seconds: float | None = None
     """
     try:
         done = subprocess.run(
-            command, capture_output=True, encoding="utf-8", errors="replace", check=False, stdin=subprocess.DEVNULL,
-            timeout=seconds, env={**os.environ, "TMPDIR": str(scratch)},
-        )  # fmt: skip
+            command,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+            stdin=subprocess.DEVNULL,
+            timeout=seconds,
+            env={**os.environ, "TMPDIR": str(scratch)},
+        )
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        said = f"no answer in {seconds:g} s" if isinstance(error, subprocess.TimeoutExpired) else reason(error)
-        raise DeviceError(f"the compiler {command[0]} cannot be run: {said}; name another one with CC") from error
+        said = (
+            f"no answer in {seconds:g} s"
+            if isinstance(error, subprocess.TimeoutExpired)
+            else reason(error)
+        )
+        raise DeviceError(
+            f"the compiler {command[0]} cannot be run: {said}; name another one with CC"
+        ) from error
     if done.returncode != 0:
-        end = f"ended by signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        end = (
+            f"ended by signal {-done.returncode}"
+            if done.returncode < 0
+            else f"exit code {done.returncode}"
+        )
         said = " ".join((done.stderr or done.stdout).split())[:2000]
-        raise DeviceError(f"the compiler {command[0]} could not compile octo's text ({end}): {said or 'it says nothing'}")
+        raise DeviceError(
+            f"the compiler {command[0]} could not compile octo's text ({end}): "
+            f"{said or 'it says nothing'}"
+        )
     return done.stdout
 
 
@@ -92,11 +131,17 @@ def run_compiler(command: list[str], scratch: Path, seconds: float | None = None
 def machine() -> str:
     """What ``-march=native`` and the compiler depend on."""
     words = compiler() or ()
-    version = run_compiler([*words, "--version"], Path(tempfile.gettempdir()), ASKED) if words else ""
+    version = (
+        run_compiler([*words, "--version"], Path(tempfile.gettempdir()), ASKED) if words else ""
+    )
     processor = platform.machine() + platform.processor()
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        kept = {line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))}
+        kept = {
+            line
+            for line in lines
+            if line.startswith(("model name", "flags", "Features", "CPU part"))
+        }
         processor += "".join(sorted(kept))
     except OSError:
         pass
@@ -104,7 +149,8 @@ def machine() -> str:
 
 
 def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
-    """The C ``text`` as a loaded library, compiled when it is not in the cache; None when there is no compiler.
+    """The C ``text`` as a loaded library, compiled when it is not in the cache; None when there is
+    no compiler.
 
     Raises
     ------
@@ -117,12 +163,15 @@ def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     key = hashlib.sha256("\0".join((text, *options, machine())).encode()).hexdigest()[:24]
     found = _opened.get(key)
     if found is None:
-        found = _opened.setdefault(key, _load(key, partial(_compile, (*words, *options), text, key)))
+        found = _opened.setdefault(
+            key, _load(key, partial(_compile, (*words, *options), text, key))
+        )
     return found
 
 
 def _load(key: str, make: cache.Maker) -> ctypes.CDLL:
-    """Open a library; one that the system does not take is made anew, once in the same folder and once in another."""
+    """Open a library; one that the system does not take is made anew, once in the same folder and
+    once in another."""
     name = f"{key}.so"
     path = cache.path_of(name, make)
     try:

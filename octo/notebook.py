@@ -1,4 +1,5 @@
-"""What a notebook shows of a robot, a problem, a solution or a log: a small table, and a picture under it."""
+"""What a notebook shows of a robot, a problem, a solution or a log: a small table, and a picture
+under it."""
 
 from __future__ import annotations
 
@@ -21,11 +22,13 @@ Known = Character | Problem | Solution | Log
 
 
 def html(value: Known) -> str:
-    """A table and a picture as HTML; the table alone without the extra 'view', or where there is nothing to draw."""
+    """A table and a picture as HTML; the table alone without the extra 'view', or where there is
+    nothing to draw."""
     title, rows = _facts(value)
     head = f"<caption style='text-align:left'><b>{markup.escape(title)}</b></caption>"
     cells = "".join(
-        f"<tr><th style='text-align:left'>{markup.escape(name)}</th><td style='text-align:left'>{markup.escape(text)}</td></tr>"
+        f"<tr><th style='text-align:left'>{markup.escape(name)}</th><td "
+        f"style='text-align:left'>{markup.escape(text)}</td></tr>"
         for name, text in rows
     )
     return f"<table>{head}{cells}</table>{_picture(value)}"
@@ -38,10 +41,16 @@ def _facts(value: Known) -> tuple[str, list[Row]]:
     if isinstance(value, Character):
         counts = f"{value.nx}, of which {value.nu} are actuated"
         rows = [
-            ("base", value.base), ("coordinates", counts), ("bodies", str(len(value.bodies))), ("mass", f"{value.mass:.4g} kg"),
-            ("contacts", _few([contact.name for contact in value.contacts])), ("poses", _few(list(value.poses))),
-        ]  # fmt: skip
-        return value.name, rows + ([("not modelled", _few(list(value.dropped)))] if value.dropped else [])
+            ("base", value.base),
+            ("coordinates", counts),
+            ("bodies", str(len(value.bodies))),
+            ("mass", f"{value.mass:.4g} kg"),
+            ("contacts", _few([contact.name for contact in value.contacts])),
+            ("poses", _few(list(value.poses))),
+        ]
+        return value.name, rows + (
+            [("not modelled", _few(list(value.dropped)))] if value.dropped else []
+        )
     title, *lines = repr(value).splitlines()
     return title, [("", line.strip()) for line in lines]
 
@@ -63,11 +72,18 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
         ]
     if solution.gait is not None:
         rows.append(("gait", str(solution.gait)))
-    return f"{solution.name}, {solution.steps} steps of {solution.dt:.6g} s ({solution.basis})", rows
+    return (
+        f"{solution.name}, {solution.steps} steps of {solution.dt:.6g} s ({solution.basis})",
+        rows,
+    )
 
 
 def _few(names: list[str], most: int = 12) -> str:
-    return ", ".join(names[:most]) + (f", … ({len(names)})" if len(names) > most else "") if names else "none"
+    return (
+        ", ".join(names[:most]) + (f", … ({len(names)})" if len(names) > most else "")
+        if names
+        else "none"
+    )
 
 
 def _picture(value: Known) -> str:
@@ -79,7 +95,8 @@ def _picture(value: Known) -> str:
         else:
             nothing = value.count < 2 if isinstance(value, Log) else value.character is None
             figure = None if nothing else filmstrip(value)
-    except (OctoError, ValueError):  # no matplotlib, or a motion that is not finite: the table says what there is
+    # no matplotlib, or a motion that is not finite: the table says what there is
+    except (OctoError, ValueError):
         return ""
     if figure is None:
         return ""
@@ -90,11 +107,16 @@ def _picture(value: Known) -> str:
 
 
 def _still(value: Character | Problem) -> Solution | None:
-    """The robot in its default pose; of a problem where it begins, if that is known without looking for a static pose."""
+    """The robot in its default pose; of a problem where it begins, if that is known without looking
+    for a static pose."""
     robot = value if isinstance(value, Character) else value.character
     if robot is None:
         return None
-    pose = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    pose = (
+        np.zeros(robot.nx)
+        if robot.default_pose is None
+        else np.asarray(robot.default_pose, dtype=float)
+    )
     if isinstance(value, Problem):
         pose = value.__dict__.get("start", pose if value.x0 is None else value.x0)
     return _standing(robot, pose)
@@ -105,10 +127,32 @@ def _standing(robot: Character, pose: Array) -> Solution:
     names = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
     none, vectors = np.zeros((0, len(names))), np.zeros((0, len(names), 3))
     return Solution(
-        name=robot.name, character=robot, dt=1.0, basis="nodes", x=np.stack([pose, pose]), u=np.zeros((0, robot.nu)),
-        unknowns=np.zeros((0, robot.nx)), multipliers=np.zeros((0, 0)), status=Status.SIMULATED, iterations=0, factorizations=0,
-        terms={}, violation=0.0, pointwise_residual=0.0, weight=1.0, length=1.0, torque_limit=robot.torque_limit,
-        contact_names=names, contact_force=vectors, contact_point=vectors, contact_velocity=vectors, contact_normal=vectors,
-        contact_depth=none, ground={}, history={name: np.zeros(0) for name in HISTORY}, parameters={}, seconds=0.0,
+        name=robot.name,
+        character=robot,
+        dt=1.0,
+        basis="nodes",
+        x=np.stack([pose, pose]),
+        u=np.zeros((0, robot.nu)),
+        unknowns=np.zeros((0, robot.nx)),
+        multipliers=np.zeros((0, 0)),
+        status=Status.SIMULATED,
+        iterations=0,
+        factorizations=0,
+        terms={},
+        violation=0.0,
+        pointwise_residual=0.0,
+        weight=1.0,
+        length=1.0,
+        torque_limit=robot.torque_limit,
+        contact_names=names,
+        contact_force=vectors,
+        contact_point=vectors,
+        contact_velocity=vectors,
+        contact_normal=vectors,
+        contact_depth=none,
+        ground={},
+        history={name: np.zeros(0) for name in HISTORY},
+        parameters={},
+        seconds=0.0,
         setup_seconds=0.0,
-    )  # fmt: skip
+    )

@@ -1,7 +1,7 @@
 """Passes of growing contact stiffness (Fig. 7): each starts from the solution of the one before.
 
-Penetration is sqrt(load/w_perp) and slip (|f_t|/f_n)·(w_perp/w_par), so a pass is said by how deep four feet sink that
-carry the weight, and by the ratio w_par/w_perp.
+Penetration is sqrt(load/w_perp) and slip (|f_t|/f_n)·(w_perp/w_par), so a pass is said by how deep
+four feet sink that carry the weight, and by the ratio w_par/w_perp.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from octo.solver.solution import Solution
 
 DEPTHS = (0.08, 0.04, 0.02, 0.008)  # ℓ; each further pass halves the last
 RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays
-PRICED = 10.0  # s/m, where a term prices slip: a ratio that grows would tie the price to the friction cone
+# s/m, where a term prices slip: a ratio that grows would tie the price to the friction cone
+PRICED = 10.0
 ONSETS = (0.04, 0.04, 0.02, 0.008)  # ℓ, smoothing of the contact's onset; the last one stays
 
 
 @dataclass(frozen=True)
 class Pass:
-    """One pass: four feet that carry the weight sink by ``depth`` m, w_par/w_perp is ``ratio`` s/m (None: not viscous)."""
+    """One pass: four feet that carry the weight sink by ``depth`` m, w_par/w_perp is ``ratio`` s/m
+    (None: not viscous)."""
 
     depth: float
     ratio: float | None
@@ -44,15 +46,23 @@ EARLY = {"dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3,
 
 
 def early(options: SqpOptions) -> SqpOptions:
-    """What is asked of a pass from which another one goes on: near is enough, its optimum is not the next one's."""
+    """What is asked of a pass from which another one goes on: near is enough, its optimum is not
+    the next one's."""
     if options.step != "line_search":
         return options
-    wider = {name: max(value, getattr(options, name)) for name, value in EARLY.items() if name != "plateau"}
+    wider = {
+        name: max(value, getattr(options, name))
+        for name, value in EARLY.items()
+        if name != "plateau"
+    }
     return replace(options, plateau=min(int(EARLY["plateau"]), options.plateau), **wider)
 
 
-RAMP = 3  # a pass reaches its stiffness in so many equal factors (with two, 14 of 15 strides of anymal_b converge) …
-RAMP_ITERATIONS = 3  # … with this many iterations at each before the last: a start of 43 N of ‖C‖∞ becomes one of 8 N
+# a pass reaches its stiffness in so many equal factors (with two, 14 of 15 strides of anymal_b
+# converge) …
+RAMP = 3
+# … with this many iterations at each before the last: a start of 43 N of ‖C‖∞ becomes one of 8 N
+RAMP_ITERATIONS = 3
 
 
 def between(first: Pass, last: Pass) -> list[Pass]:
@@ -63,21 +73,36 @@ def between(first: Pass, last: Pass) -> list[Pass]:
         return a * (b / a) ** part
 
     def ratio(part: float) -> float | None:
-        return None if first.ratio is None or last.ratio is None else value(first.ratio, last.ratio, part)
+        return (
+            None
+            if first.ratio is None or last.ratio is None
+            else value(first.ratio, last.ratio, part)
+        )
 
-    return [Pass(value(first.depth, last.depth, f), ratio(f), value(first.onset, last.onset, f)) for f in parts]
+    return [
+        Pass(value(first.depth, last.depth, f), ratio(f), value(first.onset, last.onset, f))
+        for f in parts
+    ]
 
 
 def growable(problem: Problem) -> bool:
-    """True where the contact law is Eq. 6, with any friction, and its stiffness was not set by the caller."""
+    """True where the contact law is Eq. 6, with any friction, and its stiffness was not set by the
+    caller."""
     names = ("contact.w_perp", "contact.w_par", "contact.onset")
     law, default = problem.law, Smooth()
-    plain = law is None or (isinstance(law, Smooth) and (law.w_perp, law.onset) == (default.w_perp, default.onset))
-    return problem.character is not None and plain and not any(name in problem.parameters for name in names)
+    plain = law is None or (
+        isinstance(law, Smooth) and (law.w_perp, law.onset) == (default.w_perp, default.onset)
+    )
+    return (
+        problem.character is not None
+        and plain
+        and not any(name in problem.parameters for name in names)
+    )
 
 
 def ratios(problem: Problem) -> tuple[float | None, ...]:
-    """w_par/w_perp of each pass: growing by default, the caller's where the law says one, None without viscous friction."""
+    """w_par/w_perp of each pass: growing by default, the caller's where the law says one, None
+    without viscous friction."""
     law = problem.law
     if not isinstance(law, Smooth):
         priced = any(isinstance(term, SlipPower) for term in problem.costs)
@@ -89,23 +114,36 @@ def ratios(problem: Problem) -> tuple[float | None, ...]:
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     """The passes of a problem; [None] solves it with the parameters it has.
 
-    By default four in the nodes basis, one in the Hermite basis: a spline of ten steps a segment cannot follow the
-    forces of a stiff contact (its pointwise residual grows to several times the weight).
+    By default four in the nodes basis, one in the Hermite basis: a spline of ten steps a segment
+    cannot follow the forces of a stiff contact (its pointwise residual grows to several times the
+    weight).
 
     Raises
     ------
-    ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the caller fixed.
+    ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the
+        caller fixed.
     """
     if count is not None:
         whole("passes", count, most=100)
     if not growable(problem):
         if count is not None and count > 1:
-            raise ProblemError(f"passes is {count}: the stiffness of this contact law is fixed by the caller, must be 1")
+            raise ProblemError(
+                f"passes is {count}: the stiffness of this contact law is fixed by the caller, "
+                "must "
+                "be 1"
+            )
         return [None]
     last = len(DEPTHS) - 1
-    wanted = (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)) if count is None else int(count)
+    wanted = (
+        (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS))
+        if count is None
+        else int(count)
+    )
     ratio, place, length = ratios(problem), [min(k, last) for k in range(wanted)], problem.length
-    return [Pass(length * DEPTHS[at] / 2.0 ** (k - at), ratio[at], length * ONSETS[at]) for k, at in enumerate(place)]
+    return [
+        Pass(length * DEPTHS[at] / 2.0 ** (k - at), ratio[at], length * ONSETS[at])
+        for k, at in enumerate(place)
+    ]
 
 
 def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
@@ -121,10 +159,24 @@ def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
 def record(number: int, member: Solution) -> dict[str, object]:
     """What reports keep of a pass."""
     kept = (
-        "converged", "iterations", "factorizations", "energy", "violation", "pointwise_residual", "penetration",
-        "penetration_max", "slip", "friction_use", "friction_use_95", "torque_excess", "seconds",
-    )  # fmt: skip
-    weights = {name: member.parameters.get(name) for name in ("contact.w_perp", "contact.w_par", "contact.onset")}
+        "converged",
+        "iterations",
+        "factorizations",
+        "energy",
+        "violation",
+        "pointwise_residual",
+        "penetration",
+        "penetration_max",
+        "slip",
+        "friction_use",
+        "friction_use_95",
+        "torque_excess",
+        "seconds",
+    )
+    weights = {
+        name: member.parameters.get(name)
+        for name in ("contact.w_perp", "contact.w_par", "contact.onset")
+    }
     figures = {name: getattr(member, name) for name in kept}
     said = {name: value for name, value in weights.items() if value is not None}
     return {"pass": number, "status": member.status.label, **figures, **said}

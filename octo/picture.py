@@ -1,4 +1,5 @@
-"""Still pictures of a motion: the character at several moments, drawn with matplotlib by the painter's algorithm."""
+"""Still pictures of a motion: the character at several moments, drawn with matplotlib by the
+painter's algorithm."""
 
 from __future__ import annotations
 
@@ -21,25 +22,31 @@ if TYPE_CHECKING:
     from octo.figure import Figure
 
 Array = NDArray[np.float64]
-TURN = 0.42  # rad, between the direction of travel and the width of the picture: seen a little from the front
+# rad, between the direction of travel and the width of the picture: seen a little from the front
+TURN = 0.42
 ELEVATION = 0.34  # rad, of the camera over the horizon
-FAR, NEAR = np.array([0.62, 0.72, 0.84]), np.array([0.13, 0.35, 0.62])  # colours of the first and of the last moment
+# colours of the first and of the last moment
+FAR, NEAR = np.array([0.62, 0.72, 0.84]), np.array([0.13, 0.35, 0.62])
 FOOT, LOADED_FOOT = np.array([0.35, 0.37, 0.40]), np.array([0.95, 0.52, 0.12])
 TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
 WIDEST = 13.0  # inches
-LONGEST = 0.12  # edge of a painted triangle, in parts of the character's size: far to near is not defined for long ones
+# edge of a painted triangle, in parts of the character's size: far to near is not defined for long
+# ones
+LONGEST = 0.12
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Parallel projection: ``axes`` (3, 3) are the directions right, up and into the picture, in the world."""
+    """Parallel projection: ``axes`` (3, 3) are the directions right, up and into the picture, in
+    the world."""
 
     axes: Array
 
     @staticmethod
     def beside(heading: float) -> Camera:
-        """For a character that travels in the horizontal direction ``heading`` (rad): from left to right."""
+        """For a character that travels in the horizontal direction ``heading`` (rad): from left to
+        right."""
         a = heading + TURN
         right, ahead = np.array([np.cos(a), np.sin(a), 0.0]), np.array([-np.sin(a), np.cos(a), 0.0])
         up = np.sin(ELEVATION) * ahead + np.cos(ELEVATION) * np.array([0.0, 0.0, 1.0])
@@ -71,13 +78,18 @@ class Ground:
         i, s = _place(self.x, points[..., 0])
         j, t = _place(self.y, points[..., 1])
         z = self.z
-        return np.asarray((1 - s) * ((1 - t) * z[i, j] + t * z[i, j + 1]) + s * ((1 - t) * z[i + 1, j] + t * z[i + 1, j + 1]))
+        return np.asarray(
+            (1 - s) * ((1 - t) * z[i, j] + t * z[i, j + 1])
+            + s * ((1 - t) * z[i + 1, j] + t * z[i + 1, j + 1])
+        )
 
     @property
     def flat(self) -> bool:
         """Whether all of it is one plane."""
         step = [np.diff(self.z, axis=axis) for axis in (0, 1)]
-        return all(float(np.ptp(s, axis=axis).max(initial=0.0)) < 1e-6 for axis, s in enumerate(step))
+        return all(
+            float(np.ptp(s, axis=axis).max(initial=0.0)) < 1e-6 for axis, s in enumerate(step)
+        )
 
 
 def filmstrip(
@@ -86,15 +98,18 @@ def filmstrip(
     moments: int = 6,
     between: tuple[float, float] | None = None,
 ) -> Figure:
-    """The character at ``moments`` times spread evenly over ``between`` (start, end in s; default: all), in one picture.
+    """The character at ``moments`` times spread evenly over ``between`` (start, end in s; default:
+    all), in one picture.
 
-    Feet are orange while they carry load; footprints and the path of the centre of mass are marked. A character that
-    hardly travels is drawn beside itself, moment by moment.
+    Feet are orange while they carry load; footprints and the path of the centre of mass are marked.
+    A character that hardly travels is drawn beside itself, moment by moment.
 
     Raises
     ------
-    MissingExtraError: matplotlib is not installed. ModelError: the dynamics are the user's own, there is no character.
-    ValueRangeError: ``moments`` or ``between`` is not possible. OutputError: the file's ending is not .png, .pdf or .svg.
+    MissingExtraError: matplotlib is not installed. ModelError: the dynamics are the user's own,
+        there is no character.
+    ValueRangeError: ``moments`` or ``between`` is not possible. OutputError: the file's ending is
+        not .png, .pdf or .svg.
     """
     if path is not None:
         path = ending("path", path, STILLS)
@@ -110,9 +125,12 @@ def filmstrip(
     travel = path_of_com[-1, :2] - path_of_com[0, :2]
     room = 0.8 * size(solution.character)
     moving = np.linalg.norm(travel) > room
-    camera = Camera.beside(float(np.arctan2(travel[1], travel[0])) if moving else float(solution.yaw[0]))
+    camera = Camera.beside(
+        float(np.arctan2(travel[1], travel[0])) if moving else float(solution.yaw[0])
+    )
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
-    shift = max(0.0, 1.1 * room - each) * camera.axes[0]  # (3,) m, to the right from moment to moment
+    # (3,) m, to the right from moment to moment
+    shift = max(0.0, 1.1 * room - each) * camera.axes[0]
     scene = Scene(camera, Ground.of(solution), size(solution.character))
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
@@ -139,7 +157,8 @@ class Scene:
         self.prints = np.zeros((0, 3))
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
-        """The character at node ``frame``; ``share`` of the way from the first to the last moment colours it."""
+        """The character at node ``frame``; ``share`` of the way from the first to the last moment
+        colours it."""
         character = solution.character
         assert character is not None
         x = solution.x[frame + 1]
@@ -149,12 +168,21 @@ class Scene:
             if surface is not None:
                 self._add(surface, R, t + shift, color)
         centers = sphere_centers(character, x)
-        touching = solution.loaded[max(frame - 1, 0)] if solution.steps else np.zeros(len(character.terrain_contacts), dtype=bool)
+        touching = (
+            solution.loaded[max(frame - 1, 0)]
+            if solution.steps
+            else np.zeros(len(character.terrain_contacts), dtype=bool)
+        )
         ever = np.asarray(solution.loaded.any(axis=0))
         for k, loaded, used in zip(character.terrain_contacts, touching, ever, strict=True):
             radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
             if used:
-                self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, LOADED_FOOT if loaded else FOOT)
+                self._add(
+                    ball(np.zeros(3), radius),
+                    np.eye(3),
+                    centers[k] + shift,
+                    LOADED_FOOT if loaded else FOOT,
+                )
 
     def _add(self, surface: Surface, rotation: Array, origin: Array, color: Array) -> None:
         corners = (surface.vertices @ rotation.T + origin)[surface.faces]
@@ -194,15 +222,19 @@ class Scene:
         self.prints = solution.contact_point[steps][solution.loaded[steps]]
 
     def figure(self, make: type[Figure], path: Array | None) -> Figure:
-        """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the bodies."""
+        """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the
+        bodies."""
         from matplotlib.collections import PolyCollection
 
         flat, depth = self.camera.flat, self.camera.depth
         corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
-        low, high = _bounds([flat(corners).reshape(-1, 2), *(flat(points) for points, _ in self.tiles)])
+        low, high = _bounds(
+            [flat(corners).reshape(-1, 2), *(flat(points) for points, _ in self.tiles)]
+        )
         body_low, body_high = _bounds([flat(corners).reshape(-1, 2)])
         margin = 0.22 * self.scale
-        low, high = np.maximum(low, body_low - (margin, 1.6 * margin)), np.minimum(high, body_high + (margin, margin))
+        low = np.maximum(low, body_low - (margin, 1.6 * margin))
+        high = np.minimum(high, body_high + (margin, margin))
         high[1] = body_high[1] + 0.5 * margin
         extent = high - low
         width = float(np.clip(2.2 * extent[0] / extent[1], 5.0, WIDEST))
@@ -212,13 +244,19 @@ class Scene:
         axes.axis("off")
 
         def paint(polygons: Sequence[Array] | Array, colors: Any, order: int) -> None:
-            axes.add_collection(PolyCollection(polygons, facecolors=colors, edgecolors=colors, linewidths=0.35, zorder=order))
+            axes.add_collection(
+                PolyCollection(
+                    polygons, facecolors=colors, edgecolors=colors, linewidths=0.35, zorder=order
+                )
+            )
 
         if self.tiles:
             far_first = sorted(self.tiles, key=lambda tile: -float(depth(tile[0].mean(axis=0))))
             paint([flat(points) for points, _ in far_first], [color for _, color in far_first], 1)
         prints = flat(self.prints)
-        axes.plot(prints[:, 0], prints[:, 1], "o", ms=2.5, mew=0.0, color=LOADED_FOOT, alpha=0.2, zorder=3)
+        axes.plot(
+            prints[:, 0], prints[:, 1], "o", ms=2.5, mew=0.0, color=LOADED_FOOT, alpha=0.2, zorder=3
+        )
         if self.shadows:
             paint(flat(np.concatenate(self.shadows)), SHADOW, 2)
         order = np.argsort(-depth(corners.mean(axis=1)))
@@ -229,24 +267,33 @@ class Scene:
         return figure
 
 
-def _chosen(solution: Solution, moments: int, between: tuple[float, float] | None) -> NDArray[np.intp]:
+def _chosen(
+    solution: Solution, moments: int, between: tuple[float, float] | None
+) -> NDArray[np.intp]:
     """Nodes at ``moments`` even times."""
     end = solution.steps * solution.dt
     start, stop = (0.0, end) if between is None else numbers("between", between, (2,)).tolist()
     if not 0.0 <= start <= stop <= end + 1e-9:
-        raise ValueRangeError(f"between is {between}, must be two times from 0 to {end:g} s, in order")
+        raise ValueRangeError(
+            f"between is {between}, must be two times from 0 to {end:g} s, in order"
+        )
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
 
 
 def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles (f, 3, 3) m and their normals, cut at the middle of the longest edge until no edge is over ``longest``."""
+    """Triangles (f, 3, 3) m and their normals, cut at the middle of the longest edge until no edge
+    is over ``longest``."""
     for _ in range(8):
-        edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # of corner k to k + 1
+        # of corner k to k + 1
+        edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         cut = edge.max(axis=1) > longest
         if not cut.any():
             break
         first = np.argmax(edge[cut], axis=1)[:, None]
-        a, b, c = (np.take_along_axis(corners[cut], ((first + k) % 3)[..., None], axis=1)[:, 0] for k in range(3))
+        a, b, c = (
+            np.take_along_axis(corners[cut], ((first + k) % 3)[..., None], axis=1)[:, 0]
+            for k in range(3)
+        )
         middle = 0.5 * (a + b)
         halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
         corners = np.concatenate([corners[~cut], *halves])

@@ -44,12 +44,14 @@ Panel = Callable[[Solution, "Axes"], None]
 
 
 def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the solution; write it to ``path`` (.png, .pdf, .svg) where one is given. A notebook shows what is returned.
+    """Draw the solution; write it to ``path`` (.png, .pdf, .svg) where one is given. A notebook
+    shows what is returned.
 
     The solution may also be a Log, or the path of what octo wrote.
 
-    Centre of mass and its velocity (coordinates, for user-written dynamics), normal force of every contact that ever
-    carries load, torques in parts of their limits, E and ‖C‖∞ over the iterations.
+    Centre of mass and its velocity (coordinates, for user-written dynamics), normal force of every
+    contact that ever carries load, torques in parts of their limits, E and ‖C‖∞ over the
+    iterations.
 
     Raises
     ------
@@ -68,7 +70,9 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
     if solution.loaded.any():
         rows.append((_height(int(solution.loaded.any(axis=0).sum())), [_contacts]))
     if solution.u.size:
-        rows.append((_height(solution.u.shape[1]) if solution.u.shape[1] > MOST_LINES else 2.4, [_torques]))
+        rows.append(
+            (_height(solution.u.shape[1]) if solution.u.shape[1] > MOST_LINES else 2.4, [_torques])
+        )
     if len(solution.history.get("energy", ())):
         rows.append((2.2, [_energy, _violation]))
     with matplotlib.rc_context(STYLE):
@@ -90,11 +94,16 @@ def _height(count: int) -> float:
 
 
 def _headline(solution: Solution) -> str:
-    sentence = solution.status.value.partition(":")[0] if solution.converged else solution.status.value
+    sentence = (
+        solution.status.value.partition(":")[0] if solution.converged else solution.status.value
+    )
     lines = [
-        f"{solution.name}, {solution.steps} steps of {solution.dt:g} s ({solution.basis}): {sentence}",
-        f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise {solution.pointwise_residual:.1e} N"
-        f" of {solution.weight:.0f} N weight; {solution.iterations} iterations, {solution.seconds:.2g} s",
+        f"{solution.name}, {solution.steps} steps of {solution.dt:g} s ({solution.basis}): "
+        f"{sentence}",
+        f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise "
+        f"{solution.pointwise_residual:.1e} N"
+        f" of {solution.weight:.0f} N weight; {solution.iterations} iterations, "
+        f"{solution.seconds:.2g} s",
     ]
     if solution.loaded.any():
         lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
@@ -104,7 +113,10 @@ def _headline(solution: Solution) -> str:
 def _position(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
     _lines(axes, solution.times, values, names)
-    axes.set(title="centre of mass (m)" if solution.character is not None else "coordinates (rad, m)", xlabel="time (s)")
+    axes.set(
+        title="centre of mass (m)" if solution.character is not None else "coordinates (rad, m)",
+        xlabel="time (s)",
+    )
 
 
 def _velocity(solution: Solution, axes: Axes) -> None:
@@ -116,7 +128,12 @@ def _velocity(solution: Solution, axes: Axes) -> None:
         rate = np.diff(values, axis=0) / solution.dt
         times = solution.times[1:]
     _lines(axes, times, rate[:, : len(names)], names)
-    axes.set(title="its velocity (m/s)" if solution.character is not None else "their rates (rad/s, m/s)", xlabel="time (s)")
+    axes.set(
+        title="its velocity (m/s)"
+        if solution.character is not None
+        else "their rates (rad/s, m/s)",
+        xlabel="time (s)",
+    )
 
 
 def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
@@ -129,15 +146,26 @@ def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
 def _lines(axes: Axes, times: Array, values: Array, names: tuple[str, ...]) -> None:
     marker = "o" if len(times) < 3 else ""
     for k, name in enumerate(names):
-        axes.plot(times, values[:, k], color=COLORS[k % len(COLORS)], lw=1.5, marker=marker, ms=4, label=name)
+        axes.plot(
+            times,
+            values[:, k],
+            color=COLORS[k % len(COLORS)],
+            lw=1.5,
+            marker=marker,
+            ms=4,
+            label=name,
+        )
     if names:
         axes.legend(ncols=min(len(names), 3), loc="best", handlelength=1.2)
     axes.margins(x=0.01)
 
 
 def _contacts(solution: Solution, axes: Axes) -> None:
-    """One strip per contact: the height of the filled curve is the normal force, in the same scale for all."""
-    force, names, left_out = _chosen_rows(solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0)))
+    """One strip per contact: the height of the filled curve is the normal force, in the same scale
+    for all."""
+    force, names, left_out = _chosen_rows(
+        solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
+    )
     edges = solution.dt * np.arange(solution.steps + 1)
     top = max(float(force.max()), 1e-12)
     for row, name in enumerate(names):
@@ -146,9 +174,20 @@ def _contacts(solution: Solution, axes: Axes) -> None:
         share = 0.9 * np.maximum(force[:, row], 0.0) / top
         axes.stairs(base + share, edges, baseline=base, fill=True, color=color, alpha=0.8, lw=0)
         axes.axhline(base, color="#c4c9d0", lw=0.6, zorder=0)
-        axes.text(-0.005, base + 0.3, name, transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=8.5)
+        axes.text(
+            -0.005,
+            base + 0.3,
+            name,
+            transform=axes.get_yaxis_transform(),
+            ha="right",
+            va="center",
+            fontsize=8.5,
+        )
     axes.set(ylim=(-0.1, len(names)), yticks=[], xlim=(0.0, edges[-1]), xlabel="time (s)")
-    axes.set_title(f"normal force (a full strip is {top:.3g} N; the weight is {solution.weight:.3g} N){left_out}")
+    axes.set_title(
+        f"normal force (a full strip is {top:.3g} N; the weight is {solution.weight:.3g} "
+        f"N){left_out}"
+    )
     axes.grid(False, axis="y")
 
 
@@ -156,25 +195,43 @@ def _torques(solution: Solution, axes: Axes) -> None:
     limit = solution.torque_limit
     limited = np.isfinite(limit) & (limit > 0.0)
     scale = np.where(limited, limit, np.maximum(np.abs(solution.u).max(axis=0, initial=0.0), 1e-12))
-    names = tuple(name + ("" if has else " *") for name, has in zip(solution.actuated_names, limited, strict=True))
-    title = "torque / limit" + ("" if limited.all() else " (* no limit: / its largest)" if limited.any() else "")
+    names = tuple(
+        name + ("" if has else " *")
+        for name, has in zip(solution.actuated_names, limited, strict=True)
+    )
+    title = "torque / limit" + (
+        "" if limited.all() else " (* no limit: / its largest)" if limited.any() else ""
+    )
     if len(names) <= MOST_LINES:
         shown = solution.u / scale if limited.any() else solution.u
         for k, name in enumerate(names if limited.any() else solution.actuated_names):
-            axes.stairs(shown[:, k], solution.times, color=COLORS[k], lw=1.4, baseline=None, label=name)
+            axes.stairs(
+                shown[:, k], solution.times, color=COLORS[k], lw=1.4, baseline=None, label=name
+            )
         if limited.any() and np.abs(shown).max() > 0.5:
             for side in (-1.0, 1.0):
                 axes.axhline(side, color="#b3261e", lw=0.8, ls="--")
         axes.legend(ncols=len(names), loc="best", handlelength=1.2)
-        axes.set(title=title if limited.any() else "torque (N m, N)", xlabel="time (s)", xlim=(0.0, solution.times[-1]))
+        axes.set(
+            title=title if limited.any() else "torque (N m, N)",
+            xlabel="time (s)",
+            xlim=(0.0, solution.times[-1]),
+        )
         return
     title = title if limited.any() else "torque / its largest"
-    share, names, left_out = _chosen_rows(solution.u / scale, names, np.ones(len(names), dtype=bool))
+    share, names, left_out = _chosen_rows(
+        solution.u / scale, names, np.ones(len(names), dtype=bool)
+    )
     reach = float(np.clip(np.quantile(np.abs(share), 0.995), 0.1, 1.0))
     image = axes.imshow(
-        share.T, aspect="auto", cmap="RdBu_r", vmin=-reach, vmax=reach, interpolation="nearest",
+        share.T,
+        aspect="auto",
+        cmap="RdBu_r",
+        vmin=-reach,
+        vmax=reach,
+        interpolation="nearest",
         extent=(0.0, float(solution.times[-1]), len(names) - 0.5, -0.5),
-    )  # fmt: skip
+    )
     axes.set_yticks(range(len(names)), names, fontsize=8.5)
     axes.tick_params(axis="y", length=0)
     axes.grid(False)
@@ -184,8 +241,11 @@ def _torques(solution: Solution, axes: Axes) -> None:
     bar.outline.set_visible(False)
 
 
-def _chosen_rows(values: Array, names: tuple[str, ...], used: NDArray[np.bool_]) -> tuple[Array, tuple[str, ...], str]:
-    """Columns of ``values`` that are ``used``, the largest MOST_ROWS of them in their order; a note on the rest."""
+def _chosen_rows(
+    values: Array, names: tuple[str, ...], used: NDArray[np.bool_]
+) -> tuple[Array, tuple[str, ...], str]:
+    """Columns of ``values`` that are ``used``, the largest MOST_ROWS of them in their order; a note
+    on the rest."""
     columns = np.flatnonzero(used)
     left_out = len(columns) - MOST_ROWS
     if left_out > 0:
@@ -206,7 +266,8 @@ def _violation(solution: Solution, axes: Axes) -> None:
 
 def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
     """One column of the history over all iterations, passes as bands."""
-    values, number = np.asarray(solution.history[name], dtype=float), np.asarray(solution.history["pass"])
+    values = np.asarray(solution.history[name], dtype=float)
+    number = np.asarray(solution.history["pass"])
     count = np.arange(len(values))
     starts = np.flatnonzero(np.diff(number, prepend=number[:1] - 1))
     ends = np.append(starts[1:], len(values))
@@ -215,9 +276,24 @@ def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
             axes.axvspan(start - 0.5, end - 0.5, color="#f1f3f6", lw=0, zorder=0)
         if len(starts) > 1 and end - start > 0.04 * len(values):
             where = 0.5 * (start + end - 1)
-            axes.text(where, 0.98, f"{number[start]:g}", transform=axes.get_xaxis_transform(), ha="center", va="top",
-                      fontsize=8, color="#7a808a")  # fmt: skip
-        axes.plot(count[start:end], values[start:end], color=color, lw=1.2, marker="o" if len(values) < 3 else "", ms=4)
+            axes.text(
+                where,
+                0.98,
+                f"{number[start]:g}",
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="top",
+                fontsize=8,
+                color="#7a808a",
+            )
+        axes.plot(
+            count[start:end],
+            values[start:end],
+            color=color,
+            lw=1.2,
+            marker="o" if len(values) < 3 else "",
+            ms=4,
+        )
     if (values > 0.0).any():
         axes.set_yscale("log", nonpositive="mask")
     passes = ", passes in bands" if len(starts) > 1 else ""

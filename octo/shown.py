@@ -1,4 +1,5 @@
-"""What an interactive session shows of octo's objects: a few short lines, and in a notebook a table with a picture."""
+"""What an interactive session shows of octo's objects: a few short lines, and in a notebook a table
+with a picture."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ LINE = 100  # columns
 
 
 class Shown:
-    """A base class: ``__repr__`` of a subclass is at most five lines, ``_repr_html_`` is :mod:`octo.notebook`'s."""
+    """A base class: ``__repr__`` of a subclass is at most five lines, ``_repr_html_`` is
+    :mod:`octo.notebook`'s."""
 
     def _repr_html_(self) -> str:
         # By name, when a notebook asks: what draws is on a higher floor than what is drawn.

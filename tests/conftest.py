@@ -11,9 +11,17 @@ from octo.solver.blocks import KKTBlocks
 
 
 def _random_system(
-    seed: int, batch: int, K: int, nc: int, ma: int, *, lowered: float = 0.0, rows_touch: tuple[int, ...] = (0, 1, 2)
+    seed: int,
+    batch: int,
+    K: int,
+    nc: int,
+    ma: int,
+    *,
+    lowered: float = 0.0,
+    rows_touch: tuple[int, ...] = (0, 1, 2),
 ) -> KKTBlocks:
-    """H a sum of squares over three neighbouring units plus I, minus a random diagonal in [0, lowered).
+    """H a sum of squares over three neighbouring units plus I, minus a random diagonal in [0,
+    lowered).
 
     Row block k of A touches units k − o for o in rows_touch.
     """
@@ -30,7 +38,9 @@ def _random_system(
             if o < reach:
                 A[:, k, o] = random.standard_normal((batch, ma, nc))
     H[:, :, 0, diagonal, diagonal] += 1.0 - lowered * random.random((batch, K, nc))
-    return KKTBlocks(H, A, random.standard_normal((batch, K, nc)), random.standard_normal((batch, K, ma)))
+    return KKTBlocks(
+        H, A, random.standard_normal((batch, K, nc)), random.standard_normal((batch, K, ma))
+    )
 
 
 @pytest.fixture

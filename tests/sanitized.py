@@ -1,7 +1,8 @@
-"""What ``python -m tests.sanitize`` runs under the sanitizers: every entry of octo's native code, in small problems.
+"""What ``python -m tests.sanitize`` runs under the sanitizers: every entry of octo's native code,
+in small problems.
 
-Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, a cycle, batches of 1, 3 and 7 on 1 and 3
-threads; controllers, and the compiled problem behind IPOPT.
+Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, a cycle,
+batches of 1, 3 and 7 on 1 and 3 threads; controllers, and the compiled problem behind IPOPT.
 """
 
 from __future__ import annotations
@@ -29,24 +30,45 @@ from octo.solver.sqp import run
 BATCHES, THREADS = (1, 3, 7), (1, 3)
 FAULTS = {  # what is planted in the text that is compiled: what is right in it, what is wrong
     "an overrun": ("octo_spread(s->fd, NX, fd, count);", "octo_spread(s->fd, NX + 1, fd, count);"),
-    "a read beyond the end": ("t->nodes + (size_t)member * (t->steps + 2)", "t->nodes + (size_t)member * (t->steps + 4)"),
-    "an overflow": ("octo_run_of_steps *runs =", "volatile int big = 2147483647; big = big + batch; octo_run_of_steps *runs ="),
-}  # fmt: skip
+    "a read beyond the end": (
+        "t->nodes + (size_t)member * (t->steps + 2)",
+        "t->nodes + (size_t)member * (t->steps + 4)",
+    ),
+    "an overflow": (
+        "octo_run_of_steps *runs =",
+        "volatile int big = 2147483647; big = big + batch; octo_run_of_steps *runs =",
+    ),
+}
 
 
 def crowded(robot: Character) -> Character:
     """The robot with spheres so large that pairs and contacts are at work."""
-    contacts = tuple(replace(sphere, radius=1.5 * sphere.radius + 0.02) for sphere in robot.contacts)
+    contacts = tuple(
+        replace(sphere, radius=1.5 * sphere.radius + 0.02) for sphere in robot.contacts
+    )
     return replace(robot, contacts=contacts)
 
 
 def problems(robot: Character) -> Iterator[tuple[str, octo.Problem]]:
-    costs = [octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort(), octo.FrictionCone(), octo.Slip(), octo.Posture()]
-    start = np.array(octo.simulate(robot, octo.Problem(robot, steps=1, dt=0.01, costs=costs).start, steps=1, dt=0.01).x[1])
+    costs = [
+        octo.CenterOfMassVelocity((0.5, 0.0, 0.0)),
+        octo.Effort(),
+        octo.FrictionCone(),
+        octo.Slip(),
+        octo.Posture(),
+    ]
+    start = np.array(
+        octo.simulate(
+            robot, octo.Problem(robot, steps=1, dt=0.01, costs=costs).start, steps=1, dt=0.01
+        ).x[1]
+    )
     yield "nodes", octo.Problem(robot, steps=11, dt=0.025, costs=costs, x0=start)
     yield "hermite", octo.Problem(robot, steps=20, dt=0.025, costs=costs, basis="hermite", x0=start)
     if robot.base == "floating":
-        yield "cycle", octo.Problem(robot, steps=7, costs=costs, cycle=octo.Cycle(speed=0.4, mirror=False))
+        yield (
+            "cycle",
+            octo.Problem(robot, steps=7, costs=costs, cycle=octo.Cycle(speed=0.4, mirror=False)),
+        )
 
 
 def user_written() -> octo.Problem:
@@ -62,7 +84,8 @@ def user_written() -> octo.Problem:
 
 
 def optimised(name: str, problem: octo.Problem) -> None:
-    """Evaluations, models and two iterations of both rules, from places in and out of the ground."""
+    """Evaluations, models and two iterations of both rules, from places in and out of the
+    ground."""
     rng = np.random.default_rng(0)
     for batch in BATCHES:
         for threads in THREADS:
@@ -95,7 +118,10 @@ def controlled(robot: Character) -> None:
 def referred(problem: octo.Problem) -> None:
     """The functions that IPOPT and fatrop call."""
     compiled = CompiledProblem([problem])
-    layouts = [octo_layout(compiled), *([stage_layout(compiled)] if compiled.basis.name == "nodes" else [])]
+    layouts = [
+        octo_layout(compiled),
+        *([stage_layout(compiled)] if compiled.basis.name == "nodes" else []),
+    ]
     for layout in layouts:
         library = Library(compiled, layout)
         x, p = np.full(library.size, 0.05), parameter_vector(compiled)
@@ -106,7 +132,8 @@ def referred(problem: octo.Problem) -> None:
 
 
 def called(library: Library, name: str, *given: np.ndarray) -> None:
-    """One of CasADi's functions, called by its C interface: CasADi itself cannot load a library under a sanitizer."""
+    """One of CasADi's functions, called by its C interface: CasADi itself cannot load a library
+    under a sanitizer."""
     sparsity = getattr(library.handle, f"{name}_sparsity_out")
     sparsity.restype = ctypes.POINTER(ctypes.c_longlong)
     sparsity.argtypes = [ctypes.c_longlong]
@@ -115,7 +142,8 @@ def called(library: Library, name: str, *given: np.ndarray) -> None:
         columns = sparsity(k)[1]
         results.append(np.empty(sparsity(k)[2 + columns]))  # as many as there are nonzeros
     arguments, out = (
-        (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays)) for arrays in (given, results)
+        (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+        for arrays in (given, results)
     )
     assert getattr(library.handle, name)(arguments, out, None, None, 0) == 0
     assert all(np.isfinite(result).all() for result in results)

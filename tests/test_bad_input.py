@@ -1,4 +1,5 @@
-"""Bad input on the command line: one line that names the field and what is allowed, exit code 2, nothing written."""
+"""Bad input on the command line: one line that names the field and what is allowed, exit code 2,
+nothing written."""
 
 from __future__ import annotations
 
@@ -22,9 +23,13 @@ MOTOR = '<actuator><motor joint="knee"/></actuator>'
 URDF = """<robot name="two"><link name="base">
 <inertial><mass value="{base}"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="arm">{arm}</link><joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
+<link name="arm">{arm}</link><joint name="hinge" type="revolute"><parent link="base"/><child
+  link="arm"/>
 <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint></robot>"""
-ARM = '<inertial><mass value="{mass}"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+ARM = (
+    '<inertial><mass value="{mass}"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" '
+    'iyz="0"/></inertial>'
+)
 TERRAINS = """
 import casadi as ca
 
@@ -47,13 +52,24 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with legal and illegal files; commands run in it."""
     monkeypatch.chdir(tmp_path)
     files = {
-        "no_actuator.xml": FLOATING % "", "fixed.xml": FIXED % MOTOR, "broken.xml": "<mujoco><worldbody>", "page.html": "<html/>",
-        "empty.urdf": "", "macro.xacro": "<robot/>", "massless.urdf": URDF.format(base=0, arm=ARM.format(mass=0)),
-        "negative.urdf": URDF.format(base=1, arm=ARM.format(mass=-1)), "no_inertia.urdf": URDF.format(base=1, arm=""),
-        "ghost.xml": (FLOATING % MOTOR).replace("<geom", '<geom contype="0" conaffinity="0"'), "text.npz": "no archive",
-        "terrains.py": TERRAINS, "raises.py": "import nowhere", "short.json": "[0, 1, 2]", "words.json": '{"a": "b"}',
-        "torn.json": "[0, 1", "nan.txt": "nan " * 18,
-    }  # fmt: skip
+        "no_actuator.xml": FLOATING % "",
+        "fixed.xml": FIXED % MOTOR,
+        "broken.xml": "<mujoco><worldbody>",
+        "page.html": "<html/>",
+        "empty.urdf": "",
+        "macro.xacro": "<robot/>",
+        "massless.urdf": URDF.format(base=0, arm=ARM.format(mass=0)),
+        "negative.urdf": URDF.format(base=1, arm=ARM.format(mass=-1)),
+        "no_inertia.urdf": URDF.format(base=1, arm=""),
+        "ghost.xml": (FLOATING % MOTOR).replace("<geom", '<geom contype="0" conaffinity="0"'),
+        "text.npz": "no archive",
+        "terrains.py": TERRAINS,
+        "raises.py": "import nowhere",
+        "short.json": "[0, 1, 2]",
+        "words.json": '{"a": "b"}',
+        "torn.json": "[0, 1",
+        "nan.txt": "nan " * 18,
+    }
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
@@ -63,7 +79,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 WALK = "solve mammal --seconds 1"
 CASES = {
-    "no command": ("", "command is missing", "solve, cycle, mpc, compare, bench, info, robots, simulate, replay, view"),
+    "no command": (
+        "",
+        "command is missing",
+        "solve, cycle, mpc, compare, bench, info, robots, simulate, replay, view",
+    ),
     "unknown command": ("sovle mammal", "command 'sovle'", "solve"),
     "unknown option": ("solve mammal --sped 1", "option '--sped'", "--speed"),
     "an option cut short": ("solve mammal --sec 1", "option '--sec'", "--seconds"),
@@ -83,14 +103,33 @@ CASES = {
     "no actuator": ("solve no_actuator.xml", "no_actuator", "no actuator", "at least one"),
     "a walk on a fixed base": ("solve fixed.xml", "'walk'", "floating base"),
     "unknown base": ("solve mammal --base flying", "base", "flying", "auto, floating, fixed"),
-    "a base the character has not": ("solve mammal --base fixed", "base is 'fixed'", "auto or floating"),
+    "a base the character has not": (
+        "solve mammal --base fixed",
+        "base is 'fixed'",
+        "auto or floating",
+    ),
     "unknown goal": ("solve mammal --goal wlak", "goal 'wlak'", "walk"),
     "unknown costs": ("solve mammal --costs papr", "costs 'papr'", "paper"),
     "costs cut short": ("solve mammal --costs natur", "costs 'natur'", "natural"),
-    "natural terms in Hermite": (f"{WALK} --costs natural --basis hermite", "--basis is 'hermite'", "'nodes'", "--costs paper"),
+    "natural terms in Hermite": (
+        f"{WALK} --costs natural --basis hermite",
+        "--basis is 'hermite'",
+        "'nodes'",
+        "--costs paper",
+    ),
     "a start for several problems": (f"{WALK} --start other.npz", "--start", "--costs paper"),
-    "passes of several problems": (f"{WALK} --goal turn --passes 2", "--passes", "a turn of natural terms", "--costs paper"),
-    "a period without a stride": (f"{WALK} --costs paper --period 0.8", "--period", "--costs natural", "walk, stride, turn"),
+    "passes of several problems": (
+        f"{WALK} --goal turn --passes 2",
+        "--passes",
+        "a turn of natural terms",
+        "--costs paper",
+    ),
+    "a period without a stride": (
+        f"{WALK} --costs paper --period 0.8",
+        "--period",
+        "--costs natural",
+        "walk, stride, turn",
+    ),
     "a period of a stand": (f"{WALK} --goal stand --period 0.8", "--period", "walk, stride, turn"),
     "no period": (f"{WALK} --period 0", "--period", "positive"),
     "unknown basis": (f"{WALK} --basis spline", "basis 'spline'", "hermite, nodes"),
@@ -102,9 +141,24 @@ CASES = {
     "no time": ("solve mammal --seconds 0", "--seconds", "positive"),
     "negative time": ("solve mammal --seconds -2", "--seconds", "positive"),
     "no time step": ("solve mammal --dt 0", "--dt", "positive"),
-    "seconds no multiple of dt": ("solve mammal --seconds 1.01", "seconds/dt is 40.4", "whole to 1e-06", "--seconds 1"),
-    "shorter than one step": ("solve mammal --seconds 0.01", "seconds/dt is 0.4", "at least 1", "--seconds 0.025"),
-    "no multiple of a Hermite segment": ("solve mammal --basis hermite --seconds 0.875", "steps is 35", "multiple", "10 steps"),
+    "seconds no multiple of dt": (
+        "solve mammal --seconds 1.01",
+        "seconds/dt is 40.4",
+        "whole to 1e-06",
+        "--seconds 1",
+    ),
+    "shorter than one step": (
+        "solve mammal --seconds 0.01",
+        "seconds/dt is 0.4",
+        "at least 1",
+        "--seconds 0.025",
+    ),
+    "no multiple of a Hermite segment": (
+        "solve mammal --basis hermite --seconds 0.875",
+        "steps is 35",
+        "multiple",
+        "10 steps",
+    ),
     "no start": ("solve mammal --seeds 0", "--seeds", "at least 1"),
     "half a start": ("solve mammal --seeds 1.5", "--seeds", "whole number"),
     "no thread": ("solve mammal --threads 0", "--threads", "at least 1"),
@@ -113,30 +167,76 @@ CASES = {
     "negative seed": ("solve mammal --seed -1", "--seed", "at least 0"),
     "negative tolerance": ("solve mammal --tolerance -1", "--tolerance", "positive"),
     "no time for it": ("solve mammal --time-limit 0", "--time-limit", "positive"),
-    "unknown friction": (f"{WALK} --friction ice", "friction is 'ice'", "coulomb[:MU]", "viscous[:RATIO]"),
+    "unknown friction": (
+        f"{WALK} --friction ice",
+        "friction is 'ice'",
+        "coulomb[:MU]",
+        "viscous[:RATIO]",
+    ),
     "negative friction": (f"{WALK} --friction -0.5", "friction is '-0.5'", "positive"),
-    "friction without its number": (f"{WALK} --friction coulomb:", "friction is 'coulomb:'", "positive"),
+    "friction without its number": (
+        f"{WALK} --friction coulomb:",
+        "friction is 'coulomb:'",
+        "positive",
+    ),
     "unknown terrain": (f"{WALK} --terrain moon", "terrain 'moon'", "plane", "slope:DEGREES"),
     "a wall for a slope": (f"{WALK} --terrain slope:95", "slope:95", "between -90 and 90"),
-    "a slope without degrees": (f"{WALK} --terrain slope:steep", "slope:steep", "number of degrees"),
+    "a slope without degrees": (
+        f"{WALK} --terrain slope:steep",
+        "slope:steep",
+        "number of degrees",
+    ),
     "no terrain file": (f"{WALK} --terrain nowhere.py:hills", "nowhere.py", "does not exist"),
     "no such terrain": (f"{WALK} --terrain terrains.py:hils", "'hils'", "hills"),
-    "a terrain file that fails": (f"{WALK} --terrain raises.py:hills", "raises.py", "ModuleNotFoundError"),
-    "a terrain of three numbers": (f"{WALK} --terrain terrains.py:vector", "terrains.py:vector", "one CasADi expression"),
-    "a terrain without the point": (f"{WALK} --terrain terrains.py:constant", "terrains.py:constant", "of the point"),
-    "a terrain that fails": (f"{WALK} --terrain terrains.py:broken", "terrains.py:broken", "cannot be evaluated"),
-    "unknown pose": (f"{WALK} --pose home", "pose 'home'", "'mammal' has no names", ".json, .npy, .txt"),
+    "a terrain file that fails": (
+        f"{WALK} --terrain raises.py:hills",
+        "raises.py",
+        "ModuleNotFoundError",
+    ),
+    "a terrain of three numbers": (
+        f"{WALK} --terrain terrains.py:vector",
+        "terrains.py:vector",
+        "one CasADi expression",
+    ),
+    "a terrain without the point": (
+        f"{WALK} --terrain terrains.py:constant",
+        "terrains.py:constant",
+        "of the point",
+    ),
+    "a terrain that fails": (
+        f"{WALK} --terrain terrains.py:broken",
+        "terrains.py:broken",
+        "cannot be evaluated",
+    ),
+    "unknown pose": (
+        f"{WALK} --pose home",
+        "pose 'home'",
+        "'mammal' has no names",
+        ".json, .npy, .txt",
+    ),
     "missing pose file": (f"{WALK} --pose nowhere.npy", "nowhere.npy", "does not exist"),
     "a pose of three numbers": (f"{WALK} --pose short.json", "short.json", "(3,)", "(18,)"),
     "a pose of words": (f"{WALK} --pose words.json", "words.json", "list of numbers"),
     "a torn pose file": (f"{WALK} --pose torn.json", "torn.json", "list of numbers"),
     "a pose that is not finite": (f"{WALK} --pose nan.txt", "nan.txt", "not finite at index 0"),
-    "a robot that touches nothing": ("solve ghost.xml --seconds 1", "does not stand", "--pose NAME|FILE"),
+    "a robot that touches nothing": (
+        "solve ghost.xml --seconds 1",
+        "does not stand",
+        "--pose NAME|FILE",
+    ),
     "a file for a folder": (f"{WALK} --out terrains.py", "terrains.py", "cannot be written"),
     "an impossible folder": (f"{WALK} --out /dev/null/walk", "/dev/null/walk", "cannot be written"),
     "a folder for a file": (f"{WALK} --out occupied", "occupied", "report.json is a folder"),
-    "no solution to start from": (f"{WALK} --costs paper --start nowhere.npz", "nowhere.npz", "does not exist"),
-    "another archive to start from": (f"{WALK} --costs paper --start other.npz", "other.npz", "not a solution"),
+    "no solution to start from": (
+        f"{WALK} --costs paper --start nowhere.npz",
+        "nowhere.npz",
+        "does not exist",
+    ),
+    "another archive to start from": (
+        f"{WALK} --costs paper --start other.npz",
+        "other.npz",
+        "not a solution",
+    ),
     "info of nothing": ("info", "FILE or --devices"),
     "info of a missing file": ("info nowhere.urdf --json", "nowhere.urdf", "no such file"),
     "a picture of a text": ("view text.npz", "text.npz", "not a solution"),
@@ -151,7 +251,9 @@ def test_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) ->
     before = sorted(folder.rglob("*"))
     code = main(words.split())
     printed = capsys.readouterr()
-    lines = [line for line in printed.err.splitlines() if not line.startswith("octo: using the CPU")]
+    lines = [
+        line for line in printed.err.splitlines() if not line.startswith("octo: using the CPU")
+    ]
     assert code == 2, printed
     assert len(lines) == 1 and lines[0].startswith("octo: error: "), printed.err
     assert printed.out == ""

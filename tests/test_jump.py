@@ -40,7 +40,8 @@ def test_it_converges_and_meets_its_goal(jumped: Solution) -> None:
 
 
 def test_it_flies_lands_and_stands(jumped: Solution) -> None:
-    """Every load is zero in the air; before and after it the feet alone carry the robot, all of them at the end."""
+    """Every load is zero in the air; before and after it the feet alone carry the robot, all of
+    them at the end."""
     load = jumped.normal_force / jumped.weight  # (N, c)
     rise = np.sqrt(2.0 * HEIGHT / 9.81)
     from_top = np.abs(jumped.times[1:] - jumped.dt * (jumped.steps // 2))
@@ -55,7 +56,10 @@ def test_it_flies_lands_and_stands(jumped: Solution) -> None:
 
 def test_both_ends_are_the_static_pose_of_the_last_pass(jumped: Solution) -> None:
     problem = jump_problem(MAMMAL, HEIGHT, DISTANCE, dt=DT)
-    stiff = {name: jumped.parameters[name] for name in ("contact.w_perp", "contact.w_par", "contact.onset")}
+    stiff = {
+        name: jumped.parameters[name]
+        for name in ("contact.w_perp", "contact.w_par", "contact.onset")
+    }
     last = problem.replace(parameters=stiff)
     assert abs(last.start - problem.start).max() > 1e-3  # else this says nothing
     moved = np.zeros(MAMMAL.nx)
@@ -69,7 +73,10 @@ def test_the_first_guess_leaves_the_ground_and_keeps_its_footholds() -> None:
     guesses = first_guesses(problem, 3)
     assert guesses.shape == (3, problem.steps + 1, MAMMAL.nx)
     touching = [MAMMAL.contact_index(name) for name in FEET]
-    feet = sphere_centers(MAMMAL, guesses)[:, :, touching] - sphere_centers(MAMMAL, problem.start)[touching]
+    feet = (
+        sphere_centers(MAMMAL, guesses)[:, :, touching]
+        - sphere_centers(MAMMAL, problem.start)[touching]
+    )
     rise = np.sqrt(2.0 * HEIGHT / 9.81)
     from_top = DT * (np.arange(problem.steps + 1) - problem.steps // 2)
     before, after, top = from_top < -rise, from_top > rise, from_top == 0.0
@@ -97,8 +104,16 @@ def test_on_a_slope_it_lands_higher() -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[], object], type[OctoError], str]] = {
-    "height": (lambda: octo.jump(MAMMAL, height=0.0), ValueRangeError, "height is 0.0 m, must be positive"),
-    "distance": (lambda: octo.jump(MAMMAL, distance=np.inf), ValueRangeError, "distance is not finite"),
+    "height": (
+        lambda: octo.jump(MAMMAL, height=0.0),
+        ValueRangeError,
+        "height is 0.0 m, must be positive",
+    ),
+    "distance": (
+        lambda: octo.jump(MAMMAL, distance=np.inf),
+        ValueRangeError,
+        "distance is not finite",
+    ),
     "seconds": (
         lambda: octo.jump(MAMMAL, seconds=0.5),
         ValueRangeError,
@@ -131,7 +146,7 @@ def test_what_cannot_jump() -> None:
         octo.jump(arm)
 
 
-# -- the command line ---------------------------------------------------------------------------------------------
+# -- the command line ------------------------------------------------------------------------------
 
 
 def test_octo_solve_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,7 +159,12 @@ def test_octo_solve_jumps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(sys.modules["octo.jump"], "solve_jump", solve)
     size = ["--height", str(HEIGHT), "--distance", str(DISTANCE), "--dt", str(DT)]
-    assert main(["solve", "mammal", "--goal", "jump", *size, "--device", "cpu", "--out", str(tmp_path)]) == 0
+    assert (
+        main(
+            ["solve", "mammal", "--goal", "jump", *size, "--device", "cpu", "--out", str(tmp_path)]
+        )
+        == 0
+    )
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["goal"] == "jump" and report["goal_met"] and report["goal_error"] < 0.05
     (problem,) = asked

@@ -1,4 +1,5 @@
-"""octo.walk, stride, turn: from rest through strides to rest. What a whole walk is like, benchmarks/cycles.py measures."""
+"""octo.walk, stride, turn: from rest through strides to rest. What a whole walk is like,
+benchmarks/cycles.py measures."""
 
 from __future__ import annotations
 
@@ -38,7 +39,12 @@ def test_the_laws_hold_at_every_step():
     motion = walked()
     keep = {name: value for name, value in motion.parameters.items() if name.startswith("contact.")}
     problem = octo.Problem(
-        motion.character, steps=motion.steps, dt=motion.dt, costs=[octo.Effort()], x0=motion.x[1], parameters=keep
+        motion.character,
+        steps=motion.steps,
+        dt=motion.dt,
+        costs=[octo.Effort()],
+        x0=motion.x[1],
+        parameters=keep,
     )
     compiled = CompiledProblem([problem])
     at = compiled.evaluate(compiled.unknowns(motion.x[None]))
@@ -48,7 +54,11 @@ def test_the_laws_hold_at_every_step():
 
 def test_it_is_a_walk_that_one_would_keep():
     gait = walked().gait
-    assert gait.touchdowns <= 2.5 and gait.shortest_stance >= 0.1 - 1e-9 and gait.shortest_swing >= 0.1 - 1e-9
+    assert (
+        gait.touchdowns <= 2.5
+        and gait.shortest_stance >= 0.1 - 1e-9
+        and gait.shortest_swing >= 0.1 - 1e-9
+    )
     assert gait.clearance >= 0.015 and gait.limit_excess <= 0.01
     assert walked().slip <= 0.05 and walked().friction_use <= 1.0 and walked().torque_excess <= 1.0
     sideways = np.linalg.norm(walked().contact_force[..., :2].sum(axis=1), axis=1) / walked().weight
@@ -69,14 +79,20 @@ def test_who_strides_about_as_high_as_it_stands_keeps_its_pose():
 
 
 def test_a_spider_walks_as_high_as_its_strides_want():
-    """It stands 16 cm high and strides 28 cm high: with the length and periods of the pose at rest it stumbled."""
+    """It stands 16 cm high and strides 28 cm high: with the length and periods of the pose at rest
+    it stumbled."""
     crouched = Journey(octo.gallery.spider(), (0.3, 0.0), 0.0, 4.0)
     motion = octo.walk(octo.gallery.spider(), 0.3, 4.0, seed=1, starts=1, device="cpu")
     gait = motion.gait
     assert motion.converged and motion.length > 1.4 * crouched.whole.length
-    assert gait.touchdowns <= 2.5 and gait.shortest_stance >= 0.1 - 1e-9 and gait.shortest_swing >= 0.1 - 1e-9
+    assert (
+        gait.touchdowns <= 2.5
+        and gait.shortest_stance >= 0.1 - 1e-9
+        and gait.shortest_swing >= 0.1 - 1e-9
+    )
     assert gait.torque_high <= 0.3 and gait.limit_excess <= 0.01
-    periods = [start["period"] for start in motion.starts]  # one stride of the pose at rest, the others of the higher one
+    # one stride of the pose at rest, the others of the higher one
+    periods = [start["period"] for start in motion.starts]
     assert periods[0] == crouched.periods()[0] * crouched.dt and min(periods[1:]) > 1.3 * periods[0]
 
 
@@ -94,7 +110,9 @@ def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(capsys):
     motion = octo.walk(octo.gallery.mammal(), 0.3, 0.5, max_iterations=3, device="cpu")
     assert motion.steps == 20 and "too short" in capsys.readouterr().err
     hills = octo.Terrain(lambda point, p: point[2] - 0.02 * point[0] ** 2)
-    octo.walk(octo.gallery.mammal(), 0.3, 4.0, terrain=hills, max_iterations=3, passes=1, device="cpu")
+    octo.walk(
+        octo.gallery.mammal(), 0.3, 4.0, terrain=hills, max_iterations=3, passes=1, device="cpu"
+    )
     assert "same everywhere" in capsys.readouterr().err
 
 
@@ -105,16 +123,21 @@ def test_ctrl_c_keeps_strides():
         calls.append(iterate)
         return len(calls) > 5
 
-    motion = octo.walk(octo.gallery.mammal(), 0.4, 4.0, starts=1, period=0.6, device="cpu", callback=stop)
+    motion = octo.walk(
+        octo.gallery.mammal(), 0.4, 4.0, starts=1, period=0.6, device="cpu", callback=stop
+    )
     assert motion.status is Status.INTERRUPTED and motion.cycle is not None
 
 
-@pytest.mark.parametrize(("call", "words"), [
-    (lambda robot: octo.walk(robot, float("nan")), "speed is not finite"),
-    (lambda robot: octo.walk(robot, 0.5, -1.0), "seconds is -1.0 s, must be positive"),
-    (lambda robot: octo.turn(robot, "fast"), "rate is 'fast', must be numbers"),
-    (lambda robot: octo.walk(robot, 0.5, period=0.0), "period is 0.0 s, must be positive"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda robot: octo.walk(robot, float("nan")), "speed is not finite"),
+        (lambda robot: octo.walk(robot, 0.5, -1.0), "seconds is -1.0 s, must be positive"),
+        (lambda robot: octo.turn(robot, "fast"), "rate is 'fast', must be numbers"),
+        (lambda robot: octo.walk(robot, 0.5, period=0.0), "period is 0.0 s, must be positive"),
+    ],
+)
 def test_refused_in_one_line(call, words):
     with pytest.raises(OctoError) as error:
         call(octo.gallery.mammal())

@@ -23,7 +23,12 @@ print(octo.__file__, solution.x.shape)
 
 
 def run(code: str, **environment: str) -> str:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **environment})
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -38,13 +43,21 @@ def test_an_unknown_name_is_refused() -> None:
         octo.sovle  # noqa: B018
 
 
-FIRST = ["import octo.solve", "from octo.solve import solve", "octo.solve", "import octo.plot, octo.solve"]
+FIRST = [
+    "import octo.solve",
+    "from octo.solve import solve",
+    "octo.solve",
+    "import octo.plot, octo.solve",
+]
 
 
 @pytest.mark.parametrize("first", FIRST)
 def test_solve_and_plot_are_functions(first: str) -> None:
     """Whatever was imported first: the modules have the same names."""
-    used = "assert callable(octo.solve) and callable(octo.plot)\nfrom octo.solve import solve\nassert solve is octo.solve"
+    used = (
+        "assert callable(octo.solve) and callable(octo.plot)\nfrom octo.solve import "
+        "solve\nassert solve is octo.solve"
+    )
     run(f"import octo\n{first}\n{used}")
 
 
@@ -57,7 +70,9 @@ def test_import_is_quick_and_needs_no_extra() -> None:
 
 
 def data_files(folder: Path) -> set[str]:
-    found = (path for path in (folder / "octo").rglob("*") if path.suffix in (".c", ".cu", ".typed"))
+    found = (
+        path for path in (folder / "octo").rglob("*") if path.suffix in (".c", ".cu", ".typed")
+    )
     return {path.relative_to(folder).as_posix() for path in found}
 
 
@@ -69,20 +84,49 @@ def test_a_wheel_installed_elsewhere_solves_and_measures(tmp_path: Path) -> None
         shutil.copy(ROOT / name, source)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
     subprocess.run(
-        [*pip, "wheel", "--use-pep517", "--no-deps", "--no-build-isolation", "-w", tmp_path, source], check=True, cwd=tmp_path
+        [
+            *pip,
+            "wheel",
+            "--use-pep517",
+            "--no-deps",
+            "--no-build-isolation",
+            "-w",
+            tmp_path,
+            source,
+        ],
+        check=True,
+        cwd=tmp_path,
     )
     (wheel,) = tmp_path.glob("octo_trajopt-*.whl")
-    subprocess.run([*pip, "install", "--no-deps", "--target", target, wheel], check=True, cwd=tmp_path)
+    subprocess.run(
+        [*pip, "install", "--no-deps", "--target", target, wheel], check=True, cwd=tmp_path
+    )
     installed, written = data_files(target), data_files(ROOT)
     assert installed == written and "octo/py.typed" in installed
-    printed = run(f"import os; os.chdir({str(tmp_path)!r}){TINY}", PYTHONPATH=str(target), OCTO_CACHE=str(tmp_path / "cache"))
+    printed = run(
+        f"import os; os.chdir({str(tmp_path)!r}){TINY}",
+        PYTHONPATH=str(target),
+        OCTO_CACHE=str(tmp_path / "cache"),
+    )
     assert str(target) in printed and "(5, 14)" in printed
-    bench = "from octo.cli.main import main; assert main(['bench', '--quick', '--only', 'dynamics']) == 0"
-    printed = run(f"import os; os.chdir({str(tmp_path)!r})\n{bench}", PYTHONPATH=str(target), OCTO_CACHE=str(tmp_path / "cache"))
-    assert "dynamics.mammal.fd_jacobian" in printed and "baseline" not in printed  # the committed one is a clone's
+    bench = (
+        "from octo.cli.main import main; assert main(['bench', '--quick', '--only', "
+        "'dynamics']) == 0"
+    )
+    printed = run(
+        f"import os; os.chdir({str(tmp_path)!r})\n{bench}",
+        PYTHONPATH=str(target),
+        OCTO_CACHE=str(tmp_path / "cache"),
+    )
+    # the committed one is a clone's
+    assert "dynamics.mammal.fd_jacobian" in printed and "baseline" not in printed
 
 
-@pytest.mark.parametrize("page", sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")], key=str), ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    "page",
+    sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")], key=str),
+    ids=lambda page: page.name,
+)
 def test_names_and_links_of_the_pages_exist(page: Path) -> None:
     text = page.read_text()
     for name in re.findall(r"\bocto\.((?:[A-Za-z]\w*)(?:\.[A-Za-z]\w*)?)\(", text):

@@ -1,7 +1,8 @@
-"""Code generation and compilation of the humanoid, 35 degrees of freedom: processor time, the compiler's included.
+"""Code generation and compilation of the humanoid, 35 degrees of freedom: processor time, the
+compiler's included.
 
-Every measurement is a process of its own (``python -m octo.bench.compilation`` prints one as JSON), with an empty cache and
-again with what the first one left there.
+Every measurement is a process of its own (``python -m octo.bench.compilation`` prints one as JSON),
+with an empty cache and again with what the first one left there.
 """
 
 from __future__ import annotations
@@ -24,14 +25,20 @@ from octo.solver import elimination
 
 def measure(records: Records, plan: Plan, say: Say) -> None:
     with tempfile.TemporaryDirectory() as folder:
-        for label in ("cold", "cached"):  # without plan.cold the first one fills the user's cache where that has gaps
+        # without plan.cold the first one fills the user's cache where that has gaps
+        for label in ("cold", "cached"):
             say(label if plan.cold or label == "cached" else "filling the cache")
             own = {"OCTO_CACHE": folder} if plan.cold else {}
-            path = os.pathsep.join([str(Path(octo.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+            path = os.pathsep.join(
+                [str(Path(octo.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+            )
             done = subprocess.run(
-                [sys.executable, "-m", "octo.bench.compilation"], env={**os.environ, **own, "PYTHONPATH": path},
-                capture_output=True, encoding="utf-8", check=True,
-            )  # fmt: skip
+                [sys.executable, "-m", "octo.bench.compilation"],
+                env={**os.environ, **own, "PYTHONPATH": path},
+                capture_output=True,
+                encoding="utf-8",
+                check=True,
+            )
             if label == "cold" and not plan.cold:
                 continue
             parts = json.loads(done.stdout)

@@ -22,7 +22,8 @@ OTHERS: dict[str, Callable[..., Any]] = {"ipopt": reference.Ipopt, "fatrop": ref
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One solver's run of one pass from one start. ``said``: its own word; ``compiled``: no Python in an iteration."""
+    """One solver's run of one pass from one start. ``said``: its own word; ``compiled``: no Python
+    in an iteration."""
 
     solver: str
     seed: int
@@ -37,8 +38,9 @@ class Entry:
 class Contest:
     """Every solver on every seed and pass, one core each.
 
-    The first pass starts where octo's own does with the seed's noise, or from ``start``; each later pass, for all
-    solvers, from the same converged solution of the pass before: octo's, or where octo did not converge another one's.
+    The first pass starts where octo's own does with the seed's noise, or from ``start``; each later
+    pass, for all solvers, from the same converged solution of the pass before: octo's, or where
+    octo did not converge another one's.
     """
 
     problem: Problem
@@ -59,7 +61,11 @@ class Contest:
         self.octo_setup: dict[int, float] = {}
 
     def _for_pass(self, stage: Pass | None) -> Problem:
-        return self.problem if stage is None else self.problem.replace(parameters=stage.parameters(self.problem.weight))
+        return (
+            self.problem
+            if stage is None
+            else self.problem.replace(parameters=stage.parameters(self.problem.weight))
+        )
 
     def run(self, seeds: Sequence[int]) -> Iterator[Entry]:
         """Entries as they are done."""
@@ -81,12 +87,17 @@ class Contest:
             return moved(before.x, self.problems[number - 2], problem)
         return first_nodes(problem, seed, self.start)
 
-    def _entry(self, solver: str, number: int, seed: int, start: Array, before: Solution | None) -> Entry:
+    def _entry(
+        self, solver: str, number: int, seed: int, start: Array, before: Solution | None
+    ) -> Entry:
         if solver == "octo":
             with one_core():
                 solution = self._octo(number, seed, start, before)
-            setup = self.octo_setup.setdefault(number, solution.setup_seconds)  # of the first seed: what compiles
-            return Entry("octo", seed, number, replace(solution, setup_seconds=setup), solution.status.label)
+            # of the first seed: what compiles
+            setup = self.octo_setup.setdefault(number, solution.setup_seconds)
+            return Entry(
+                "octo", seed, number, replace(solution, setup_seconds=setup), solution.status.label
+            )
         key = (solver, number)
         if key not in self.ready:
             self.ready[key] = OTHERS[solver](self.problems[number - 1], options=self.options)
@@ -94,7 +105,8 @@ class Contest:
         return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
-        """A later pass approaches its stiffness in small factors, as octo's passes do; that is counted."""
+        """A later pass approaches its stiffness in small factors, as octo's passes do; that is
+        counted."""
         own: dict[str, Any] = {"seed": seed, "threads": self.threads, "device": self.device}
         problem, now = self.problems[number - 1], before
         if now is None:
@@ -105,13 +117,17 @@ class Contest:
         for part in [*map(self._for_pass, between(first, last)), problem]:
             iterations = self.options.max_iterations if part is problem else RAMP_ITERATIONS
             warm = replace(now, x=moved(now.x, at, part))
-            now, at = solve(part, start=warm, options=replace(self.options, max_iterations=iterations), **own), part
+            now = solve(
+                part, start=warm, options=replace(self.options, max_iterations=iterations), **own
+            )
+            at = part
             way.append(now)
         return joined(way)
 
 
 def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> dict[str, float]:
-    """The medians of one solver over those of another, by what is compared; times are processor time."""
+    """The medians of one solver over those of another, by what is compared; times are processor
+    time."""
 
     def ratio(value: Callable[[Solution], float]) -> float:
         own, other = (float(np.median([value(pair[k]) for pair in pairs])) for k in (0, 1))
@@ -126,7 +142,8 @@ def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> dict[str, float]:
 
 
 def joined(parts: Sequence[Solution]) -> Solution:
-    """The last of several solves in a row, with the iterations, times and histories of all of them."""
+    """The last of several solves in a row, with the iterations, times and histories of all of
+    them."""
     columns: dict[str, list[Array]] = {name: [] for name in parts[-1].history}
     seconds, count = 0.0, 0
     for part in parts:
@@ -135,8 +152,12 @@ def joined(parts: Sequence[Solution]) -> Solution:
         seconds, count = seconds + part.seconds, count + part.iterations
     stages = {name: sum(part.stages.get(name, 0.0) for part in parts) for name in parts[-1].stages}
     return replace(
-        parts[-1], history={name: np.concatenate(values) for name, values in columns.items()}, seconds=seconds,
-        iterations=count, factorizations=sum(part.factorizations for part in parts), stages=stages,
+        parts[-1],
+        history={name: np.concatenate(values) for name, values in columns.items()},
+        seconds=seconds,
+        iterations=count,
+        factorizations=sum(part.factorizations for part in parts),
+        stages=stages,
         setup_seconds=sum(part.setup_seconds for part in parts),
         processor_seconds=sum(part.processor_seconds for part in parts),
-    )  # fmt: skip
+    )

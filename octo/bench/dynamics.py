@@ -1,7 +1,8 @@
 """FD, its Jacobian and its curvature, a step; and the same as CasADi's whole expression.
 
-All of them go through the steps in runs of ``RUN``, whose numbers one run after the other writes to the same place: as in a
-solve, where they are used while they are in the cache and never stored for all steps.
+All of them go through the steps in runs of ``RUN``, whose numbers one run after the other writes to
+the same place: as in a solve, where they are used while they are in the cache and never stored for
+all steps.
 """
 
 from __future__ import annotations
@@ -28,18 +29,32 @@ RUN = 40  # steps
 
 
 class TreeSweep:
-    """octo's own dynamics of all steps, written into memory that is in use; ``single``: by the text for one step."""
+    """octo's own dynamics of all steps, written into memory that is in use; ``single``: by the text
+    for one step."""
 
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
-        library = native.load(dynamics.text() + codegen.source("batch.c")) if single else dynamics._library
+        library = (
+            native.load(dynamics.text() + codegen.source("batch.c"))
+            if single
+            else dynamics._library
+        )
         assert library is not None
         self.library, self.count, n = library, min(RUN, len(nodes) - 2), dynamics.nx
         assert (len(nodes) - 2) % self.count == 0
         lam = np.random.default_rng(0).standard_normal((self.count, n))
         self.fd, self.jac = np.zeros((self.count, n)), np.zeros((self.count, n, 3 * n))
-        self.held = (nodes, p, lam, self.fd, self.jac, np.zeros((self.count, dynamics.curvature_blocks, n, n)))
+        self.held = (
+            nodes,
+            p,
+            lam,
+            self.fd,
+            self.jac,
+            np.zeros((self.count, dynamics.curvature_blocks, n, n)),
+        )
         self.written = sum(array.nbytes for array in self.held[3:]) / self.count  # bytes a step
-        self.firsts = [ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, self.count)]
+        self.firsts = [
+            ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, self.count)
+        ]
         self.others = [ctypes.c_void_p(array.ctypes.data) for array in self.held[1:]]
 
     def run(self, order: int) -> Callable[[], None]:
@@ -60,15 +75,20 @@ def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Arra
 def measure(records: Records, plan: Plan, say: Say) -> None:
     """us a step of the gallery's characters.
 
-    ``one_step`` is FD and its Jacobian without lanes, as on the machine of the first measurements (spider 6 us, humanoid 16): the
-    limits of an iteration hold in proportion to it, so that a faster kernel does not make them stricter.
+    ``one_step`` is FD and its Jacobian without lanes, as on the machine of the first measurements
+    (spider 6 us, humanoid 16): the limits of an iteration hold in proportion to it, so that a
+    faster kernel does not make them stricter.
     """
     runs, degrees, written = {}, {}, {}
     for name in plan.robots:
         say(name)
         tree, dynamics, nodes, p = _sweep(name, plan.steps)
-        runs.update({f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)})
-        runs[f"dynamics.{name}.one_step.fd_jacobian"] = TreeSweep(dynamics, nodes, p, single=True).run(1)
+        runs.update(
+            {f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)}
+        )
+        runs[f"dynamics.{name}.one_step.fd_jacobian"] = TreeSweep(
+            dynamics, nodes, p, single=True
+        ).run(1)
         degrees[name], written[name] = dynamics.nx, tree.written
     say("all of them, interleaved")
     for label, timing in interleaved(runs, 3 * plan.rounds).items():
@@ -77,11 +97,16 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
         records.add(f"dynamics.{name}.dof", n, "")
         took = records[f"dynamics.{name}.curvature"] / MICRO  # s a step
         records.add(f"dynamics.{name}.curvature.written", written[name] / took / 1e9, "GB/s")
-        records.ratio(f"dynamics.{name}.curvature/fd_jacobian", f"dynamics.{name}.curvature", f"dynamics.{name}.fd_jacobian")
+        records.ratio(
+            f"dynamics.{name}.curvature/fd_jacobian",
+            f"dynamics.{name}.curvature",
+            f"dynamics.{name}.fd_jacobian",
+        )
 
 
 def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
-    """The tree pass over CasADi's expression: with its common subexpressions found, and the plain way."""
+    """The tree pass over CasADi's expression: with its common subexpressions found, and the plain
+    way."""
     for name in plan.symbolic:
         tree, dynamics, nodes, p = _sweep(name, plan.steps)
         runs, forms = {"octo": tree.run(1)}, {}
@@ -95,7 +120,11 @@ def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
             pairs = ((fd, tree.fd), (form.dense(jac), tree.jac))
             error = max(np.abs(one - other).max() / np.abs(one).max() for one, other in pairs)
             if not error < AGREE:
-                raise ArithmeticError(f"{name}: the tree pass and the symbolic form differ by {error:.1e}")
-            records.add_timing(f"symbolic.{name}.{label}", best[label].per(plan.steps), MICRO, "us/step")
+                raise ArithmeticError(
+                    f"{name}: the tree pass and the symbolic form differ by {error:.1e}"
+                )
+            records.add_timing(
+                f"symbolic.{name}.{label}", best[label].per(plan.steps), MICRO, "us/step"
+            )
             records.add(f"symbolic.{name}.{label}.operations", form.operations, "")
             records.add(f"symbolic.{name}.octo/{label}", best["octo"].least / best[label].least, "")

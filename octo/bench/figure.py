@@ -1,4 +1,5 @@
-"""The records as a figure: one iteration against steps and against degrees of freedom, the dynamics, other solvers."""
+"""The records as a figure: one iteration against steps and against degrees of freedom, the
+dynamics, other solvers."""
 
 from __future__ import annotations
 
@@ -31,7 +32,11 @@ def draw(records: Records, plan: Plan, title: str, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("a plot", "view") from error
-    panels = [panel for group, panel in PANELS.items() if any(record.name.startswith(f"{group}.") for record in records.made)]
+    panels = [
+        panel
+        for group, panel in PANELS.items()
+        if any(record.name.startswith(f"{group}.") for record in records.made)
+    ]
     columns = max(1, min(2, len(panels)))
     rows = max(1, -(-len(panels) // columns))
     figure = Figure(figsize=(5.5 * columns, 3.6 * rows + 0.4), layout="constrained")
@@ -47,14 +52,36 @@ def draw(records: Records, plan: Plan, title: str, path: Path) -> None:
 
 
 def _against_steps(axes: Any, records: Records, plan: Plan) -> None:
-    stages = np.array([[records[f"iteration.nodes.{steps}.{stage}"] for steps in plan.nodes] for stage in STAGES])
-    axes.stackplot(plan.nodes, stages, colors=COLORS.values(), labels=[f"nodes: {stage}" for stage in STAGES], alpha=0.85)
+    stages = np.array(
+        [[records[f"iteration.nodes.{steps}.{stage}"] for steps in plan.nodes] for stage in STAGES]
+    )
+    axes.stackplot(
+        plan.nodes,
+        stages,
+        colors=COLORS.values(),
+        labels=[f"nodes: {stage}" for stage in STAGES],
+        alpha=0.85,
+    )
     sizes = np.array([0, max(*plan.nodes, *plan.hermite)])
     for basis, steps, mark in (("nodes", plan.nodes, "ko"), ("hermite", plan.hermite, "k^")):
-        fit = (records[f"iteration.{basis}.slope"] * sizes + records[f"iteration.{basis}.constant"]) / 1e3
-        axes.plot(steps, [records[f"iteration.{basis}.{count}"] for count in steps], mark, ms=4, label=f"{basis}, whole")
+        fit = (
+            records[f"iteration.{basis}.slope"] * sizes + records[f"iteration.{basis}.constant"]
+        ) / 1e3
+        axes.plot(
+            steps,
+            [records[f"iteration.{basis}.{count}"] for count in steps],
+            mark,
+            ms=4,
+            label=f"{basis}, whole",
+        )
         axes.plot(sizes, fit, "k-" if basis == "nodes" else "k:", lw=0.9)
-    axes.set(title="one iteration of the mammal, one core", xlabel="steps N", ylabel="ms", ylim=(0, None), xlim=(0, None))
+    axes.set(
+        title="one iteration of the mammal, one core",
+        xlabel="steps N",
+        ylabel="ms",
+        ylim=(0, None),
+        xlim=(0, None),
+    )
 
 
 def _against_degrees(axes: Any, records: Records, plan: Plan) -> None:
@@ -68,11 +95,21 @@ def _against_degrees(axes: Any, records: Records, plan: Plan) -> None:
     for name in plan.staged:
         if f"degrees.{name}" in records:
             axes.plot(records[f"degrees.{name}.dof"], records[f"degrees.{name}"], "kD", ms=4)
-            axes.annotate(name, (records[f"degrees.{name}.dof"], records[f"degrees.{name}"]), (-6, 5),
-                          textcoords="offset points", ha="right", fontsize=8)  # fmt: skip
+            axes.annotate(
+                name,
+                (records[f"degrees.{name}.dof"], records[f"degrees.{name}"]),
+                (-6, 5),
+                textcoords="offset points",
+                ha="right",
+                fontsize=8,
+            )
     axes.margins(y=0.12)
     ends = f"{plan.links[0]} to {plan.links[-1]} links"
-    axes.set(title=f"one iteration, chains of {ends}, N = {plan.steps}", xlabel="degrees of freedom", ylabel="µs a step")
+    axes.set(
+        title=f"one iteration, chains of {ends}, N = {plan.steps}",
+        xlabel="degrees of freedom",
+        ylabel="µs a step",
+    )
 
 
 def _dynamics(axes: Any, records: Records, plan: Plan) -> None:
@@ -96,14 +133,25 @@ def _solvers(axes: Any, records: Records, plan: Plan) -> None:
             seconds = records[f"solvers.{basis}.{name}.time"]
             axes.bar(place, seconds, 0.8, color=SOLVERS[name])
             text = f"{seconds:.2g} s\n{records[f'solvers.{basis}.{name}.iterations']:.0f} its"
-            axes.annotate(text, (place, seconds), (0, 2), textcoords="offset points", ha="center", fontsize=7.5)
+            axes.annotate(
+                text,
+                (place, seconds),
+                (0, 2),
+                textcoords="offset points",
+                ha="center",
+                fontsize=7.5,
+            )
             ticks.append((place, f"{name}\n{basis}"))
             place += 1.0
         place += 0.5
     axes.set_xticks([at for at, _ in ticks], [words for _, words in ticks], fontsize=8)
     axes.margins(y=0.2)
-    axes.plot([], [], " ", label=f"medians over {plan.seeds} starts" if plan.seeds > 1 else "one start")
-    axes.set(title=f"a walk of {plan.motion_steps} steps of the mammal, solved", ylabel="s of one core")
+    axes.plot(
+        [], [], " ", label=f"medians over {plan.seeds} starts" if plan.seeds > 1 else "one start"
+    )
+    axes.set(
+        title=f"a walk of {plan.motion_steps} steps of the mammal, solved", ylabel="s of one core"
+    )
 
 
 PANELS: dict[str, Panel] = {

@@ -1,4 +1,5 @@
-"""One iteration of a walk, stage by stage: against the number of steps, of degrees of freedom, of threads."""
+"""One iteration of a walk, stage by stage: against the number of steps, of degrees of freedom, of
+threads."""
 
 from __future__ import annotations
 
@@ -39,11 +40,16 @@ def start(problem: Problem, seed: int = 0) -> Array:
 
 
 class Iteration:
-    """Curvature, one factorisation, the KKT step and one trial, from Python, with the seconds of every stage."""
+    """Curvature, one factorisation, the KKT step and one trial, from Python, with the seconds of
+    every stage."""
 
-    def __init__(self, problem: Problem, threads: int = 1, batch: int = 1, clock: Clock = time.thread_time):
+    def __init__(
+        self, problem: Problem, threads: int = 1, batch: int = 1, clock: Clock = time.thread_time
+    ):
         self.problem = CompiledProblem([problem] * batch, threads)
-        self.at = self.problem.evaluate(self.problem.unknowns(np.stack([start(problem, k) for k in range(batch)])))
+        self.at = self.problem.evaluate(
+            self.problem.unknowns(np.stack([start(problem, k) for k in range(batch)]))
+        )
         shape = (batch, self.problem.K, self.problem.ma)
         self.lam = 1e-5 * np.random.default_rng(0).standard_normal(shape)
         self.sigma = self._weights(shape[:2])
@@ -55,9 +61,14 @@ class Iteration:
         model = self.problem.linearize(self.at, self.lam)
         for weight in 10.0 ** np.arange(-1.0, 8.0):
             sigma = np.full(shape, weight)
-            if kkt.factorize(model.H, model.A, sigma, threads=self.problem.threads).inertia_ok.all():
+            if kkt.factorize(
+                model.H, model.A, sigma, threads=self.problem.threads
+            ).inertia_ok.all():
                 return sigma
-        raise ArithmeticError(f"no weight gives the KKT matrix of {self.problem.problems[0].dynamics.nx} coordinates its inertia")
+        raise ArithmeticError(
+            f"no weight gives the KKT matrix of {self.problem.problems[0].dynamics.nx} "
+            "coordinates its inertia"
+        )
 
     def __call__(self) -> None:
         problem, at, marks = self.problem, self.at, [self.clock()]
@@ -66,16 +77,25 @@ class Iteration:
         factor = kkt.factorize(model.H, model.A, self.sigma, threads=problem.threads)
         marks.append(self.clock())
         step, lam = factor.solve(-model.b, -model.C)
-        dual = np.abs(model.b + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(self.lam)).max()
+        dual = np.abs(
+            model.b
+            + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(self.lam)
+        ).max()
         marks.append(self.clock())
         trial = problem.evaluate(at.unknowns + 1e-3 * step)
         marks.append(self.clock())
-        assert factor.inertia_ok.all() and np.isfinite(dual) and trial.finite.all() and lam.shape == self.lam.shape
+        assert (
+            factor.inertia_ok.all()
+            and np.isfinite(dual)
+            and trial.finite.all()
+            and lam.shape == self.lam.shape
+        )
         self.seconds.append(np.diff(marks))
 
 
 def sample(runs: Mapping[str, Iteration], rounds: int, burst: int) -> dict[str, Array]:
-    """(samples, stages) s of each: interleaved bursts of runs in a row, without the first of each, whose caches are cold."""
+    """(samples, stages) s of each: interleaved bursts of runs in a row, without the first of each,
+    whose caches are cold."""
     for _ in range(rounds):
         for run in runs.values():
             run()
@@ -93,11 +113,12 @@ def add(records: Records, name: str, seconds: Array, scale: float, unit: str) ->
         records.add(f"{name}.{stage}", values.min() * scale, unit)
 
 
-# -- groups -------------------------------------------------------------------------------------------------------
+# -- groups ----------------------------------------------------------------------------------------
 
 
 def against_steps(records: Records, plan: Plan, say: Say) -> None:
-    """ms of one iteration of the mammal against N, in both bases, with a straight line through them."""
+    """ms of one iteration of the mammal against N, in both bases, with a straight line through
+    them."""
     robot = octo.gallery.mammal()
     runs = {}
     for basis, sizes in (("nodes", plan.nodes), ("hermite", plan.hermite)):
@@ -119,20 +140,30 @@ def against_steps(records: Records, plan: Plan, say: Say) -> None:
 
 
 def line(records: Records, name: str, sizes: Sequence[int]) -> None:
-    """The least relative squares: us a step, us that do not depend on N, and the largest relative error."""
+    """The least relative squares: us a step, us that do not depend on N, and the largest relative
+    error."""
     least = np.array([records[f"{name}.{steps}"] for steps in sizes])
     fit = np.polyfit(sizes, least, 1, w=1.0 / least)
     slope, constant = (float(value) for value in fit)
     records.add(f"{name}.slope", slope * MICRO / MILLI, "us/step")
     records.add(f"{name}.constant", constant * MICRO / MILLI, "us")
-    records.add(f"{name}.largest_error_of_fit", float(np.abs(np.polyval(fit, sizes) / least - 1.0).max()), "")
+    records.add(
+        f"{name}.largest_error_of_fit",
+        float(np.abs(np.polyval(fit, sizes) / least - 1.0).max()),
+        "",
+    )
 
 
 def against_degrees(records: Records, plan: Plan, say: Say) -> None:
-    """us a step of one iteration in nodes, of chains of more and more links and of the gallery's robots."""
+    """us a step of one iteration in nodes, of chains of more and more links and of the gallery's
+    robots."""
     runs, degrees = {}, {}
     made = {f"chain{links}": octo.gallery.chain(links) for links in plan.links}
-    made |= {name: octo.gallery.CHARACTERS[name]() for name in plan.staged if name != "chain" or 5 not in plan.links}
+    made |= {
+        name: octo.gallery.CHARACTERS[name]()
+        for name in plan.staged
+        if name != "chain" or 5 not in plan.links
+    }
     for name, robot in made.items():
         say(f"{name}, {robot.nx} degrees of freedom")
         runs[f"degrees.{name}"] = Iteration(walk(robot, plan.steps))
@@ -152,10 +183,17 @@ def against_degrees(records: Records, plan: Plan, say: Say) -> None:
 def over_threads(records: Records, plan: Plan, say: Say) -> None:
     """Seconds of the wall on one thread over those on more: one problem, and a batch of four."""
     robot = octo.gallery.mammal()
-    for label, basis, batch in (("nodes", "nodes", 1), ("hermite", "hermite", 1), ("nodes.batch4", "nodes", 4)):
+    for label, basis, batch in (
+        ("nodes", "nodes", 1),
+        ("hermite", "hermite", 1),
+        ("nodes.batch4", "nodes", 4),
+    ):
         say(f"{label}, {plan.steps} steps")
         problem = walk(robot, plan.steps, basis)
-        runs = {str(count): Iteration(problem, count, batch, time.perf_counter) for count in (1, *plan.threads)}
+        runs = {
+            str(count): Iteration(problem, count, batch, time.perf_counter)
+            for count in (1, *plan.threads)
+        }
         seconds = sample(runs, plan.rounds, plan.burst)
         one = seconds.pop("1")
         for count, values in seconds.items():

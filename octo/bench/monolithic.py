@@ -1,4 +1,5 @@
-"""FD and its Jacobian as one SX function, the way anybody would write it: ca.jacobian, CodeGenerator, gcc -O1."""
+"""FD and its Jacobian as one SX function, the way anybody would write it: ca.jacobian,
+CodeGenerator, gcc -O1."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ void sweep(int steps, const double *nodes, const double *p, double *fd, double *
   static double w[WORK + 1];
   for (int i = 0; i < steps; ++i) {
     double z[3 * NX];
-    for (int node = 0; node < 3; ++node) memcpy(z + node * NX, nodes + (i + 2 - node) * NX, NX * sizeof(double));
+    for (int node = 0; node < 3; ++node) memcpy(z + node * NX, nodes + (i + 2 - node) * NX, NX *
+      sizeof(double));
     const double *arg[2] = {z, p};
     double *res[2] = {fd + i * NX, jac + (size_t)i * NJAC};
     fd_jacobian(arg, res, 0, w, 0);
@@ -38,29 +40,38 @@ void sweep(int steps, const double *nodes, const double *p, double *fd, double *
 class Monolithic:
     """FD and Jacobian of all contacts and pairs, compiled and cached.
 
-    ``plain``: without common-subexpression elimination, and with the dense n × 3n Jacobian row by row (the form of
-    the first measurements); otherwise octo's own symbolic FD and the sparse Jacobian.
+    ``plain``: without common-subexpression elimination, and with the dense n × 3n Jacobian row by
+    row (the form of the first measurements); otherwise octo's own symbolic FD and the sparse
+    Jacobian.
     """
 
     def __init__(self, dynamics: RobotDynamics, plain: bool = False):
         n, self.plain = dynamics.nx, plain
         with _without_cse() if plain else nullcontext():
-            made = symbolic.forward_dynamics(dynamics.character, dynamics.law, dynamics.terrain, dynamics.layout)
+            made = symbolic.forward_dynamics(
+                dynamics.character, dynamics.law, dynamics.terrain, dynamics.layout
+            )
         z, p = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size)
         fd = made(z[:n], z[n : 2 * n], z[2 * n :], p)
         jac = ca.jacobian(fd, z)
         self.sparsity = jac.sparsity()
         function = ca.Function("fd_jacobian", [z, p], [fd, ca.densify(jac.T) if plain else jac])
-        self.n, self.entries, self.operations = n, int(function.nnz_out(1)), int(function.n_instructions())
+        self.n = n
+        self.entries = int(function.nnz_out(1))
+        self.operations = int(function.n_instructions())
         generator = ca.CodeGenerator("fd_jacobian.c", {"with_header": False, "casadi_int": "int"})
         generator.add(function)
         sizes = {"NX": n, "WORK": function.sz_w(), "NJAC": self.entries}
-        text = generator.dump() + "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + SWEEP
+        text = (
+            generator.dump()
+            + "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+            + SWEEP
+        )
         self.library = ctypes.CDLL(str(_compiled(text)))
 
     def sweep(self, nodes: Array, p: Array, count: int) -> tuple[Array, Array, Callable[[], None]]:
-        """FD (count, n), the Jacobian's entries (count, entries), and the function that writes them for ``count`` steps after
-        ``count`` steps."""
+        """FD (count, n), the Jacobian's entries (count, entries), and the function that writes them
+        for ``count`` steps after ``count`` steps."""
         fd, jac = np.zeros((count, self.n)), np.zeros((count, self.entries))
         held = (nodes, p, fd, jac)
         firsts = [ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, count)]
@@ -101,6 +112,10 @@ def _compiled(text: str) -> Path:
     def make(path: Path) -> None:
         source = path.with_suffix(".c")
         source.write_text(text, encoding="utf-8")
-        native.run_compiler([*words, "-O1", "-fPIC", "-shared", "-o", str(path), str(source), "-lm"], path.parent)
+        native.run_compiler(
+            [*words, "-O1", "-fPIC", "-shared", "-o", str(path), str(source), "-lm"], path.parent
+        )
 
-    return cache.path_of("monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24] + ".so", make)
+    return cache.path_of(
+        "monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24] + ".so", make
+    )

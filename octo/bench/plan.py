@@ -7,13 +7,32 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-GROUPS = ("machine", "dynamics", "iteration", "degrees", "threads", "solvers", "compile", "symbolic")
-SIZES = {  # what the number depends on and its name does not say, by how the name begins; the last that fits counts
-    "dynamics.": ("steps",), "threads.": ("steps",), "symbolic.": ("steps",), "solvers.": ("motion_steps", "seeds"),
-    "degrees.": ("steps",), "degrees.power": ("steps", "links"), "degrees.longest/shortest": ("steps", "links"),
-    **{f"iteration.{basis}.{name}": (basis,) for basis in ("nodes", "hermite")
-       for name in ("slope", "constant", "largest_error_of_fit")},
-}  # fmt: skip
+GROUPS = (
+    "machine",
+    "dynamics",
+    "iteration",
+    "degrees",
+    "threads",
+    "solvers",
+    "compile",
+    "symbolic",
+)
+# what the number depends on and its name does not say, by how the name begins; the last that fits
+# counts
+SIZES = {
+    "dynamics.": ("steps",),
+    "threads.": ("steps",),
+    "symbolic.": ("steps",),
+    "solvers.": ("motion_steps", "seeds"),
+    "degrees.": ("steps",),
+    "degrees.power": ("steps", "links"),
+    "degrees.longest/shortest": ("steps", "links"),
+    **{
+        f"iteration.{basis}.{name}": (basis,)
+        for basis in ("nodes", "hermite")
+        for name in ("slope", "constant", "largest_error_of_fit")
+    },
+}
 
 
 def cores() -> int:
@@ -27,11 +46,15 @@ class Plan:
 
     Attributes
     ----------
-    rounds: of interleaved measurements, each of ``burst`` runs in a row of one candidate after one that warms the caches.
+    rounds: of interleaved measurements, each of ``burst`` runs in a row of one candidate after one
+        that warms the caches.
     steps: N of everything that is not measured against N.
-    robots: whose dynamics are measured; staged: those whose iteration is, too (14, 18 and 35 degrees of freedom).
-    nodes, hermite: the N of the cost against N. links: of the chains of the cost against degrees of freedom.
-    symbolic: robots whose FD and Jacobian are compared with CasADi's whole expression (minutes of gcc the first time).
+    robots: whose dynamics are measured; staged: those whose iteration is, too (14, 18 and 35
+        degrees of freedom).
+    nodes, hermite: the N of the cost against N. links: of the chains of the cost against degrees of
+        freedom.
+    symbolic: robots whose FD and Jacobian are compared with CasADi's whole expression (minutes of
+        gcc the first time).
     motion_steps, seeds: of the problem that IPOPT and fatrop solve too, and its starts.
     cold: measure compilation with an empty cache.
     """
@@ -56,10 +79,14 @@ class Plan:
 
     def record(self) -> dict[str, Any]:
         """As JSON keeps it."""
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+        }
 
     def compares(self, name: str, other: Mapping[str, Any]) -> bool:
-        """Whether a record of this name is of the same sizes in the plan that ``other`` is the record of."""
+        """Whether a record of this name is of the same sizes in the plan that ``other`` is the
+        record of."""
         fields = [fields for begin, fields in SIZES.items() if name.startswith(begin)]
         mine = self.record()
         return not fields or all(mine[field] == other[field] for field in fields[-1])
@@ -67,6 +94,13 @@ class Plan:
 
 FULL = Plan()
 QUICK = Plan(
-    rounds=4, robots=("chain", "mammal", "humanoid"), nodes=(20, 100, 400), hermite=(200, 400), links=(3, 5, 8), symbolic=(),
-    motion_steps=40, seeds=1, cold=False,
-)  # fmt: skip
+    rounds=4,
+    robots=("chain", "mammal", "humanoid"),
+    nodes=(20, 100, 400),
+    hermite=(200, 400),
+    links=(3, 5, 8),
+    symbolic=(),
+    motion_steps=40,
+    seeds=1,
+    cold=False,
+)

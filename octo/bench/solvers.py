@@ -15,19 +15,37 @@ OTHERS = {"nodes": ("ipopt", "fatrop"), "hermite": ("ipopt",)}
 
 
 def measure(records: Records, plan: Plan, say: Say) -> None:
-    """Medians over the starts that a solver converged on; ratios over those where both did. Processor time, one thread."""
+    """Medians over the starts that a solver converged on; ratios over those where both did.
+    Processor time, one thread."""
     for basis, others in OTHERS.items():
         say(f"{basis}: compiling")
-        contest = Contest(walk(octo.gallery.mammal(), plan.motion_steps, basis), others, OPTIONS, device="cpu")
+        contest = Contest(
+            walk(octo.gallery.mammal(), plan.motion_steps, basis), others, OPTIONS, device="cpu"
+        )
         entries: list[Entry] = []
         for entry in contest.run(range(plan.seeds)):
-            say(f"{basis}: {entry.solver}, start {entry.seed + 1} of {plan.seeds}, {entry.solution.status.label}")
+            say(
+                f"{basis}: {entry.solver}, start {entry.seed + 1} of {plan.seeds}, "
+                f"{entry.solution.status.label}"
+            )
             entries.append(entry)
         for solver in ("octo", *others):
-            _add(records, f"solvers.{basis}.{solver}", [entry for entry in entries if entry.solver == solver])
+            _add(
+                records,
+                f"solvers.{basis}.{solver}",
+                [entry for entry in entries if entry.solver == solver],
+            )
         for solver in others:
-            found = {(entry.solver, entry.seed): entry.solution for entry in entries if entry.solution.converged}
-            both = [(found["octo", k], found[solver, k]) for k in range(plan.seeds) if {("octo", k), (solver, k)} <= set(found)]
+            found = {
+                (entry.solver, entry.seed): entry.solution
+                for entry in entries
+                if entry.solution.converged
+            }
+            both = [
+                (found["octo", k], found[solver, k])
+                for k in range(plan.seeds)
+                if {("octo", k), (solver, k)} <= set(found)
+            ]
             for name, value in ratios(both).items() if both else ():
                 records.add(f"solvers.{basis}.octo/{solver}.{name.replace(' ', '_')}", value, "")
 

@@ -28,11 +28,14 @@ class Timing:
 
 
 def interleaved(
-    candidates: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float] = time.thread_time
+    candidates: Mapping[str, Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.thread_time,
 ) -> dict[str, Timing]:
     """Every candidate once a round, so that what else the machine does hits all of them alike.
 
-    The default clock is this thread's processor time: the wall's on a quiet machine, and the same on a busy one.
+    The default clock is this thread's processor time: the wall's on a quiet machine, and the same
+    on a busy one.
     """
     seconds: dict[str, list[float]] = {name: [] for name in candidates}
     for run in candidates.values():
@@ -47,7 +50,8 @@ def interleaved(
 
 @dataclass(frozen=True)
 class Record:
-    """One number; ``baseline_ratio`` is value over the baseline's, None where that has none of the same sizes."""
+    """One number; ``baseline_ratio`` is value over the baseline's, None where that has none of the
+    same sizes."""
 
     name: str
     value: float
@@ -59,7 +63,8 @@ Say = Callable[[str], None]  # what is being measured now, for the progress line
 
 
 def read(path: Path, plan: Plan) -> dict[str, float]:
-    """The values of a file that :meth:`Records.write` wrote, by name: those of the same sizes as in ``plan``.
+    """The values of a file that :meth:`Records.write` wrote, by name: those of the same sizes as in
+    ``plan``.
 
     Raises
     ------
@@ -68,11 +73,16 @@ def read(path: Path, plan: Plan) -> dict[str, float]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         values = {str(record["name"]): float(record["value"]) for record in content["records"]}
-        return {name: value for name, value in values.items() if plan.compares(name, content["plan"])}
+        return {
+            name: value for name, value in values.items() if plan.compares(name, content["plan"])
+        }
     except FileNotFoundError:
         raise UsageError(f"baseline is {str(path)!r}, which does not exist") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"baseline is {str(path)!r}, which octo bench did not write: {type(error).__name__}: {error}") from error
+        raise UsageError(
+            f"baseline is {str(path)!r}, which octo bench did not write: {type(error).__name__}: "
+            f"{error}"
+        ) from error
 
 
 class Records:
@@ -85,7 +95,9 @@ class Records:
 
     def add(self, name: str, value: float, unit: str) -> None:
         before = self.before.get(name)
-        self.made.append(Record(name, float(value), unit, float(value) / before if before else None))
+        self.made.append(
+            Record(name, float(value), unit, float(value) / before if before else None)
+        )
 
     def add_timing(self, name: str, timing: Timing, scale: float, unit: str) -> None:
         """``scale`` units in a second."""
@@ -110,14 +122,27 @@ class Records:
             if record.name.endswith(".median"):
                 continue
             median = medians.get(f"{record.name}.median")
-            ratio = "" if record.baseline_ratio is None else f"{record.baseline_ratio:8.2f} x baseline"
+            ratio = (
+                "" if record.baseline_ratio is None else f"{record.baseline_ratio:8.2f} x baseline"
+            )
             more = "" if median is None else f"(median {median:.4g})"
-            lines.append(f"{record.name:44s} {record.value:10.4g} {record.unit:8s} {more:20s}{ratio}".rstrip())
+            lines.append(
+                f"{record.name:44s} {record.value:10.4g} {record.unit:8s} "
+                f"{more:20s}{ratio}".rstrip()
+            )
         return "\n".join(lines)
 
     def write(self, path: Path) -> None:
-        where = {"date": time.strftime("%Y-%m-%d"), "processor": processor(), "octo": octo.__version__}
-        content = {**where, "plan": self.plan.record(), "records": [asdict(record) for record in self.made]}
+        where = {
+            "date": time.strftime("%Y-%m-%d"),
+            "processor": processor(),
+            "octo": octo.__version__,
+        }
+        content = {
+            **where,
+            "plan": self.plan.record(),
+            "records": [asdict(record) for record in self.made],
+        }
         path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 

@@ -1,6 +1,7 @@
 """The command line, ``octo COMMAND``: octo.cli.main has the list of commands.
 
-Exit codes: 0 converged or done, 1 ran but did not converge (all files written), 2 refused, 130 interrupted.
+Exit codes: 0 converged or done, 1 ran but did not converge (all files written), 2 refused, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ def run() -> NoReturn:
     like_ctrl_c()
     try:
         show_what_can_be_shown()
-        from octo.cli.main import main  # here, so that Ctrl-C while NumPy and CasADi load is no traceback either
+        # here, so that Ctrl-C while NumPy and CasADi load is no traceback either
+        from octo.cli.main import main
 
         code = main()
     except KeyboardInterrupt as stop:
@@ -34,7 +36,8 @@ def run() -> NoReturn:
 
 
 def show_what_can_be_shown() -> None:
-    """Of letters that the console has not got it gets a "?"; a stream that was closed is one that nobody reads."""
+    """Of letters that the console has not got it gets a "?"; a stream that was closed is one that
+    nobody reads."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -44,7 +47,8 @@ def show_what_can_be_shown() -> None:
 
 
 def flushed(code: int) -> int:
-    """The exit code, where all that was printed has left the process; else that of a command that was refused."""
+    """The exit code, where all that was printed has left the process; else that of a command that
+    was refused."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -62,7 +66,10 @@ def unprinted(error: OSError, code: int) -> int:
     if isinstance(error, BrokenPipeError):  # `octo robots | head`: the reader has left
         return code
     with contextlib.suppress(OSError):
-        print(f"octo: error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
+        print(
+            f"octo: error: what was to be printed cannot be written: {error.strerror}",
+            file=sys.stderr,
+        )
     return code or 2
 
 

@@ -16,7 +16,14 @@ import numpy as np
 
 from octo.checks import steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
-from octo.errors import ProblemError, RobotFileError, ShapeError, UnknownNameError, UsageError, ValueRangeError
+from octo.errors import (
+    ProblemError,
+    RobotFileError,
+    ShapeError,
+    UnknownNameError,
+    UsageError,
+    ValueRangeError,
+)
 from octo.model.character import Array, Character
 from octo.model.describe import lost_shapes
 from octo.model.load import load
@@ -35,7 +42,9 @@ def whole(least: int) -> Callable[[str], int]:
         except ValueError:
             value = least - 1
         if value < least:
-            raise argparse.ArgumentTypeError(f"is {word!r}, must be a whole number of at least {least}")
+            raise argparse.ArgumentTypeError(
+                f"is {word!r}, must be a whole number of at least {least}"
+            )
         return value
 
     return convert
@@ -65,19 +74,34 @@ def steps_of(seconds: float, dt: float) -> int:
     count = seconds / dt
     if steps < 1 or abs(count - steps) > WHOLE:
         near = max(1, steps) * dt
-        raise ValueRangeError(f"seconds/dt is {count:.9g}, must be whole to {WHOLE:g} and at least 1: try --seconds {near:.9g}")
+        raise ValueRangeError(
+            f"seconds/dt is {count:.9g}, must be whole to {WHOLE:g} and at least 1: try --seconds "
+            f"{near:.9g}"
+        )
     return steps
 
 
 def add_base_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which robot starts how, on what ground."""
-    parser.add_argument("robot", metavar="ROBOT", help="a name that `octo robots` lists, or a URDF or MJCF file")
-    parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
-    parser.add_argument("--pose", metavar="NAME|FILE", help="a pose of the robot's file, or nx numbers in .json, .npy or .txt")
     parser.add_argument(
-        "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION",
+        "robot", metavar="ROBOT", help="a name that `octo robots` lists, or a URDF or MJCF file"
+    )
+    parser.add_argument(
+        "--base",
+        default="auto",
+        help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)",
+    )
+    parser.add_argument(
+        "--pose",
+        metavar="NAME|FILE",
+        help="a pose of the robot's file, or nx numbers in .json, .npy or .txt",
+    )
+    parser.add_argument(
+        "--terrain",
+        default="plane",
+        metavar="plane|slope:DEGREES|FILE.py:FUNCTION",
         help="the ground; FUNCTION(point, p) is a signed distance in CasADi",
-    )  # fmt: skip
+    )
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,19 +113,38 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_law_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--friction", default="viscous", metavar="MU|LAW",
-        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, w_par/w_perp in s/m",
-    )  # fmt: skip
+        "--friction",
+        default="viscous",
+        metavar="MU|LAW",
+        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, "
+        "w_par/w_perp in s/m",
+    )
 
 
 def add_solver_arguments(
-    parser: argparse.ArgumentParser, device: str = "auto", seeds: int | None = 1, starts: str | None = None
+    parser: argparse.ArgumentParser,
+    device: str = "auto",
+    seeds: int | None = 1,
+    starts: str | None = None,
 ) -> None:
     """How a problem is solved; ``starts`` says in words what a default of None means."""
-    parser.add_argument("--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)")
-    parser.add_argument("--seeds", type=whole(1), default=seeds, help=f"starts, solved as one batch (default {starts or seeds})")
-    parser.add_argument("--seed", type=whole(0), default=0, help="number of the first start (default 0)")
-    parser.add_argument("--start", metavar="SOLUTION", help="what octo wrote, to start from: a solution (.npz) or its folder")
+    parser.add_argument(
+        "--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)"
+    )
+    parser.add_argument(
+        "--seeds",
+        type=whole(1),
+        default=seeds,
+        help=f"starts, solved as one batch (default {starts or seeds})",
+    )
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, help="number of the first start (default 0)"
+    )
+    parser.add_argument(
+        "--start",
+        metavar="SOLUTION",
+        help="what octo wrote, to start from: a solution (.npz) or its folder",
+    )
     parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
     parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
     parser.add_argument("--time-limit", type=positive, help="s, of all passes")
@@ -110,13 +153,25 @@ def add_solver_arguments(
 
 
 def add_device_argument(parser: argparse.ArgumentParser, device: str, words: str) -> None:
-    """Where it is computed; ``device`` where nothing is said, which ``octo.cli.main.parse`` fills in."""
+    """Where it is computed; ``device`` where nothing is said, which ``octo.cli.main.parse`` fills
+    in."""
     parser.add_argument("--device", help=words)
-    parser.add_argument("--verbose", action="store_true", help="say on which device, and why, as --device does")
+    parser.add_argument(
+        "--verbose", action="store_true", help="say on which device, and why, as --device does"
+    )
     parser.set_defaults(usual_device=device)
 
 
-SOLVER = ("passes", "seeds", "seed", "threads", "max_iterations", "time_limit", "tolerance", "device")
+SOLVER = (
+    "passes",
+    "seeds",
+    "seed",
+    "threads",
+    "max_iterations",
+    "time_limit",
+    "tolerance",
+    "device",
+)
 
 
 def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -125,7 +180,8 @@ def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def robot_of(arguments: argparse.Namespace) -> Character:
-    """The robot of the command line; a line on stderr says which of its shapes could not be read."""
+    """The robot of the command line; a line on stderr says which of its shapes could not be
+    read."""
     robot = load(arguments.robot, arguments.base)
     lost = lost_shapes(robot)
     if lost:
@@ -145,9 +201,13 @@ def pose_of(robot: Character, word: str | None) -> Array | None:
         raise UsageError(f"pose {word!r} is not known; robot {robot.name!r} has {valid}")
     pose = _read_numbers(path)
     if pose.shape != (robot.nx,):
-        raise ShapeError(f"pose {word!r}", pose.shape, f"({robot.nx},), the coordinates of {robot.name!r}")
+        raise ShapeError(
+            f"pose {word!r}", pose.shape, f"({robot.nx},), the coordinates of {robot.name!r}"
+        )
     if not np.isfinite(pose).all():
-        raise ValueRangeError(f"pose {word!r} is not finite at index {int(np.flatnonzero(~np.isfinite(pose))[0])}")
+        raise ValueRangeError(
+            f"pose {word!r} is not finite at index {int(np.flatnonzero(~np.isfinite(pose))[0])}"
+        )
     return pose
 
 
@@ -161,7 +221,9 @@ def _read_numbers(path: Path) -> Array:
     except FileNotFoundError as error:
         raise RobotFileError(f"pose file {path} does not exist") from error
     except (OSError, ValueError, TypeError) as error:
-        raise RobotFileError(f"pose file {path} does not hold a list of numbers: {error}") from error
+        raise RobotFileError(
+            f"pose file {path} does not hold a list of numbers: {error}"
+        ) from error
 
 
 def law_of(word: str) -> ContactLaw | None:
@@ -183,7 +245,9 @@ def _friction_number(word: str, text: str, default: float | None) -> float | Non
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0.0):
-        raise ValueRangeError(f"friction is {word!r}, must be a positive mu, coulomb[:MU] or viscous[:RATIO]")
+        raise ValueRangeError(
+            f"friction is {word!r}, must be a positive mu, coulomb[:MU] or viscous[:RATIO]"
+        )
     return value
 
 
@@ -210,7 +274,9 @@ def _slope(word: str, value: str) -> float:
     except ValueError:
         degrees = math.nan
     if not abs(degrees) < 90.0:
-        raise ValueRangeError(f"terrain is {word!r}: the slope must be a number of degrees between -90 and 90")
+        raise ValueRangeError(
+            f"terrain is {word!r}: the slope must be a number of degrees between -90 and 90"
+        )
     return math.radians(degrees)
 
 
@@ -224,9 +290,15 @@ def _attribute(file: Path, name: str) -> Any:
     try:
         spec.loader.exec_module(module)
     except Exception as error:  # a user's code may raise anything
-        raise ProblemError(f"terrain file {file} cannot be run: {type(error).__name__}: {error}") from error
+        raise ProblemError(
+            f"terrain file {file} cannot be run: {type(error).__name__}: {error}"
+        ) from error
     if not hasattr(module, name):
-        raise UnknownNameError(f"function of {file}", name, [key for key, value in vars(module).items() if callable(value)])
+        raise UnknownNameError(
+            f"function of {file}",
+            name,
+            [key for key, value in vars(module).items() if callable(value)],
+        )
     return getattr(module, name)
 
 
@@ -237,6 +309,11 @@ def _try(terrain: Plane | Terrain, word: str) -> None:
         distance = ca.SX(terrain.distance(point, p))
         fits = distance.numel() == 1 and bool(ca.depends_on(distance, point))
     except Exception as error:  # a user's code may raise anything
-        raise ProblemError(f"terrain {word!r} cannot be evaluated: {type(error).__name__}: {error}") from error
+        raise ProblemError(
+            f"terrain {word!r} cannot be evaluated: {type(error).__name__}: {error}"
+        ) from error
     if not fits:
-        raise ProblemError(f"terrain {word!r} must return one CasADi expression of the point (3,), its signed distance in m")
+        raise ProblemError(
+            f"terrain {word!r} must return one CasADi expression of the point (3,), its signed "
+            "distance in m"
+        )

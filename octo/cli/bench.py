@@ -12,14 +12,28 @@ from octo.checks import ending
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.errors import UnknownNameError, UsageError
 
-COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.json"  # of a clone; a wheel has none
+# of a clone; a wheel has none
+COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", metavar="FILE", help="write the records; a figure is written beside them")
-    parser.add_argument("--baseline", metavar="FILE", help="records of another run to compare with (default: the clone's own)")
-    parser.add_argument("--quick", action="store_true", help="fewer sizes and repetitions, in less than a minute")
-    parser.add_argument("--only", nargs="+", metavar="GROUP", help=f"some of {', '.join(plan.GROUPS)} (default: all)")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the records; a figure is written beside them"
+    )
+    parser.add_argument(
+        "--baseline",
+        metavar="FILE",
+        help="records of another run to compare with (default: the clone's own)",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer sizes and repetitions, in less than a minute"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="GROUP",
+        help=f"some of {', '.join(plan.GROUPS)} (default: all)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -32,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
         OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
     known = COMMITTED if arguments.baseline is None else Path(arguments.baseline)
     baseline = read(known, chosen) if known != COMMITTED or known.exists() else {}
-    from octo.bench import run as bench  # after the checks: it takes longer to import than they take
+    # after the checks: it takes longer to import than they take
+    from octo.bench import run as bench
 
     records = bench.run(chosen, groups, baseline)
     print(f"{processor()}\n{records.table()}")
@@ -65,7 +80,9 @@ def write(path: Path, records: Records, chosen: plan.Plan) -> None:
 
     writers: dict[str, Writer] = {
         path.name: records.write,
-        f"{path.stem}.png": lambda scratch: draw(records, chosen, f"octo bench on {processor()}", scratch),
+        f"{path.stem}.png": lambda scratch: draw(
+            records, chosen, f"octo bench on {processor()}", scratch
+        ),
     }
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")

@@ -1,4 +1,5 @@
-"""``octo compare``: the same problem, from the same start and to the same tolerances, in octo and in other solvers."""
+"""``octo compare``: the same problem, from the same start and to the same tolerances, in octo and
+in other solvers."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
 
 HEAD = (
-    f"{'solver':8s}{'pass':>5s}{'seed':>5s}  {'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}"
+    f"{'solver':8s}{'pass':>5s}{'seed':>5s}  "
+    f"{'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}"
     f"{'point N':>10s}"
 )
 SOLVERS = ("ipopt", "fatrop")
@@ -34,15 +36,27 @@ SOLVERS = ("ipopt", "fatrop")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_goal_arguments(parser, device="cpu")  # one core each
     parser.add_argument(
-        "--with", dest="others", metavar="SOLVERS",
+        "--with",
+        dest="others",
+        metavar="SOLVERS",
         help="ipopt, fatrop or both with a comma (default: all that can solve the problem)",
-    )  # fmt: skip
-    parser.add_argument("--cycle", action="store_true", help="a stride that repeats, at --speed, in place of a goal")
-    parser.add_argument("--period", type=positive, help="s, of a cycle's stride (default 0.8)")
-    parser.add_argument("--no-mirror", action="store_true", help="solve for a whole stride of a cycle, not for half of it")
-    parser.add_argument("--turn", type=number, help="rad, change of heading in a cycle's stride (default 0)")
+    )
     parser.add_argument(
-        "--json", metavar="FILE", help="a list with one record per solver, seed and pass; a plot is written beside it"
+        "--cycle", action="store_true", help="a stride that repeats, at --speed, in place of a goal"
+    )
+    parser.add_argument("--period", type=positive, help="s, of a cycle's stride (default 0.8)")
+    parser.add_argument(
+        "--no-mirror",
+        action="store_true",
+        help="solve for a whole stride of a cycle, not for half of it",
+    )
+    parser.add_argument(
+        "--turn", type=number, help="rad, change of heading in a cycle's stride (default 0)"
+    )
+    parser.add_argument(
+        "--json",
+        metavar="FILE",
+        help="a list with one record per solver, seed and pass; a plot is written beside it",
     )
     parser.set_defaults(run=run, dt=None)
 
@@ -52,7 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
     cycle, goal, steps = cycle_of(arguments), None, None
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
-        goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+        goal = Goal(
+            arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
+        )
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
     path = None if arguments.json is None else ending("json", arguments.json, (".json",))
@@ -62,18 +78,29 @@ def run(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     if goal is not None:
         goal.check(robot)
-    from octo.bench.contest import Contest, Entry  # after the checks: it takes longer to import than they take
+    # after the checks: it takes longer to import than they take
+    from octo.bench.contest import Contest, Entry
     from octo.reference.run import OPTIONS
     from octo.solve import resolve_device
 
     device = resolve_device(arguments.device)
-    problem = repeated(robot, cycle, arguments) if goal is None else described(robot, goal, steps, arguments)
+    problem = (
+        repeated(robot, cycle, arguments)
+        if goal is None
+        else described(robot, goal, steps, arguments)
+    )
     options = options_of(arguments, OPTIONS)
-    contest = Contest(problem, others, options, arguments.passes or 1, arguments.threads, device, start)
+    contest = Contest(
+        problem, others, options, arguments.passes or 1, arguments.threads, device, start
+    )
     entries: list[Entry] = []
     interrupted = False
     kind = "cycle" if goal is None else f"goal {goal.kind}"
-    print(f"{robot.name}, {problem.steps} steps of {problem.dt:g} s, {problem.basis_object.name}, {kind}\n{HEAD}", flush=True)
+    print(
+        f"{robot.name}, {problem.steps} steps of {problem.dt:g} s, "
+        f"{problem.basis_object.name}, {kind}\n{HEAD}",
+        flush=True,
+    )
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -85,7 +112,8 @@ def run(arguments: argparse.Namespace) -> int:
     for line in summary(entries, others, len(contest.plan)):
         print(line)
     finished = any(entry.solution.status is not Status.INTERRUPTED for entry in entries)
-    if path is not None and not finished and (path.exists() or not entries):  # an earlier file stays
+    # an earlier file stays
+    if path is not None and not finished and (path.exists() or not entries):
         print("octo: interrupted before a solver was done, nothing was written", file=sys.stderr)
     elif path is not None:
         write(path, entries, [record(entry, goal, options) for entry in entries])
@@ -101,8 +129,17 @@ def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
     """
     if arguments.cycle:
         period = 0.8 if arguments.period is None else arguments.period
-        return Cycle(speed=arguments.speed, period=period, mirror=not arguments.no_mirror, turn=arguments.turn or 0.0)
-    given = {"--period": arguments.period is not None, "--no-mirror": arguments.no_mirror, "--turn": arguments.turn is not None}
+        return Cycle(
+            speed=arguments.speed,
+            period=period,
+            mirror=not arguments.no_mirror,
+            turn=arguments.turn or 0.0,
+        )
+    given = {
+        "--period": arguments.period is not None,
+        "--no-mirror": arguments.no_mirror,
+        "--turn": arguments.turn is not None,
+    }
     for name in (name for name, there in given.items() if there):
         raise UsageError(f"{name} is given without --cycle: only a cycle has it")
     return None
@@ -111,9 +148,15 @@ def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
 def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespace) -> Problem:
     """The problem of a cycle, of natural terms."""
     problem = Problem(
-        robot, dt=arguments.dt or 0.0, costs=[Effort()], basis=arguments.basis, terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction), pose=pose_of(robot, arguments.pose), cycle=cycle,
-    )  # fmt: skip
+        robot,
+        dt=arguments.dt or 0.0,
+        costs=[Effort()],
+        basis=arguments.basis,
+        terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction),
+        pose=pose_of(robot, arguments.pose),
+        cycle=cycle,
+    )
     return problem.replace(costs=presets.natural(length=problem.length))
 
 
@@ -122,7 +165,8 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
 
     Raises
     ------
-    UnknownNameError: no such solver. ProblemError: fatrop was asked for a cycle or in another basis than nodes.
+    UnknownNameError: no such solver. ProblemError: fatrop was asked for a cycle or in another basis
+        than nodes.
     """
     if words is None:
         return SOLVERS if basis == "nodes" and not cycle else ("ipopt",)
@@ -131,31 +175,41 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
         if name not in SOLVERS:
             raise UnknownNameError("solver", name, SOLVERS)
     if "fatrop" in names and cycle:
-        raise ProblemError("fatrop cannot solve a cycle: a stage may see its own state and control only; leave it out of --with")
+        raise ProblemError(
+            "fatrop cannot solve a cycle: a stage may see its own state and control only; leave "
+            "it out of --with"
+        )
     if "fatrop" in names and basis != "nodes":
         raise ProblemError(
-            f"fatrop cannot solve in the {basis} basis: a stage may see its own state and control only, and a row of C sums "
+            f"fatrop cannot solve in the {basis} basis: a stage may see its own state and "
+            "control only, and a row of C sums "
             "the steps of two segments; leave it out of --with, or use --basis nodes"
         )
     return names
 
 
 def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions:
-    given = {name: getattr(arguments, name) for name in ("max_iterations", "time_limit", "tolerance")}
+    given = {
+        name: getattr(arguments, name) for name in ("max_iterations", "time_limit", "tolerance")
+    }
     return replace(default, **{name: value for name, value in given.items() if value is not None})
 
 
 def row(entry: Any) -> str:
     """One line of the table."""
     s = entry.solution
-    line = f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  {s.status.label:16s}{s.iterations:5d}{s.processor_seconds:9.2f}"
+    line = (
+        f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  "
+        f"{s.status.label:16s}{s.iterations:5d}{s.processor_seconds:9.2f}"
+    )
     line += f"{1e3 * s.processor_seconds / max(s.iterations, 1):8.1f}"
     line += f"{s.energy:12.6g}{s.violation:10.1e}{s.pointwise_residual:10.1e}"
     return line if entry.compiled else f"{line}  interpreted"
 
 
 def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[str]:
-    """How many starts each solver converged on, and octo's medians over another's where both converged."""
+    """How many starts each solver converged on, and octo's medians over another's where both
+    converged."""
     from octo.bench.contest import ratios
 
     lines = []
@@ -164,11 +218,18 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
         seeds = sorted({seed for _, seed in found})
         if not seeds:
             continue
-        count = {name: sum(found[name, k].converged for k in seeds if (name, k) in found) for name in ("octo", *others)}
+        count = {
+            name: sum(found[name, k].converged for k in seeds if (name, k) in found)
+            for name in ("octo", *others)
+        }
         told = ", ".join(f"{name} {done}" for name, done in count.items())
         lines.append(f"pass {stage}: converged of {len(seeds)} starts: {told}")
         for name in others:
-            both = [k for k in seeds if (name, k) in found and found[name, k].converged and found["octo", k].converged]
+            both = [
+                k
+                for k in seeds
+                if (name, k) in found and found[name, k].converged and found["octo", k].converged
+            ]
             if both:
                 compared = ratios([(found["octo", k], found[name, k]) for k in both])
                 words = ", ".join(f"{what} {value:.3g}" for what, value in compared.items())
@@ -177,7 +238,8 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
 
 
 def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
-    """The fields of report.json, those of a goal where there is one, who made it, and to which tolerances."""
+    """The fields of report.json, those of a goal where there is one, who made it, and to which
+    tolerances."""
     return {
         **(entry.solution.report() if goal is None else report(entry.solution, goal)),
         "solver": entry.solver,
@@ -186,11 +248,14 @@ def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]
         "compiled": entry.compiled,
         "iteration_limit": options.max_iterations,
         "tolerances": {
-            "violation": options.tolerance, "dual": options.dual_tolerance, "step": options.step_tolerance,
-            "plateau": options.plateau, "plateau_change": options.plateau_change,
+            "violation": options.tolerance,
+            "dual": options.dual_tolerance,
+            "step": options.step_tolerance,
+            "plateau": options.plateau,
+            "plateau_change": options.plateau_change,
         },
         "settings": entry.settings,
-    }  # fmt: skip
+    }
 
 
 def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]]) -> None:

@@ -1,4 +1,5 @@
-"""``octo completion``: a script that makes a shell complete commands, options, and the words that an option takes."""
+"""``octo completion``: a script that makes a shell complete commands, options, and the words that
+an option takes."""
 
 from __future__ import annotations
 
@@ -26,8 +27,13 @@ WORDS: Mapping[str, tuple[str, ...]] = {  # that an option takes, or begins with
     "--with": ("ipopt", "fatrop"),
     "--period": ("auto",),
 }
-OTHERS = {"mpc --goal": ("walk", "stride", "turn", "stand"), "replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
-ROBOTS = ("solve", "cycle", "mpc", "compare", "simulate", "info")  # commands whose first word may be a robot's name
+OTHERS = {
+    "mpc --goal": ("walk", "stride", "turn", "stand"),
+    "replay --plant": ("mujoco",),
+    "mpc --basis": ("nodes",),
+}
+# commands whose first word may be a robot's name
+ROBOTS = ("solve", "cycle", "mpc", "compare", "simulate", "info")
 HOW = {
     "bash": "octo completion bash > ~/.local/share/bash-completion/completions/octo",
     "zsh": 'eval "$(octo completion zsh)", in ~/.zshrc behind compinit',
@@ -52,7 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def script(shell: str, commands: Parsers) -> str:
-    """The text for a shell to read: everything in it is known now, so that completing runs no Python."""
+    """The text for a shell to read: everything in it is known now, so that completing runs no
+    Python."""
     makers: dict[str, Callable[[Parsers], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}
     return makers[shell](commands)
 
@@ -62,7 +69,8 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 
 
 def _words(command: str, option: str) -> tuple[str, ...]:
-    """What an option of a command may be followed by; nothing where that is a number, a file or no word at all."""
+    """What an option of a command may be followed by; nothing where that is a number, a file or no
+    word at all."""
     return OTHERS.get(f"{command} {option}", WORDS.get(option, ()))
 
 
@@ -75,16 +83,24 @@ def _first(command: str, commands: Parsers) -> tuple[str, ...]:
 def _bash(commands: Parsers) -> str:
     lines = []
     for name, parser in commands.items():
-        options, first = shlex.quote(" ".join(_options(parser))), shlex.quote(" ".join(_first(name, commands)))
+        options = shlex.quote(" ".join(_options(parser)))
+        first = shlex.quote(" ".join(_first(name, commands)))
         for option in _options(parser):
             if _words(name, option):
-                lines.append(f"      {name}:{option}) words={shlex.quote(' '.join(_words(name, option)))} files= ;;")
-        lines += [f"      {name}:*) words={first}", f"        [[ $current == -* ]] && words={options} files= ;;"]
+                lines.append(
+                    f"      {name}:{option}) words={shlex.quote(' '.join(_words(name, option)))} "
+                    "files= ;;"
+                )
+        lines += [
+            f"      {name}:*) words={first}",
+            f"        [[ $current == -* ]] && words={options} files= ;;",
+        ]
     top = shlex.quote(" ".join([*commands, "--help", "--version", "-V"]))
     return "\n".join(
         [
             "_octo() {",
-            "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= files=yes",
+            "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= "
+            "files=yes",
             "  [[ $current == '=' ]] && current=",
             "  [[ $before == '=' ]] && before=${COMP_WORDS[COMP_CWORD-2]}",
             "  if (( COMP_CWORD == 1 )); then",
@@ -108,7 +124,10 @@ def _zsh(commands: Parsers) -> str:
 
 def _fish(commands: Parsers) -> str:
     alone = "complete -c octo -n __fish_use_subcommand"
-    lines = [f"{alone} -f -a {name} -d {shlex.quote(parser.description or '')}" for name, parser in commands.items()]
+    lines = [
+        f"{alone} -f -a {name} -d {shlex.quote(parser.description or '')}"
+        for name, parser in commands.items()
+    ]
     lines += [f"{alone} -l version -s V", f"{alone} -l help -s h"]
     for command, parser in commands.items():
         here = f"complete -c octo -n '__fish_seen_subcommand_from {command}'"
@@ -117,7 +136,13 @@ def _fish(commands: Parsers) -> str:
         for name in _options(parser):
             action = parser._option_string_actions[name]
             takes = "" if action.nargs == 0 else " -r"
-            words = f" -a {shlex.quote(' '.join(_words(command, name)))}" if _words(command, name) else ""
+            words = (
+                f" -a {shlex.quote(' '.join(_words(command, name)))}"
+                if _words(command, name)
+                else ""
+            )
             text = " ".join((action.help or "").replace("%%", "%").split())
-            lines.append(f"{here} -l {name.removeprefix('--')}{takes}{words} -d {shlex.quote(text)}")
+            lines.append(
+                f"{here} -l {name.removeprefix('--')}{takes}{words} -d {shlex.quote(text)}"
+            )
     return "\n".join(lines)

@@ -37,7 +37,9 @@ def draw(entries: Sequence[Entry], title: str, path: Path) -> None:
             values = np.maximum(np.append(history[name], end), 1e-12)
             panel.plot(seconds, values, color=color, linewidth=1.0, alpha=0.75, label=label)
             face = color if entry.solution.converged else "none"
-            panel.plot(seconds[-1:], values[-1:], "o", color=color, markersize=4.5, markerfacecolor=face)
+            panel.plot(
+                seconds[-1:], values[-1:], "o", color=color, markersize=4.5, markerfacecolor=face
+            )
     for panel, name in zip(panels, ("E", "‖C‖∞, N"), strict=True):
         panel.set(xscale="log", yscale="log", xlabel="seconds from the common start", title=name)
         panel.grid(True, color="#e6e8eb", linewidth=0.7)

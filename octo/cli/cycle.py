@@ -39,25 +39,43 @@ Period = float | tuple[float, float] | None
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_base_arguments(parser)
     add_law_argument(parser)
-    parser.add_argument("--speed", type=number, default=0.5, help="m/s along the heading (default 0.5)")
     parser.add_argument(
-        "--period", type=period, default=0.8, metavar="T|LOW,HIGH|auto",
-        help="s, of a whole stride; of a range, and of the robot's usual strides, the one of least work (default 0.8)",
-    )  # fmt: skip
+        "--speed", type=number, default=0.5, help="m/s along the heading (default 0.5)"
+    )
     parser.add_argument(
-        "--mirror", action=argparse.BooleanOptionalAction,
-        help="solve for half a stride, the other half is its mirror image (default: where the robot and the motion have one)",
-    )  # fmt: skip
-    parser.add_argument("--turn", type=number, default=0.0, help="rad a stride, to the left (default 0)")
+        "--period",
+        type=period,
+        default=0.8,
+        metavar="T|LOW,HIGH|auto",
+        help="s, of a whole stride; of a range, and of the robot's usual strides, the one of "
+        "least work (default 0.8)",
+    )
+    parser.add_argument(
+        "--mirror",
+        action=argparse.BooleanOptionalAction,
+        help="solve for half a stride, the other half is its mirror image (default: where the "
+        "robot and the motion have one)",
+    )
+    parser.add_argument(
+        "--turn", type=number, default=0.0, help="rad a stride, to the left (default 0)"
+    )
     parser.add_argument("--sideways", type=number, default=0.0, help="m/s, to the left (default 0)")
-    parser.add_argument("--steps", type=whole(1), default=0, help="of what is solved for (default: steps of 0.025 s or less)")
+    parser.add_argument(
+        "--steps",
+        type=whole(1),
+        default=0,
+        help="of what is solved for (default: steps of 0.025 s or less)",
+    )
     add_solver_arguments(parser, seeds=5)
-    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-cycle)")
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-cycle)"
+    )
     parser.set_defaults(run=run)
 
 
 def period(word: str) -> Period:
-    """A number of seconds, two of them, or None for "auto"; which numbers are allowed says ``octo.Cycle``."""
+    """A number of seconds, two of them, or None for "auto"; which numbers are allowed says
+    ``octo.Cycle``."""
     if word == "auto":
         return None
     try:
@@ -65,7 +83,9 @@ def period(word: str) -> Period:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2):
-        raise argparse.ArgumentTypeError(f"is {word!r}, must be a number of seconds, LOW,HIGH or auto")
+        raise argparse.ArgumentTypeError(
+            f"is {word!r}, must be a number of seconds, LOW,HIGH or auto"
+        )
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
 
 
@@ -76,7 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder.check(FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
-    from octo.solve import resolve_device, solve  # after the checks: it takes longer to import than they take
+    # after the checks: it takes longer to import than they take
+    from octo.solve import resolve_device, solve
 
     resolve_device(arguments.device)
     problem = described(robot, arguments)
@@ -84,7 +105,12 @@ def run(arguments: argparse.Namespace) -> int:
     solution = solve(problem, start=start, progress=True, **solver_options(arguments))
     solution = replace(solution, setup_seconds=solution.setup_seconds + prepared)
     starts = [dict(record) for record in solution.starts]
-    write(folder, solution, lambda: {**solution.report(), "starts": starts}, lambda cycle: cycle.tile(PLOTTED))
+    write(
+        folder,
+        solution,
+        lambda: {**solution.report(), "starts": starts},
+        lambda cycle: cycle.tile(PLOTTED),
+    )
     print(solution)
     print(f"written to {folder.path}")
     if solution.status is Status.INTERRUPTED:
@@ -114,7 +140,11 @@ def described(robot: Character, arguments: argparse.Namespace) -> Problem:
     if given is None:
         speed = math.hypot(arguments.speed, arguments.sideways)
         low, high = usual_periods(problem.length, speed)
-        print(f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to {high:.2g} s", file=sys.stderr)
+        print(
+            f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to "
+            f"{high:.2g} s",
+            file=sys.stderr,
+        )
         cycle = replace(cycle, period=(low, high))
     return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
 

@@ -1,4 +1,5 @@
-"""``octo info`` and ``octo robots``: what a file holds, what octo brings along, what this machine can use."""
+"""``octo info`` and ``octo robots``: what a file holds, what octo brings along, what this machine
+can use."""
 
 from __future__ import annotations
 
@@ -19,10 +20,17 @@ from octo.saved import opened
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file", metavar="FILE", nargs="?",
-        help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), or its folder",
-    )  # fmt: skip
-    parser.add_argument("--base", default="auto", help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)")
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), "
+        "or its folder",
+    )
+    parser.add_argument(
+        "--base",
+        default="auto",
+        help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)",
+    )
     parser.add_argument("--devices", action="store_true", help="what this machine can solve on")
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
     parser.set_defaults(run=info)
@@ -38,19 +46,30 @@ def info(arguments: argparse.Namespace) -> int:
         raise UsageError("octo info needs a FILE or --devices, and not both")
     if arguments.devices:
         show(devices(), arguments.json)
-    elif arguments.file.endswith(".npz") or (os.path.isdir(arguments.file) and arguments.file not in CHARACTERS):
+    elif arguments.file.endswith(".npz") or (
+        os.path.isdir(arguments.file) and arguments.file not in CHARACTERS
+    ):
         found = opened(arguments.file)
         print(json.dumps(finite(found.report()), ensure_ascii=False) if arguments.json else found)
     else:
         robot = load(arguments.file, arguments.base)
-        print(json.dumps(finite(describe(robot)), ensure_ascii=False) if arguments.json else robot.summary())
+        print(
+            json.dumps(finite(describe(robot)), ensure_ascii=False)
+            if arguments.json
+            else robot.summary()
+        )
     return 0
 
 
 def robots(arguments: argparse.Namespace) -> int:
     characters = {name: make() for name, make in CHARACTERS.items()}
     if arguments.json:
-        print(json.dumps(finite({name: describe(character) for name, character in characters.items()}), ensure_ascii=False))
+        print(
+            json.dumps(
+                finite({name: describe(character) for name, character in characters.items()}),
+                ensure_ascii=False,
+            )
+        )
         return 0
     for name, character in characters.items():
         print(f"{name:10s}{line_of(character)}")
@@ -59,7 +78,10 @@ def robots(arguments: argparse.Namespace) -> int:
 
 def line_of(character: Character) -> str:
     bodies = sum(1 for body in character.bodies if body.mass > 0.0)
-    return f"{character.nx} degrees of freedom, {character.nu} actuated, {bodies} bodies, {character.mass:.1f} kg"
+    return (
+        f"{character.nx} degrees of freedom, {character.nu} actuated, {bodies} bodies, "
+        f"{character.mass:.1f} kg"
+    )
 
 
 def show(values: dict[str, Any], as_json: bool) -> None:

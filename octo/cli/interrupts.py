@@ -1,4 +1,5 @@
-"""Ctrl-C and SIGTERM: both stop a command in the same way, and neither stops it while it writes what it found."""
+"""Ctrl-C and SIGTERM: both stop a command in the same way, and neither stops it while it writes
+what it found."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def like_ctrl_c() -> None:
-    """Let what ends a process from outside raise KeyboardInterrupt, where it would have ended it at once."""
+    """Let what ends a process from outside raise KeyboardInterrupt, where it would have ended it at
+    once."""
     for number in STOPS:
         if signal.getsignal(number) is signal.SIG_DFL:  # nohup, for one, has SIGHUP ignored
             signal.signal(number, signal.default_int_handler)

@@ -39,9 +39,12 @@ class Parser(argparse.ArgumentParser):
 def parser() -> tuple[Parser, dict[str, Parser]]:
     """The whole parser, and that of each command."""
     top = Parser(
-        prog="octo", description=octo.__doc__, epilog=EXAMPLES, allow_abbrev=False,
+        prog="octo",
+        description=octo.__doc__,
+        epilog=EXAMPLES,
+        allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )  # fmt: skip
+    )
     top.add_argument("-V", "--version", action="version", version=f"octo {octo.__version__}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
     made: dict[str, Parser] = {}
@@ -49,24 +52,37 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "solve": ("find a motion and write it", solve.add_arguments),
         "cycle": ("find a stride that repeats itself and write it", cycle.add_arguments),
         "mpc": ("let a controller that plans ahead walk a robot in MuJoCo", mpc.add_arguments),
-        "compare": ("solve the same problem with octo and with other solvers", compare.add_arguments),
+        "compare": (
+            "solve the same problem with octo and with other solvers",
+            compare.add_arguments,
+        ),
         "bench": ("what octo costs on this machine", bench.add_arguments),
-        "info": ("what a robot file holds, or what this machine can use", inspect.add_info_arguments),
+        "info": (
+            "what a robot file holds, or what this machine can use",
+            inspect.add_info_arguments,
+        ),
         "robots": ("the robots that octo brings along", inspect.add_robots_arguments),
         "simulate": ("let a robot move without a plan", simulate.add_arguments),
         "replay": ("run a saved plan in MuJoCo", replay.add_arguments),
         "view": ("a picture of a saved solution or log", view.add_arguments),
-        "completion": ("a script with which a shell completes what you type", completion.add_arguments),
+        "completion": (
+            "a script with which a shell completes what you type",
+            completion.add_arguments,
+        ),
         "help": ("what octo can do, or how one command is used", add_help_arguments),
     }
     for name, (sentence, add_arguments) in modules.items():
-        made[name] = commands.add_parser(name, help=sentence, description=sentence, allow_abbrev=False)
+        made[name] = commands.add_parser(
+            name, help=sentence, description=sentence, allow_abbrev=False
+        )
         add_arguments(made[name])
     return top, made
 
 
 def add_help_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("topic", metavar="COMMAND", nargs="?", help="a command (default: all of them)")
+    parser.add_argument(
+        "topic", metavar="COMMAND", nargs="?", help="a command (default: all of them)"
+    )
     parser.set_defaults(run=show_help)
 
 
@@ -80,7 +96,8 @@ def show_help(arguments: argparse.Namespace) -> int:
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
-    """The arguments; a command or an option that does not exist is refused with its nearest names."""
+    """The arguments; a command or an option that does not exist is refused with its nearest
+    names."""
     top, commands = parser()
     if words and not words[0].startswith("-") and words[0] not in commands:
         raise UnknownNameError("command", words[0], commands)
@@ -91,8 +108,12 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     if left:
         valid = (commands[arguments.command] if arguments.command else top)._option_string_actions
         if left[0].startswith("-"):
-            raise UnknownNameError("option", left[0], [name for name in valid if name.startswith("--")])
-        raise UsageError(f"argument {left[0]!r} is not expected; see octo {arguments.command} --help")
+            raise UnknownNameError(
+                "option", left[0], [name for name in valid if name.startswith("--")]
+            )
+        raise UsageError(
+            f"argument {left[0]!r} is not expected; see octo {arguments.command} --help"
+        )
     if arguments.command is None:
         raise UsageError(f"a command is missing, must be one of {', '.join(commands)}")
     if "device" in arguments:
@@ -135,7 +156,10 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"octo: error: {' '.join(str(error).split())}", file=sys.stderr)
         return REFUSED
     except MemoryError:
-        print("octo: error: this machine has not enough memory for so many steps or starts", file=sys.stderr)
+        print(
+            "octo: error: this machine has not enough memory for so many steps or starts",
+            file=sys.stderr,
+        )
         return REFUSED
     except BrokenPipeError:  # `octo robots | head`: the reader has left
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -36,27 +36,86 @@ NOISE = 0.02  # rad and m, of its joints
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_base_arguments(parser)
-    parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn or stand (default walk)")
-    parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
-    parser.add_argument("--plant", default="mujoco", help="mujoco, or octo: its own implicit simulation (default mujoco)")
-    parser.add_argument("--horizon", type=whole(3), default=25, help="steps of the plan (default 25)")
-    parser.add_argument("--dt", type=positive, default=0.04, help="s, of one step of the plan (default 0.04)")
-    parser.add_argument("--basis", default="nodes", help="of the plan: nodes, control has no other (default nodes)")
-    parser.add_argument("--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)")
-    parser.add_argument("--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)")
+    parser.add_argument(
+        "--goal", default="walk", help="walk, stride (sideways), turn or stand (default walk)"
+    )
+    parser.add_argument(
+        "--speed",
+        type=number,
+        default=0.5,
+        help="m/s; rad/s for turn, its sign the side (default 0.5)",
+    )
+    parser.add_argument(
+        "--plant",
+        default="mujoco",
+        help="mujoco, or octo: its own implicit simulation (default mujoco)",
+    )
+    parser.add_argument(
+        "--horizon", type=whole(3), default=25, help="steps of the plan (default 25)"
+    )
+    parser.add_argument(
+        "--dt", type=positive, default=0.04, help="s, of one step of the plan (default 0.04)"
+    )
+    parser.add_argument(
+        "--basis", default="nodes", help="of the plan: nodes, control has no other (default nodes)"
+    )
+    parser.add_argument(
+        "--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)"
+    )
+    parser.add_argument(
+        "--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)"
+    )
     parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
-    add_device_argument(parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)")
-    parser.add_argument("--friction", type=number, default=0.8, help="between the plant's feet and ground (default 0.8)")
-    parser.add_argument("--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)")
-    parser.add_argument("--delay", type=whole(0), default=0, help="ticks from a measurement to its command (default 0)")
-    parser.add_argument("--payload", type=number, default=0.0, help="parts of the trunk's mass, unknown to the plan (default 0)")
-    parser.add_argument("--noise", type=number, default=0.0, help="of the sensors, 1 is a robot's (default 0)")
-    parser.add_argument("--bumps", type=number, default=0.0, help="m, height of boxes the plan does not know (default 0)")
-    parser.add_argument("--push", metavar="N,S,DEG", help="newtons on the base for seconds from t = 5 s on, degrees from ahead")
-    parser.add_argument("--realtime", action="store_true", help="the plant keeps the clock's pace, the controller has a thread")
+    add_device_argument(
+        parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)"
+    )
+    parser.add_argument(
+        "--friction",
+        type=number,
+        default=0.8,
+        help="between the plant's feet and ground (default 0.8)",
+    )
+    parser.add_argument(
+        "--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)"
+    )
+    parser.add_argument(
+        "--delay",
+        type=whole(0),
+        default=0,
+        help="ticks from a measurement to its command (default 0)",
+    )
+    parser.add_argument(
+        "--payload",
+        type=number,
+        default=0.0,
+        help="parts of the trunk's mass, unknown to the plan (default 0)",
+    )
+    parser.add_argument(
+        "--noise", type=number, default=0.0, help="of the sensors, 1 is a robot's (default 0)"
+    )
+    parser.add_argument(
+        "--bumps",
+        type=number,
+        default=0.0,
+        help="m, height of boxes the plan does not know (default 0)",
+    )
+    parser.add_argument(
+        "--push",
+        metavar="N,S,DEG",
+        help="newtons on the base for seconds from t = 5 s on, degrees from ahead",
+    )
+    parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help="the plant keeps the clock's pace, the controller has a thread",
+    )
     parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
-    parser.add_argument("--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)")
-    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -85,11 +144,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_device(arguments.device)
     problem = walking_problem(
-        robot, arguments.horizon, arguments.dt, friction=arguments.plan_friction, pose=pose_of(robot, arguments.pose),
+        robot,
+        arguments.horizon,
+        arguments.dt,
+        friction=arguments.plan_friction,
+        pose=pose_of(robot, arguments.pose),
         terrain=terrain,
-    )  # fmt: skip
+    )
     guide = VelocityCommand(goal.velocity[:2], goal.speed if goal.kind == "turn" else 0.0)
-    controller = Controller(problem, arguments.iterations, arguments.budget, arguments.device, guide=guide)
+    controller = Controller(
+        problem, arguments.iterations, arguments.budget, arguments.device, guide=guide
+    )
     plant = make_plant(robot, problem, terrain, arguments)
     rng = np.random.default_rng(arguments.seed)
     x = problem.start.copy()
@@ -97,20 +162,38 @@ def run(arguments: argparse.Namespace) -> int:
     x[robot.base_coordinate + 2] += RAISED
     plant.reset_chart(x)
     log = close_the_loop(
-        controller, plant, arguments.seconds, rate=arguments.rate, realtime=arguments.realtime, noise=arguments.noise,
-        delay=arguments.delay, push=push, seed=arguments.seed,
-    )  # fmt: skip
-    known = {"robot": robot.name, "goal": goal.kind, "plant": arguments.plant, "seed": arguments.seed}
+        controller,
+        plant,
+        arguments.seconds,
+        rate=arguments.rate,
+        realtime=arguments.realtime,
+        noise=arguments.noise,
+        delay=arguments.delay,
+        push=push,
+        seed=arguments.seed,
+    )
+    known = {
+        "robot": robot.name,
+        "goal": goal.kind,
+        "plant": arguments.plant,
+        "seed": arguments.seed,
+    }
     _write(folder, log, known)
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
-        print(f"octo: interrupted at t = {log.t[-1]:.2f} s of {arguments.seconds:g}: what there was is written", file=sys.stderr)
+        print(
+            f"octo: interrupted at t = {log.t[-1]:.2f} s of {arguments.seconds:g}: what there was "
+            "is written",
+            file=sys.stderr,
+        )
         return 130
     return 0
 
 
-def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace) -> Any:
+def make_plant(
+    robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace
+) -> Any:
     """The machine of ``--plant``, in the time steps that the low level is damped for."""
     from octo.mpc.low_level import PERIOD
 
@@ -119,18 +202,30 @@ def make_plant(robot: Character, problem: Any, terrain: Plane | Terrain, argumen
 
         parameters = {"contact.mu": arguments.friction}
         return SimulatorPlant(
-            robot, law=problem.law, terrain=terrain, parameters=parameters, timestep=PERIOD, payload=arguments.payload
+            robot,
+            law=problem.law,
+            terrain=terrain,
+            parameters=parameters,
+            timestep=PERIOD,
+            payload=arguments.payload,
         )
     from octo.plant import MujocoPlant
 
     assert isinstance(terrain, Plane)  # what _check_plant lets through
     return MujocoPlant(
-        robot, terrain=terrain, friction=arguments.friction, payload=arguments.payload, bumps=arguments.bumps,
-        seed=arguments.seed, timestep=PERIOD,
-    )  # fmt: skip
+        robot,
+        terrain=terrain,
+        friction=arguments.friction,
+        payload=arguments.payload,
+        bumps=arguments.bumps,
+        seed=arguments.seed,
+        timestep=PERIOD,
+    )
 
 
-def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane | Terrain, push: Any) -> None:
+def _check_plant(
+    arguments: argparse.Namespace, robot: Character, terrain: Plane | Terrain, push: Any
+) -> None:
     from octo.mpc.loop import timing
     from octo.mpc.low_level import PERIOD
     from octo.plant.mujoco_plant import loaded
@@ -138,7 +233,10 @@ def _check_plant(arguments: argparse.Namespace, robot: Character, terrain: Plane
     if arguments.plant == "octo" and arguments.bumps > 0.0:
         raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
     if arguments.plant == "mujoco" and not isinstance(terrain, Plane):
-        raise UsageError("--plant mujoco has a plane or a slope for its ground: use --plant octo for another terrain")
+        raise UsageError(
+            "--plant mujoco has a plane or a slope for its ground: use --plant octo for another "
+            "terrain"
+        )
     if arguments.plant == "mujoco":
         import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)
@@ -162,13 +260,16 @@ def _push(word: str | None) -> Any:
     except ValueError:
         finite = False
     if not finite:
-        raise ValueRangeError(f"push is {word!r}, must be newtons, positive seconds and degrees: N,S,DEG")
+        raise ValueRangeError(
+            f"push is {word!r}, must be newtons, positive seconds and degrees: N,S,DEG"
+        )
     return Push(force, seconds, degrees)
 
 
 def _write(folder: OutputFolder, log: Any, known: dict[str, Any]) -> None:
     def write_plot(path: Path) -> None:
-        from octo.cli.mpc_plot import plot_log  # here: what draws is loaded when the numbers are written
+        # here: what draws is loaded when the numbers are written
+        from octo.cli.mpc_plot import plot_log
 
         plot_log(log, path)
 

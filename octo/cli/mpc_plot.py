@@ -23,7 +23,8 @@ def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
 
     Raises
     ------
-    MissingExtraError: matplotlib is not installed. OutputError: the file's ending is not .png, .pdf or .svg.
+    MissingExtraError: matplotlib is not installed. OutputError: the file's ending is not .png, .pdf
+        or .svg.
     """
     if path is not None:
         path = ending("path", path, STILLS)
@@ -41,7 +42,9 @@ def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
             for fall in log.falls:
                 place.axvline(fall, color="#b3261e", lw=1.0, ls="--")
         axes[-1].set(xlabel="time (s)", xlim=(0.0, float(log.t[-1])))
-        figure.suptitle(f"{log.robot.name}: {len(log.falls)} falls (dashed)", x=0.01, ha="left", fontsize=11)
+        figure.suptitle(
+            f"{log.robot.name}: {len(log.falls)} falls (dashed)", x=0.01, ha="left", fontsize=11
+        )
         if path is not None:
             figure.savefig(path, dpi=110)
     return figure
@@ -51,8 +54,12 @@ def _velocity(log: Log, axes: Axes) -> None:
     for k, name in enumerate(("ahead (m/s)", "left (m/s)", "yaw rate (rad/s)")):
         axes.plot(log.t, _smooth(log.velocity[:, k], log.tick), color=COLORS[k], lw=1.2, label=name)
         axes.plot(log.t, log.wanted[:, k], color=COLORS[k], lw=0.8, ls=":")
-    reach = 0.3 + 1.5 * float(np.abs(log.wanted).max(initial=0.0))  # being put back after a fall is no motion
-    axes.set(ylim=(-reach, reach), title="velocity of the centre of mass, mean over 0.2 s; command dotted")
+    # being put back after a fall is no motion
+    reach = 0.3 + 1.5 * float(np.abs(log.wanted).max(initial=0.0))
+    axes.set(
+        ylim=(-reach, reach),
+        title="velocity of the centre of mass, mean over 0.2 s; command dotted",
+    )
     axes.legend(ncols=3, loc="lower right")
 
 
@@ -64,7 +71,9 @@ def _smooth(values: np.ndarray, tick: float) -> np.ndarray:
 def _base(log: Log, axes: Axes) -> None:
     first = log.robot.base_coordinate
     for k, name in ((4, "middle angle (rad)"), (5, "inner angle (rad)"), (2, "height (m)")):
-        axes.plot(log.t, log.x[:, first + k], lw=1.1, color=COLORS[(k + 1) % len(COLORS)], label=name)
+        axes.plot(
+            log.t, log.x[:, first + k], lw=1.1, color=COLORS[(k + 1) % len(COLORS)], label=name
+        )
     axes.set_title("base")
     axes.legend(ncols=3, loc="lower right")
 
@@ -72,7 +81,9 @@ def _base(log: Log, axes: Axes) -> None:
 def _feet(log: Log, axes: Axes) -> None:
     names = [log.robot.contacts[log.robot.terrain_contacts[c]].name for c in log.feet]
     for c, name in enumerate(names):
-        axes.plot(log.t, 100.0 * log.foot_height[:, c], lw=1.0, color=COLORS[c % len(COLORS)], label=name)
+        axes.plot(
+            log.t, 100.0 * log.foot_height[:, c], lw=1.0, color=COLORS[c % len(COLORS)], label=name
+        )
     axes.set_title(f"feet over the ground (cm); they slip {log.slip:.3f} m/s rms")
     if names:
         axes.legend(ncols=min(len(names), 6), loc="upper right")
@@ -82,8 +93,16 @@ def _torque(log: Log, axes: Axes) -> None:
     limit = log.robot.torque_limit
     has = np.isfinite(limit) & (limit > 0.0)
     if has.any():
-        axes.plot(log.t, np.abs(log.u[:, has] / limit[has]).max(axis=1), lw=0.9, color=COLORS[0], label="given")
-        axes.plot(log.t, np.minimum(log.excess, 3.0), lw=0.9, color=COLORS[1], label="planned (cut at 3)")
+        axes.plot(
+            log.t,
+            np.abs(log.u[:, has] / limit[has]).max(axis=1),
+            lw=0.9,
+            color=COLORS[0],
+            label="given",
+        )
+        axes.plot(
+            log.t, np.minimum(log.excess, 3.0), lw=0.9, color=COLORS[1], label="planned (cut at 3)"
+        )
         axes.legend(ncols=2, loc="upper right")
     axes.set_title("largest torque / limit")
 
@@ -91,7 +110,10 @@ def _torque(log: Log, axes: Axes) -> None:
 def _seconds(log: Log, axes: Axes) -> None:
     axes.plot(log.t, 1e3 * log.seconds, lw=0.7, color=COLORS[0])
     latency = log.latency()
-    axes.set(title=f"step (ms): p50 {1e3 * latency['p50']:.2f}, p99 {1e3 * latency['p99']:.2f}", yscale="log")
+    axes.set(
+        title=f"step (ms): p50 {1e3 * latency['p50']:.2f}, p99 {1e3 * latency['p99']:.2f}",
+        yscale="log",
+    )
 
 
 def _plan(log: Log, axes: Axes) -> None:

@@ -1,4 +1,5 @@
-"""Files of a command: the folder is checked first, files are written beside, then renamed; numbers before pictures."""
+"""Files of a command: the folder is checked first, files are written beside, then renamed; numbers
+before pictures."""
 
 from __future__ import annotations
 
@@ -15,16 +16,19 @@ from octo.files import file_name, place, reason, scratch
 
 Writer = Callable[[Path], object]
 PICTURES = (".png", ".html", ".pdf", ".svg")  # that cost no numbers when they fail
-RESCUED = "octo-rescued-"  # how the names of folders begin that receive what found no room where it should go
+# how the names of folders begin that receive what found no room where it should go
+RESCUED = "octo-rescued-"
 
 
 def default_folder(robot: str, what: str) -> str:
-    """The folder of a command that was given none: "octo-ROBOT-GOAL", here and nowhere else whatever the robot is called."""
+    """The folder of a command that was given none: "octo-ROBOT-GOAL", here and nowhere else
+    whatever the robot is called."""
     return f"octo-{file_name(robot)}-{file_name(what)}"
 
 
 class OutputFolder:
-    """A folder that receives files: first all numbers or none, then the pictures that can be drawn."""
+    """A folder that receives files: first all numbers or none, then the pictures that can be
+    drawn."""
 
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
@@ -44,18 +48,24 @@ class OutputFolder:
                 pass
             blocked = [name for name in names if (self.path / name).is_dir()]
         except (OSError, ValueError) as error:
-            raise OutputError(f"out is {str(self.path)!r}, which cannot be written: {reason(error)}") from error
+            raise OutputError(
+                f"out is {str(self.path)!r}, which cannot be written: {reason(error)}"
+            ) from error
         finally:
             for folder in made:
                 with contextlib.suppress(OSError, ValueError):
                     folder.rmdir()
         if blocked:
-            raise OutputError(f"out is {str(self.path)!r}, where {blocked[0]} is a folder and not a file")
+            raise OutputError(
+                f"out is {str(self.path)!r}, where {blocked[0]} is a folder and not a file"
+            )
 
     def write(self, writers: Mapping[str, Writer]) -> dict[str, Exception]:
-        """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever reason, is left out.
+        """Write the files by name. A picture (its name says so) that cannot be drawn, for whatever
+        reason, is left out.
 
-        All numbers are in place before anything is drawn, and earlier pictures are gone: they would show other numbers.
+        All numbers are in place before anything is drawn, and earlier pictures are gone: they would
+        show other numbers.
 
         Returns
         -------
@@ -63,10 +73,13 @@ class OutputFolder:
 
         Raises
         ------
-        OutputError: the numbers cannot be written here; says where they are instead. KeyboardInterrupt: while pictures were
+        OutputError: the numbers cannot be written here; says where they are instead.
+            KeyboardInterrupt: while pictures were
         drawn; says where the numbers are.
         """
-        numbers = {name: writer for name, writer in writers.items() if Path(name).suffix not in PICTURES}
+        numbers = {
+            name: writer for name, writer in writers.items() if Path(name).suffix not in PICTURES
+        }
         pictures = {name: writer for name, writer in writers.items() if name not in numbers}
         written = False
         try:
@@ -84,7 +97,11 @@ class OutputFolder:
         except KeyboardInterrupt:
             if not written:
                 raise
-            said = f"{_listed(numbers)} in {self.path}, not all of {_listed(pictures)}" if pictures else f"all is in {self.path}"
+            said = (
+                f"{_listed(numbers)} in {self.path}, not all of {_listed(pictures)}"
+                if pictures
+                else f"all is in {self.path}"
+            )
             raise KeyboardInterrupt(said) from None
 
     @staticmethod
@@ -135,7 +152,8 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def say_left_out(failed: Mapping[str, Exception]) -> None:
-    """One line on stderr for each picture left out, one for all whose optional dependency is missing."""
+    """One line on stderr for each picture left out, one for all whose optional dependency is
+    missing."""
     missing = [name for name, error in failed.items() if isinstance(error, MissingExtraError)]
     if missing:
         print(f"octo: {' and '.join(missing)} left out: {failed[missing[-1]]}", file=sys.stderr)

@@ -18,28 +18,57 @@ PLANTS = ("mujoco",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("solution", metavar="SOLUTION", help="what `octo solve` wrote: solution.npz or its folder")
+    parser.add_argument(
+        "solution", metavar="SOLUTION", help="what `octo solve` wrote: solution.npz or its folder"
+    )
     parser.add_argument("--plant", default="mujoco", help="mujoco (default)")
-    parser.add_argument("--kp", type=positive, help="N m/rad, of every joint (default: in proportion to the robot)")
-    parser.add_argument("--kd", type=positive, help="N m s/rad, of every joint (default: in proportion to the robot)")
-    parser.add_argument("--friction", type=positive, default=0.8, help="sliding coefficient of the plant (default 0.8)")
-    parser.add_argument("--starts", type=whole(1), help="perturbed starts (default: the plan's own start, once)")
+    parser.add_argument(
+        "--kp", type=positive, help="N m/rad, of every joint (default: in proportion to the robot)"
+    )
+    parser.add_argument(
+        "--kd",
+        type=positive,
+        help="N m s/rad, of every joint (default: in proportion to the robot)",
+    )
+    parser.add_argument(
+        "--friction",
+        type=positive,
+        default=0.8,
+        help="sliding coefficient of the plant (default 0.8)",
+    )
+    parser.add_argument(
+        "--starts", type=whole(1), help="perturbed starts (default: the plan's own start, once)"
+    )
     parser.add_argument("--seed", type=whole(0), default=0, help="of the perturbations (default 0)")
-    parser.add_argument("--feedback", default="base", help="base: a wrench on the base beside the PD (default), or none")
-    parser.add_argument("--timestep", type=positive, default=0.001, help="s, of plant and control (default 0.001)")
-    parser.add_argument("--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-replay)")
+    parser.add_argument(
+        "--feedback",
+        default="base",
+        help="base: a wrench on the base beside the PD (default), or none",
+    )
+    parser.add_argument(
+        "--timestep", type=positive, default=0.001, help="s, of plant and control (default 0.001)"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-replay)"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    for kind, name, valid in (("plant", arguments.plant, PLANTS), ("feedback", arguments.feedback, FEEDBACKS)):
+    for kind, name, valid in (
+        ("plant", arguments.plant, PLANTS),
+        ("feedback", arguments.feedback, FEEDBACKS),
+    ):
         if name not in valid:
             raise UnknownNameError(kind, name, valid)
     plan = Solution.load(arguments.solution)
     folder = OutputFolder(arguments.out or default_folder(plan.name, "replay"))
     folder.check(FILES)
     if not plan.converged:
-        print(f"octo: the plan is {plan.status.label}: what a plant makes of it says little", file=sys.stderr)
+        print(
+            f"octo: the plan is {plan.status.label}: what a plant makes of it says little",
+            file=sys.stderr,
+        )
     done = replay(
         plan,
         kp=arguments.kp,
@@ -60,6 +89,8 @@ def write(folder: OutputFolder, done: Replay) -> None:
     """The two files; without the extra 'view' the picture is left out."""
     writers: dict[str, Writer] = {
         "report.json": lambda path: write_json(path, done.report()),
-        "motion.html": lambda path: write_page([done.plan, done.motion], path, labels=("plan", "plant")),
+        "motion.html": lambda path: write_page(
+            [done.plan, done.motion], path, labels=("plan", "plant")
+        ),
     }
     say_left_out(folder.write(writers))

@@ -9,7 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from octo.cli.arguments import add_robot_arguments, law_of, number, pose_of, positive, robot_of, steps_of, terrain_of
+from octo.cli.arguments import (
+    add_robot_arguments,
+    law_of,
+    number,
+    pose_of,
+    positive,
+    robot_of,
+    steps_of,
+    terrain_of,
+)
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.dynamics.balance import GRAVITY, Balance
@@ -29,9 +38,15 @@ FILES = ("solution.npz", "report.json", "motion.html")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_arguments(parser)
     parser.add_argument("--seconds", type=positive, default=2.0, help="s, of motion (default 2)")
-    parser.add_argument("--height", type=number, default=0.0, help="m, the start is raised by (default 0)")
-    parser.add_argument("--hold", action="store_true", help="springs in the actuated joints hold the start's pose")
-    parser.add_argument("--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-simulate)")
+    parser.add_argument(
+        "--height", type=number, default=0.0, help="m, the start is raised by (default 0)"
+    )
+    parser.add_argument(
+        "--hold", action="store_true", help="springs in the actuated joints hold the start's pose"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-simulate)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -45,7 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     problem = placed(robot, pose, steps, arguments)
     setup = time.perf_counter() - began
     parameters = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
-    motion = simulate(problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=parameters)
+    motion = simulate(
+        problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=parameters
+    )
     solution = measured_motion(problem, motion, setup, time.perf_counter() - began - setup)
     write(folder, solution)
     print(solution)
@@ -53,9 +70,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if solution.converged else 1
 
 
-def placed(robot: Character, pose: Array | None, steps: int, arguments: argparse.Namespace) -> Problem:
-    """The robot on the ground (or ``--height`` above it) in its pose, as a problem that nobody solves."""
-    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+def placed(
+    robot: Character, pose: Array | None, steps: int, arguments: argparse.Namespace
+) -> Problem:
+    """The robot on the ground (or ``--height`` above it) in its pose, as a problem that nobody
+    solves."""
+    default = (
+        np.zeros(robot.nx)
+        if robot.default_pose is None
+        else np.asarray(robot.default_pose, dtype=float)
+    )
     start = inside_limits(robot, default if pose is None else pose)
     if arguments.hold:
         robot = held(robot, start)
@@ -76,15 +100,22 @@ def placed(robot: Character, pose: Array | None, steps: int, arguments: argparse
 
 
 def held(robot: Character, pose: Array) -> Character:
-    """The robot with a damped spring in every actuated joint: 0.1 rad for the weight at a tenth of a metre."""
+    """The robot with a damped spring in every actuated joint: 0.1 rad for the weight at a tenth of
+    a metre."""
     stiffness = 10.0 * robot.mass * GRAVITY * 0.1  # N m/rad, or N/m of a slide
 
     def spring(joint: Joint, rest: float) -> Joint:
-        return dataclasses.replace(joint, stiffness=stiffness, damping=0.1 * stiffness, rest=rest) if joint.actuated else joint
+        return (
+            dataclasses.replace(joint, stiffness=stiffness, damping=0.1 * stiffness, rest=rest)
+            if joint.actuated
+            else joint
+        )
 
     bodies = []
     for body, first in zip(robot.bodies, robot.first_joint, strict=True):
-        joints = tuple(spring(joint, float(pose[j])) for j, joint in enumerate(body.joints, start=int(first)))
+        joints = tuple(
+            spring(joint, float(pose[j])) for j, joint in enumerate(body.joints, start=int(first))
+        )
         bodies.append(dataclasses.replace(body, joints=joints))
     return dataclasses.replace(robot, bodies=tuple(bodies))
 

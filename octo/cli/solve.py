@@ -40,36 +40,73 @@ FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_goal_arguments(parser, costs=None, seeds=None)
-    parser.add_argument("--period", type=positive, help="s, of the stride of a natural motion (default: of several the best)")
-    parser.add_argument("--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)")
-    parser.add_argument("--accept-missed", action="store_true", help="exit with 0 also when the goal is missed")
+    parser.add_argument(
+        "--period",
+        type=positive,
+        help="s, of the stride of a natural motion (default: of several the best)",
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)"
+    )
+    parser.add_argument(
+        "--accept-missed", action="store_true", help="exit with 0 also when the goal is missed"
+    )
     parser.set_defaults(run=run)
 
 
 def add_goal_arguments(
-    parser: argparse.ArgumentParser, device: str = "auto", costs: str | None = "paper", seeds: int | None = 1
+    parser: argparse.ArgumentParser,
+    device: str = "auto",
+    costs: str | None = "paper",
+    seeds: int | None = 1,
 ) -> None:
     """What is solved and how, without where it is written; what is None follows from the goal."""
     add_robot_arguments(parser)
-    parser.add_argument("--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)")
-    parser.add_argument("--speed", type=number, default=0.5, help="m/s; rad/s for turn, its sign the side (default 0.5)")
-    parser.add_argument("--distance", type=number, default=0.5, help="m, of a jump (default 0.5)")
-    parser.add_argument("--height", type=number, default=0.2, help="m, of the centre of mass gained by a jump (default 0.2)")
-    parser.add_argument("--seconds", type=positive, help="s, of motion (default 10; a jump takes what it needs)")
-    parser.add_argument("--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)")
     parser.add_argument(
-        "--costs", default=costs,
-        help="natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing else; robot: a plan that a plant "
-        f"should follow (default {costs or 'natural, with --basis hermite paper'}); a jump has its own",
-    )  # fmt: skip
-    add_solver_arguments(parser, device, seeds, starts=None if seeds else "3 of each period of a stride, 1 of other problems")
+        "--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)"
+    )
+    parser.add_argument(
+        "--speed",
+        type=number,
+        default=0.5,
+        help="m/s; rad/s for turn, its sign the side (default 0.5)",
+    )
+    parser.add_argument("--distance", type=number, default=0.5, help="m, of a jump (default 0.5)")
+    parser.add_argument(
+        "--height",
+        type=number,
+        default=0.2,
+        help="m, of the centre of mass gained by a jump (default 0.2)",
+    )
+    parser.add_argument(
+        "--seconds", type=positive, help="s, of motion (default 10; a jump takes what it needs)"
+    )
+    parser.add_argument(
+        "--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)"
+    )
+    parser.add_argument(
+        "--costs",
+        default=costs,
+        help="natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing "
+        "else; robot: a plan that a plant "
+        f"should follow (default {costs or 'natural, with --basis hermite paper'}); a jump "
+        "has its own",
+    )
+    add_solver_arguments(
+        parser,
+        device,
+        seeds,
+        starts=None if seeds else "3 of each period of a stride, 1 of other problems",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
     arguments.costs = costs_of(arguments)
-    goal = Goal(arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs)
+    goal = Goal(
+        arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
+    )
     composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
@@ -78,13 +115,16 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     goal.check(robot)
-    from octo.solve import resolve_device  # after the checks: it takes longer to import than they take
+    # after the checks: it takes longer to import than they take
+    from octo.solve import resolve_device
 
     resolve_device(arguments.device)
     if composed:
         solution = from_rest_to_rest(robot, goal, arguments, began)
     else:
-        solution = as_one_problem(described(robot, goal, steps, arguments), goal, start, arguments, began)
+        solution = as_one_problem(
+            described(robot, goal, steps, arguments), goal, start, arguments, began
+        )
     solution = goal.said(solution)
     write(folder, solution, lambda: report(solution, goal))
     print(solution)
@@ -113,14 +153,25 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
     if composed:
         for name in ("passes", "start"):
             if getattr(arguments, name) is not None:
-                raise UsageError(f"--{name} is of one problem, a {arguments.goal} of natural terms is several: add --costs paper")
+                raise UsageError(
+                    f"--{name} is of one problem, a {arguments.goal} of natural terms is several: "
+                    "add --costs paper"
+                )
     elif arguments.period is not None:
-        raise UsageError(f"--period is of a stride: it goes with --costs natural and --goal {', '.join(COMPOSED)}")
+        raise UsageError(
+            "--period is of a stride: it goes with --costs natural and --goal "
+            f"{', '.join(COMPOSED)}"
+        )
     if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
-        raise UsageError("natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add --costs paper")
+        raise UsageError(
+            "natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add "
+            "--costs paper"
+        )
 
 
-def from_rest_to_rest(robot: Character, goal: Goal, arguments: argparse.Namespace, began: float) -> Solution:
+def from_rest_to_rest(
+    robot: Character, goal: Goal, arguments: argparse.Namespace, began: float
+) -> Solution:
     """A walk, a stride or a turn, around a stride that repeats itself."""
     from octo import motions
 
@@ -131,18 +182,31 @@ def from_rest_to_rest(robot: Character, goal: Goal, arguments: argparse.Namespac
     seconds = SECONDS if arguments.seconds is None else arguments.seconds
     where = surroundings(robot, arguments)
     prepared = time.perf_counter() - began
-    solution: Solution = getattr(motions, goal.kind)(robot, goal.speed, seconds, progress=True, **where, **given)
+    solution: Solution = getattr(motions, goal.kind)(
+        robot, goal.speed, seconds, progress=True, **where, **given
+    )
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
-def as_one_problem(problem: Problem, goal: Goal, start: Solution | None, arguments: argparse.Namespace, began: float) -> Solution:
+def as_one_problem(
+    problem: Problem,
+    goal: Goal,
+    start: Solution | None,
+    arguments: argparse.Namespace,
+    began: float,
+) -> Solution:
     """All other motions."""
     from octo.jump import solve_jump
     from octo.solve import solve
 
     prepared = time.perf_counter() - began
     found = solve_jump if goal.kind == "jump" else solve
-    solution = found(problem, start=start, progress=True, **{**solver_options(arguments), "seeds": arguments.seeds or 1})
+    solution = found(
+        problem,
+        start=start,
+        progress=True,
+        **{**solver_options(arguments), "seeds": arguments.seeds or 1},
+    )
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -162,14 +226,19 @@ def surroundings(robot: Character, arguments: argparse.Namespace) -> dict[str, A
     }
 
 
-def described(robot: Character, goal: Goal, steps: int | None, arguments: argparse.Namespace) -> Problem:
+def described(
+    robot: Character, goal: Goal, steps: int | None, arguments: argparse.Namespace
+) -> Problem:
     """The one problem of a goal."""
     dt, where = arguments.dt, surroundings(robot, arguments)
     if goal.kind == "jump":
         from octo.jump import jump_problem
 
         if arguments.basis != "nodes":
-            raise ProblemError(f"a jump is solved in the nodes basis: basis is {arguments.basis!r}, must be 'nodes'")
+            raise ProblemError(
+                f"a jump is solved in the nodes basis: basis is {arguments.basis!r}, must be "
+                "'nodes'"
+            )
         seconds = None if steps is None else steps * dt
         return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
     assert steps is not None
@@ -222,7 +291,10 @@ def write_page(solution: Solution | Sequence[Solution], path: Path, **options: A
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        encoding="utf-8",
+    )
 
 
 def finite(value: Any) -> Any:

@@ -14,9 +14,16 @@ from octo.solver.solution import Solution
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("solution", metavar="SOLUTION", help="what octo wrote: a solution or log (.npz), or its folder")
     parser.add_argument(
-        "--out", default="motion.html", metavar="FILE", help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
+        "solution",
+        metavar="SOLUTION",
+        help="what octo wrote: a solution or log (.npz), or its folder",
+    )
+    parser.add_argument(
+        "--out",
+        default="motion.html",
+        metavar="FILE",
+        help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv",
     )
     parser.set_defaults(run=run)
 
@@ -24,12 +31,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     if out.suffix.lower() not in (".html", ".csv", *STILLS):
-        raise OutputError(f"out is {arguments.out!r}, must end in .html (moving), {', '.join(STILLS)} (plots) or .csv (numbers)")
+        raise OutputError(
+            f"out is {arguments.out!r}, must end in .html (moving), {', '.join(STILLS)} (plots) "
+            "or .csv (numbers)"
+        )
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
     solution = motion_of(arguments.solution)
     for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
-        raise error if isinstance(error, OctoError) else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
+        raise (
+            error
+            if isinstance(error, OctoError)
+            else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
+        )
     print(f"written to {out}")
     return 0
 
@@ -38,5 +52,8 @@ def picture(solution: Solution, path: Path) -> None:
     from octo.plot import plot
     from octo.viewer import view
 
-    writers: dict[str, Callable[[Solution, Path], object]] = {".html": view, ".csv": Solution.to_csv}
+    writers: dict[str, Callable[[Solution, Path], object]] = {
+        ".html": view,
+        ".csv": Solution.to_csv,
+    }
     writers.get(path.suffix.lower(), plot)(solution, path)

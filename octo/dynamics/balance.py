@@ -1,8 +1,9 @@
 """Which base pose balances a robot whose joints are held: FD's unactuated rows vanish (§5).
 
-On level ground nothing moves. On a slope Eq. 6 lets every foot creep: there the pose is the one that creeps at a steady
-velocity v, FD(x, x - dt v, x - 2 dt v) = 0, with v along the ground. Where friction cannot stop it either, it is the
-one that slides with an acceleration along the ground and keeps its height and tilt.
+On level ground nothing moves. On a slope Eq. 6 lets every foot creep: there the pose is the one
+that creeps at a steady velocity v, FD(x, x - dt v, x - 2 dt v) = 0, with v along the ground. Where
+friction cannot stop it either, it is the one that slides with an acceleration along the ground and
+keeps its height and tilt.
 """
 
 from __future__ import annotations
@@ -46,19 +47,26 @@ class Balance:
         self.start = self._touching(self._along_the_ground(self.start))
         self.length = self._length()
         kinds = [robot.joints[j].kind for j in self.free]
-        self.row_scale = np.array([1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds])
-        self.step_scale = np.array([1.0 if kind == "hinge" else self.length for kind in kinds])  # rad, m
+        self.row_scale = np.array(
+            [1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds]
+        )
+        # rad, m
+        self.step_scale = np.array([1.0 if kind == "hinge" else self.length for kind in kinds])
         self.still, self.drift = self._directions()
         self.clearance = self._base_clearance(self.start)
 
-    # --- the ground -------------------------------------------------------------------------------------------------
+    # --- the ground -------------------------------------------------------------------------------
 
     @cached_property
     def _ground(self) -> ca.Function:
         """Signed distance (m) and outward normal (3,) of the terrain at a point (3,) m."""
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
         view, terrain = section(self.dynamics.layout.view(p), "terrain."), self.dynamics.terrain
-        return ca.Function("ground", [point, p], [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)])
+        return ca.Function(
+            "ground",
+            [point, p],
+            [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)],
+        )
 
     def ground(self, points: Array) -> tuple[Array, Array]:
         """Distance (k,) m and normal (k, 3) at points (k, 3) m."""
@@ -74,7 +82,8 @@ class Balance:
         return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
 
     def _vertical_slide(self) -> tuple[int, int | None]:
-        """The body hung on the world that an unactuated, steep slide lifts, and that slide; else the base and None."""
+        """The body hung on the world that an unactuated, steep slide lifts, and that slide; else
+        the base and None."""
         robot = self.dynamics.character
         for b, body in enumerate(robot.bodies):
             for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
@@ -86,11 +95,16 @@ class Balance:
     def _lifting_axis(self) -> Array:
         """(3,) world direction in which the lifting slide moves the robot."""
         body = self.dynamics.character.bodies[self.root]
-        j = self.lift - int(self.dynamics.character.first_joint[self.root]) if self.lift is not None else 0
+        j = (
+            self.lift - int(self.dynamics.character.first_joint[self.root])
+            if self.lift is not None
+            else 0
+        )
         return body.rotation @ body.joints[j].axis
 
     def _along_the_ground(self, x: Array) -> Array:
-        """x with a floating base turned as a slope is turned from the level: feet that were in one plane stay in it."""
+        """x with a floating base turned as a slope is turned from the level: feet that were in one
+        plane stay in it."""
         robot = self.dynamics.character
         if robot.base != "floating":
             return x
@@ -99,20 +113,33 @@ class Balance:
         axis = np.cross([0.0, 0.0, 1.0], outward)
         if np.linalg.norm(axis) < 1e-12:
             return x
-        turn = axis_rotation(axis / np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), outward[2]))
+        turn = axis_rotation(
+            axis / np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), outward[2])
+        )
         x, first = x.copy(), int(robot.first_joint[self.root]) + 3
         R = robot.bodies[self.root].rotation.T @ turn @ rotation[self.root]
         if robot.chart == "zyx":
-            angles = (np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(np.clip(R[2, 0], -1, 1)), np.arctan2(R[2, 1], R[2, 2]))
+            angles = (
+                np.arctan2(R[1, 0], R[0, 0]),
+                -np.arcsin(np.clip(R[2, 0], -1, 1)),
+                np.arctan2(R[2, 1], R[2, 2]),
+            )
         else:
-            angles = (np.arctan2(-R[0, 1], R[1, 1]), np.arcsin(np.clip(R[2, 1], -1, 1)), np.arctan2(-R[2, 0], R[2, 2]))
+            angles = (
+                np.arctan2(-R[0, 1], R[1, 1]),
+                np.arcsin(np.clip(R[2, 1], -1, 1)),
+                np.arctan2(-R[2, 0], R[2, 2]),
+            )
         reference = np.array([robot.joints[first + k].reference for k in range(3)])
         turns = np.asarray(angles) + reference
-        x[first : first + 3] = turns + 2.0 * np.pi * np.round((x[first : first + 3] - turns) / (2.0 * np.pi))
+        x[first : first + 3] = turns + 2.0 * np.pi * np.round(
+            (x[first : first + 3] - turns) / (2.0 * np.pi)
+        )
         return x
 
     def _touching(self, x: Array) -> Array:
-        """x with the robot raised or lowered until its lowest contact is on the ground, then until that carries mg."""
+        """x with the robot raised or lowered until its lowest contact is on the ground, then until
+        that carries mg."""
         robot, j = self.dynamics.character, self.lift
         if j is None or not robot.terrain_contacts:
             return x
@@ -120,14 +147,17 @@ class Balance:
         up = float(self._lifting_axis()[2])
         for _ in range(50):
             gap = float(np.min(self.gaps(x)))
-            x[j] -= gap / up  # a fixed point on a slope: the distance shrinks by its cosine each time
+            # a fixed point on a slope: the distance shrinks by its cosine each time
+            x[j] -= gap / up
             if abs(gap) < 1e-10:
                 break
         depths = np.concatenate([[0.0], np.geomspace(1e-5, 0.3, 46)])
         nodes = np.repeat(x[None], len(depths), axis=0)
         nodes[:, j] -= depths / up
         at = np.repeat(nodes[:, None], 3, axis=1)
-        force = self.dynamics.evaluate(at, np.repeat(self.p[None], len(depths), axis=0))[0][:, 0, j] * np.sign(up)
+        force = self.dynamics.evaluate(at, np.repeat(self.p[None], len(depths), axis=0))[0][
+            :, 0, j
+        ] * np.sign(up)
         carried = np.flatnonzero(force <= 0.0)
         return nodes[int(carried[0])] if len(carried) else nodes[0]
 
@@ -137,20 +167,26 @@ class Balance:
         if not robot.terrain_contacts:
             return 1.0
         _, origin = body_poses(robot, self.start)
-        return max(float(self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))), 0.05)
+        return max(
+            float(self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))), 0.05
+        )
 
-    # --- unknowns ---------------------------------------------------------------------------------------------------
+    # --- unknowns ---------------------------------------------------------------------------------
 
     def _directions(self) -> tuple[NDArray[np.intp], Array]:
-        """Places in ``free`` that the pose is searched over, and directions (free, k) in which only a drift is.
+        """Places in ``free`` that the pose is searched over, and directions (free, k) in which only
+        a drift is.
 
-        A robot that can be lifted drifts along the ground with its other slides, which the lifting slide compensates
-        on a slope, and turns about the vertical; a robot hung on the world drifts along the slides that no force feels.
+        A robot that can be lifted drifts along the ground with its other slides, which the lifting
+        slide compensates on a slope, and turns about the vertical; a robot hung on the world drifts
+        along the slides that no force feels.
         """
         robot, m = self.dynamics.character, len(self.free)
         zero = np.zeros(m)
         force, stiffness, _, _ = self.linearised(self.start, zero, zero)
-        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0) + np.abs(force * self.row_scale)
+        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0) + np.abs(
+            force * self.row_scale
+        )
         place = {int(j): k for k, j in enumerate(self.free)}
         body = robot.bodies[self.root]
         _, origin = body_poses(robot, self.start)
@@ -162,17 +198,22 @@ class Balance:
             axis = body.rotation @ joint.axis
             if joint.kind == "slide":
                 columns[place[j]] = np.eye(m)[place[j]]
-                columns[place[j]][place[self.lift]] = -(outward @ axis) / (outward @ self._lifting_axis())
+                columns[place[j]][place[self.lift]] = -(outward @ axis) / (
+                    outward @ self._lifting_axis()
+                )
             elif abs(axis[2]) > 0.9:
                 columns[place[j]] = np.eye(m)[place[j]]
         if self.lift is None:
-            idle = [k for j, k in place.items() if robot.joints[j].kind == "slide" and felt[k] <= 1e-12]
+            idle = [
+                k for j, k in place.items() if robot.joints[j].kind == "slide" and felt[k] <= 1e-12
+            ]
             columns = {k: np.eye(m)[k] for k in idle}
         drift = np.array(list(columns.values())).reshape(-1, m).T
         return np.setdiff1d(np.arange(m), list(columns)).astype(np.intp), drift
 
     def linearised(self, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives (free, free) to x, v and a."""
+        """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives (free, free) to
+        x, v and a."""
         n, free, dt = self.dynamics.nx, self.free, self.dt
         nodes = np.repeat(x[None, None], 3, axis=1)
         nodes[0, 1, free] -= dt * v
@@ -182,12 +223,14 @@ class Balance:
         newest, now, old = (jac[0, 0][np.ix_(free, free + k * n)] for k in range(3))
         return fd[0, 0, free], newest + now + old, -dt * (now + 2.0 * old), dt**2 * old
 
-    # --- search -----------------------------------------------------------------------------------------------------
+    # --- search -----------------------------------------------------------------------------------
 
     def solve(self) -> Array:
-        """Newton from the start, then from where the robot settles with its joints held; a stable pose comes first.
+        """Newton from the start, then from where the robot settles with its joints held; a stable
+        pose comes first.
 
-        Where none is stable (a robot on two point feet) the joints have to balance the pose: the least tilted is taken.
+        Where none is stable (a robot on two point feet) the joints have to balance the pose: the
+        least tilted is taken.
         """
         unstable: list[Array] = []
         reason = ""
@@ -207,7 +250,8 @@ class Balance:
         raise StaticPoseError(reason)
 
     def newton(self, x: Array, sliding: bool) -> tuple[Array, float]:
-        """Levenberg's method on the scaled rows, over pose and steady drift (or, sliding, its acceleration)."""
+        """Levenberg's method on the scaled rows, over pose and steady drift (or, sliding, its
+        acceleration)."""
         still, drift, k = self.still, self.drift, self.drift.shape[1]
         x, rate, damping = x.copy(), np.zeros(k), 0.0
         unit = np.concatenate([self.step_scale[still], np.ones(k)])
@@ -215,9 +259,13 @@ class Balance:
         def rows(x: Array, rate: Array) -> tuple[Array, Array]:
             moved = drift @ rate
             zero = np.zeros(len(self.free))
-            force, stiffness, friction, inertia = self.linearised(x, *((zero, moved) if sliding else (moved, zero)))
+            force, stiffness, friction, inertia = self.linearised(
+                x, *((zero, moved) if sliding else (moved, zero))
+            )
             last = (inertia if sliding else friction) @ drift
-            return self.row_scale * force, self.row_scale[:, None] * np.hstack([stiffness[:, still], last]) * unit
+            return self.row_scale * force, self.row_scale[:, None] * np.hstack(
+                [stiffness[:, still], last]
+            ) * unit
 
         force, jac = rows(x, rate)
         norm = float(np.linalg.norm(force))
@@ -225,23 +273,31 @@ class Balance:
             if norm <= 1e-3 * TOLERANCE or damping > 1e6:
                 break
             change = _levenberg(jac, force, damping)
-            change *= min(1.0, 0.2 / max(float(np.max(np.abs(change[: len(still)]), initial=0.0)), 1e-300))
+            change *= min(
+                1.0, 0.2 / max(float(np.max(np.abs(change[: len(still)]), initial=0.0)), 1e-300)
+            )
             moved = unit * change
             trial = x.copy()
             trial[self.free[still]] += moved[: len(still)]
             tried, tried_jac = rows(trial, rate + moved[len(still) :])
             tried_norm = float(np.linalg.norm(tried))
             if tried_norm < norm:
-                x, rate, force, jac, norm = trial, rate + moved[len(still) :], tried, tried_jac, tried_norm
+                x = trial
+                rate = rate + moved[len(still) :]
+                force = tried
+                jac = tried_jac
+                norm = tried_norm
                 damping = 0.0 if damping < 1e-4 else 0.2 * damping
             else:
                 damping = max(1e-3, 4.0 * damping)
         return x, float(np.max(np.abs(force), initial=0.0))
 
     def settled(self) -> Array:
-        """Where the robot comes to rest with its joints held: implicit steps from rest, ever longer, then put back.
+        """Where the robot comes to rest with its joints held: implicit steps from rest, ever
+        longer, then put back.
 
-        Starting each step at rest damps the fall; the solution of a step is then that of V(x) + ½|x - x_i|²_M/dt².
+        Starting each step at rest damps the fall; the solution of a step is then that of V(x) + ½|x
+        - x_i|²_M/dt².
         """
         x, duration = self.start, 0.01
         kept = [j for k, j in enumerate(self.free) if k not in self.still]
@@ -263,7 +319,7 @@ class Balance:
         x[kept] = self.start[kept]
         return self._touching(x)
 
-    # --- does it stand? ---------------------------------------------------------------------------------------------
+    # --- does it stand? ---------------------------------------------------------------------------
 
     def tilt(self, x: Array) -> float:
         """rad between the vertical axis of the base now and at the start."""
@@ -272,23 +328,33 @@ class Balance:
         return float(np.arccos(np.clip(ups[0] @ ups[1], -1.0, 1.0)))
 
     def stable(self, x: Array) -> bool:
-        """Whether the potential has a minimum at x: with the joints held the robot comes back when pushed."""
+        """Whether the potential has a minimum at x: with the joints held the robot comes back when
+        pushed."""
         zero = np.zeros(len(self.free))
         stiffness = self.linearised(x, zero, zero)[1] * self.step_scale * self.step_scale[:, None]
         square = stiffness[np.ix_(self.still, self.still)]
-        return bool(np.all(np.linalg.eigvalsh(0.5 * (square + square.T)) >= -1e-9 * self.weight * self.length))
+        return bool(
+            np.all(
+                np.linalg.eigvalsh(0.5 * (square + square.T)) >= -1e-9 * self.weight * self.length
+            )
+        )
 
     def _base_clearance(self, x: Array) -> float:
         """m, lowest contact of the base body above the ground; infinite where it has none."""
         robot = self.dynamics.character
-        own = [k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == self.root]
+        own = [
+            k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == self.root
+        ]
         return float(np.min(self.gaps(x)[own])) if own and self.lift is not None else np.inf
 
     def objection(self, x: Array, residual: float) -> str:
         """Why x is no static pose, or nothing."""
         robot = self.dynamics.character
         if self.lift is not None and self.tilt(x) > MOST_TILT:
-            return f"{robot.bodies[self.root].name} tips over by {np.rad2deg(self.tilt(x)):.0f} degrees"
+            return (
+                f"{robot.bodies[self.root].name} tips over by "
+                f"{np.rad2deg(self.tilt(x)):.0f} degrees"
+            )
         if not residual <= TOLERANCE:
             if self.lift is not None and not robot.terrain_contacts:
                 return "it has no contact to stand on"
@@ -299,11 +365,15 @@ class Balance:
 
 
 def _levenberg(jac: Array, rows: Array, damping: float) -> Array:
-    """Step (k,) that minimises |rows + jac·step|² + damping·|step|², of least length where it is not unique."""
+    """Step (k,) that minimises |rows + jac·step|² + damping·|step|², of least length where it is
+    not unique."""
     k = jac.shape[1]
     if damping > 0.0:
-        jac, rows = np.vstack([jac, np.sqrt(damping) * np.eye(k)]), np.concatenate([rows, np.zeros(k)])
+        jac = np.vstack([jac, np.sqrt(damping) * np.eye(k)])
+        rows = np.concatenate([rows, np.zeros(k)])
     try:
         return np.asarray(np.linalg.lstsq(jac, -rows, rcond=1e-10)[0], dtype=float)
     except np.linalg.LinAlgError:
-        raise StaticPoseError("no static pose was found: what a small motion changes is not finite") from None
+        raise StaticPoseError(
+            "no static pose was found: what a small motion changes is not finite"
+        ) from None

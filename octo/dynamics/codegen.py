@@ -1,8 +1,9 @@
-"""The C text of the dynamics: stage functions and the character's tables, then the tree pass of phases.c.
+"""The C text of the dynamics: stage functions and the character's tables, then the tree pass of
+phases.c.
 
-The text defines NX, NB (bodies), NC (terrain contacts), NP, KIN and WORK (doubles of a node's kinematics and of a
-step's work area), CURVATURE (blocks of the curvature, see HESS in phases.c), ``octo_kin`` and ``octo_step``. It compiles
-as C and, unchanged, under NVRTC.
+The text defines NX, NB (bodies), NC (terrain contacts), NP, KIN and WORK (doubles of a node's
+kinematics and of a step's work area), CURVATURE (blocks of the curvature, see HESS in phases.c),
+``octo_kin`` and ``octo_step``. It compiles as C and, unchanged, under NVRTC.
 """
 
 from __future__ import annotations
@@ -41,8 +42,15 @@ def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
 
 
-def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout, lanes: bool = False) -> str:
-    """C text of the dynamics of §4 of a character: ``octo_step`` for one time step, or for one in every lane of a vector."""
+def robot_text(
+    character: Character,
+    law: ContactLaw,
+    terrain: Plane | Terrain,
+    layout: Layout,
+    lanes: bool = False,
+) -> str:
+    """C text of the dynamics of §4 of a character: ``octo_step`` for one time step, or for one in
+    every lane of a vector."""
     functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
     for order in (0, 1, 2):
         functions += [
@@ -56,10 +64,18 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]
     if not lanes:
-        plain = "\n".join(brisk(function_of_numbers(function), function.n_instructions()) for function in functions)
+        plain = "\n".join(
+            brisk(function_of_numbers(function), function.n_instructions())
+            for function in functions
+        )
         return "\n".join([HEAD, plain, _macros(sizes), *tables, *common, source("phases.c")])
-    shared = [stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")] for function in functions]
-    made = [lanes_text(function, inputs) for function, inputs in zip(functions, shared, strict=True)]
+    shared = [
+        stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")]
+        for function in functions
+    ]
+    made = [
+        lanes_text(function, inputs) for function, inputs in zip(functions, shared, strict=True)
+    ]
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
@@ -68,7 +84,8 @@ def robot_text(character: Character, law: ContactLaw, terrain: Plane | Terrain, 
 
 
 def function_text(fd: ca.Function, lanes: bool = False) -> str:
-    """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,), for one time step or for one in every lane."""
+    """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,), for one time step or for
+    one in every lane."""
     if fd.n_instructions() > MOST:
         check_length("these user-written dynamics", fd.n_instructions(), HINT)
     n, size = int(fd.size1_in(0)), int(fd.numel_in(3))
@@ -80,15 +97,34 @@ def function_text(fd: ca.Function, lanes: bool = False) -> str:
     gradient = ca.mtimes(jac.T, lam)
     _check_length(z, p, lam, gradient)
     hess = ca.triu2symm(ca.triu(ca.jacobian(gradient, z)))
-    check_length("these user-written dynamics", ca.Function("curvature", [z, p, lam], [hess]).n_instructions(), HINT)
-    blocks = [hess[a * n : (a + 1) * n, b * n : (b + 1) * n] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))]
-    outputs = [value, ca.vec(ca.densify(jac.T)), ca.veccat(*(ca.densify(block.T) for block in blocks))]
+    check_length(
+        "these user-written dynamics",
+        ca.Function("curvature", [z, p, lam], [hess]).n_instructions(),
+        HINT,
+    )
+    blocks = [
+        hess[a * n : (a + 1) * n, b * n : (b + 1) * n]
+        for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
+    ]
+    outputs = [
+        value,
+        ca.vec(ca.densify(jac.T)),
+        ca.veccat(*(ca.densify(block.T) for block in blocks)),
+    ]
     outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
     options = {"cse": True}
-    functions = [ca.Function(f"octo_fd{order}", inputs, outputs[: order + 1], options) for order in (0, 1, 2)]
+    functions = [
+        ca.Function(f"octo_fd{order}", inputs, outputs[: order + 1], options) for order in (0, 1, 2)
+    ]
     sizes = {
-        "NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0, "WORK": max(f.sz_w() for f in functions), "CURVATURE": len(blocks),
-    }  # fmt: skip
+        "NX": n,
+        "NB": 0,
+        "NC": 0,
+        "NP": size,
+        "KIN": 0,
+        "WORK": max(f.sz_w() for f in functions),
+        "CURVATURE": len(blocks),
+    }
     if not lanes:
         return "\n".join([HEAD, _generated(functions), _macros(sizes), source("custom.c")])
     made = "\n".join(lanes_text(function, (3,)) for function in functions)
@@ -107,7 +143,8 @@ def _generated(functions: Sequence[ca.Function]) -> str:
 
 
 def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
-    """Refuse a curvature that would take too long to write down: its columns each cost about as much as the gradient.
+    """Refuse a curvature that would take too long to write down: its columns each cost about as
+    much as the gradient.
 
     Measured: a dense one of 3n columns has 0.6 · 3n times the gradient's instructions.
     """
@@ -120,7 +157,8 @@ def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
 
 
 def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
-    """C text of a function with a time step in every lane, compiled as hard as its length allows."""
+    """C text of a function with a time step in every lane, compiled as hard as its length
+    allows."""
     return brisk(function_in_lanes(function, shared), function.n_instructions())
 
 
@@ -151,21 +189,35 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
     links = _Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
-        "NX": character.nx, "NB": len(character.bodies), "NC": len(live), "NLINK": len(links.first),
-        "NSLOT": 1 + max(links.slots(), default=0), "LEVELS": 1 + max(_levels(character), default=-1),
+        "NX": character.nx,
+        "NB": len(character.bodies),
+        "NC": len(live),
+        "NLINK": len(links.first),
+        "NSLOT": 1 + max(links.slots(), default=0),
+        "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
-    }  # fmt: skip
+    }
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
     tables += [
-        numbers_table("joint_table", [
-            [joint.armature, joint.damping, joint.stiffness, joint.rest, joint.lower, joint.upper]
-            for joint in character.joints
-        ]),
+        numbers_table(
+            "joint_table",
+            [
+                [
+                    joint.armature,
+                    joint.damping,
+                    joint.stiffness,
+                    joint.rest,
+                    joint.lower,
+                    joint.upper,
+                ]
+                for joint in character.joints
+            ],
+        ),
         integers("contact_body", [sphere.body for sphere in spheres]),
         integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
         numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
-    ]  # fmt: skip
+    ]
     return sizes, tables + _pair_tables(character, sizes)
 
 
@@ -174,7 +226,9 @@ def _kinematic_tables(character: Character) -> list[str]:
     return [
         integers("body_parent", [body.parent for body in character.bodies]),
         integers("body_level", _levels(character)),
-        numbers_table("body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]),
+        numbers_table(
+            "body_pose", [[*np.ravel(body.rotation), *body.position] for body in character.bodies]
+        ),
         integers("body_first", [*character.first_joint, character.nx]),
         integers("joint_slides", [joint.kind == "slide" for joint in joints]),
         numbers_table("joint_axis", [joint.axis for joint in joints]),
@@ -192,7 +246,8 @@ def _levels(character: Character) -> list[int]:
 
 
 def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as a list of pairs."""
+    """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as
+    a list of pairs."""
     paths = slots.paths(character)
     below: list[list[int]] = [[] for _ in paths]
     for j, path in enumerate(paths):
@@ -200,7 +255,11 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
             below[i].append(j)
     runs = []
     for i, members in enumerate(below):
-        breaks = [0, *(k for k in range(1, len(members)) if members[k] != members[k - 1] + 1), len(members)]
+        breaks = [
+            0,
+            *(k for k in range(1, len(members)) if members[k] != members[k - 1] + 1),
+            len(members),
+        ]
         runs += [(i, members[a], members[b - 1] + 1) for a, b in pairwise(breaks)]
     related = [(i, j) for i, members in enumerate(below) for j in members]
     sizes["NRUN"], sizes["NRELATED"] = len(runs), len(related)
@@ -214,7 +273,8 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
 
 
 def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone (pairs.c)."""
+    """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone
+    (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
     for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):
         first, second = character.contacts[a], character.contacts[b]
@@ -227,9 +287,12 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
         start.append(len(dofs))
     sizes["NPAIR"], sizes["NLOOP"] = len(spheres), int(max(np.diff(start), default=0))
     return [
-        integers("pair_body", bodies), numbers_table("pair_spheres", spheres), integers("loop_dof", dofs),
-        integers("loop_start", start), integers("loop_split", split),
-    ]  # fmt: skip
+        integers("pair_body", bodies),
+        numbers_table("pair_spheres", spheres),
+        integers("loop_dof", dofs),
+        integers("loop_start", start),
+        integers("loop_split", split),
+    ]
 
 
 class _Links:
@@ -242,7 +305,8 @@ class _Links:
         self.character = character
         self.of: list[int] = []
         self.first: list[int] = []
-        self.members: list[list[tuple[int, Array, Array]]] = []  # body and its pose in the link's frame
+        # body and its pose in the link's frame
+        self.members: list[list[tuple[int, Array, Array]]] = []
         place: dict[int, tuple[Array, Array]] = {}
         for b, body in enumerate(character.bodies):
             if body.joints:
@@ -273,11 +337,14 @@ class _Links:
         return [self.of[b] if b >= 0 else -1 for b in above]
 
     def slots(self) -> list[int]:
-        """Where each link's composite is kept while the links are visited from the last on: until its parent has it."""
+        """Where each link's composite is kept while the links are visited from the last on: until
+        its parent has it."""
         parents, slot, free = self.parents(), [0] * len(self.first), list(range(len(self.first)))
         for link in reversed(range(len(self.first))):
             slot[link] = free.pop(0)
-            free = sorted(free + [slot[child] for child, parent in enumerate(parents) if parent == link])
+            free = sorted(
+                free + [slot[child] for child, parent in enumerate(parents) if parent == link]
+            )
         return slot
 
     def tables(self) -> list[str]:

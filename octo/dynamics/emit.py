@@ -1,7 +1,9 @@
-"""SX functions as C, instruction by instruction: over ``real``, a vector with one time step in each lane (lanes.c), or over
-numbers, which is CUDA too. CasADi's own text asks of every argument whether it is there, and a compiler pays for that.
+"""SX functions as C, instruction by instruction: over ``real``, a vector with one time step in each
+lane (lanes.c), or over numbers, which is CUDA too. CasADi's own text asks of every argument whether
+it is there, and a compiler pays for that.
 
-An operation without an entry in the tables below is refused by name: nothing is guessed about the text.
+An operation without an entry in the tables below is refused by name: nothing is guessed about the
+text.
 """
 
 from __future__ import annotations
@@ -14,32 +16,75 @@ import casadi as ca
 from octo.errors import ModelError
 
 ARITHMETIC = {
-    ca.OP_ASSIGN: "{0}", ca.OP_NEG: "-{0}", ca.OP_TWICE: "2.0 * {0}", ca.OP_SQ: "{0} * {0}", ca.OP_INV: "1.0 / {0}",
-    ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}", ca.OP_DIV: "{0} / {1}",
-}  # fmt: skip
-COMPARISON = {ca.OP_LT: "{0} < {1}", ca.OP_LE: "{0} <= {1}", ca.OP_EQ: "{0} == {1}", ca.OP_NE: "{0} != {1}"}
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+}
+COMPARISON = {
+    ca.OP_LT: "{0} < {1}",
+    ca.OP_LE: "{0} <= {1}",
+    ca.OP_EQ: "{0} == {1}",
+    ca.OP_NE: "{0} != {1}",
+}
 LOGIC = {ca.OP_NOT: "~{0}", ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}"}
 FUNCTIONS = {
-    ca.OP_SQRT: "sqrt", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin", ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh", ca.OP_ATANH: "atanh", ca.OP_EXP: "exp", ca.OP_EXPM1: "expm1", ca.OP_LOG: "log",
-    ca.OP_LOG1P: "log1p", ca.OP_ERF: "erf", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_FABS: "fabs",
-    ca.OP_SIGN: "sign", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod",
-    ca.OP_COPYSIGN: "copysign", ca.OP_HYPOT: "hypot", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax",
-}  # fmt: skip
+    ca.OP_SQRT: "sqrt",
+    ca.OP_SIN: "sin",
+    ca.OP_COS: "cos",
+    ca.OP_TAN: "tan",
+    ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos",
+    ca.OP_ATAN: "atan",
+    ca.OP_SINH: "sinh",
+    ca.OP_COSH: "cosh",
+    ca.OP_TANH: "tanh",
+    ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh",
+    ca.OP_ATANH: "atanh",
+    ca.OP_EXP: "exp",
+    ca.OP_EXPM1: "expm1",
+    ca.OP_LOG: "log",
+    ca.OP_LOG1P: "log1p",
+    ca.OP_ERF: "erf",
+    ca.OP_FLOOR: "floor",
+    ca.OP_CEIL: "ceil",
+    ca.OP_FABS: "fabs",
+    ca.OP_SIGN: "sign",
+    ca.OP_POW: "pow",
+    ca.OP_CONSTPOW: "pow",
+    ca.OP_ATAN2: "atan2",
+    ca.OP_FMOD: "fmod",
+    ca.OP_COPYSIGN: "copysign",
+    ca.OP_HYPOT: "hypot",
+    ca.OP_FMIN: "fmin",
+    ca.OP_FMAX: "fmax",
+}
 NUMBERS = {  # truth is 0 or 1, a double
-    **ARITHMETIC, **COMPARISON, ca.OP_NOT: "!{0}", ca.OP_AND: "{0} && {1}", ca.OP_OR: "{0} || {1}",
-    ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0.0", ca.OP_SIGN: "{0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : {0}",
-}  # fmt: skip
+    **ARITHMETIC,
+    **COMPARISON,
+    ca.OP_NOT: "!{0}",
+    ca.OP_AND: "{0} && {1}",
+    ca.OP_OR: "{0} || {1}",
+    ca.OP_IF_ELSE_ZERO: "{0} ? {1} : 0.0",
+    ca.OP_SIGN: "{0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : {0}",
+}
 TYPES = {"number": "double", "vector": "real", "mask": "octo_mask"}
 
 
 def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
-    """C text ``static void name(const void *const *arg, real *const *res)`` of an SX function with dense outputs.
+    """C text ``static void name(const void *const *arg, real *const *res)`` of an SX function with
+    dense outputs.
 
     Parameters
     ----------
-    shared: the inputs that are the same for all lanes, arrays of double; the others are arrays of real.
+    shared: the inputs that are the same for all lanes, arrays of double; the others are arrays of
+        real.
     """
     lines = [f"static void {function.name()}(const void *const *arg, real *const *res) {{"]
     for k in range(function.n_in()):
@@ -47,13 +92,17 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
     lines += [f"  real *restrict o{k} = res[{k}];" for k in range(function.n_out())]
     places: dict[int, _Value] = {}
     for k in range(function.n_instructions()):
-        operation, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        operation = function.instruction_id(k)
+        inputs = function.instruction_input(k)
+        outputs = function.instruction_output(k)
         if operation == ca.OP_OUTPUT:
             lines.append(f"  o{outputs[0]}[{outputs[1]}] = {places[inputs[0]].vector()};")
         elif operation == ca.OP_CONST:
             places[outputs[0]] = _Value("number", _constant(function.instruction_constant(k)))
         elif operation == ca.OP_INPUT:
-            places[outputs[0]] = _Value("number" if inputs[0] in shared else "vector", f"i{inputs[0]}[{inputs[1]}]")
+            places[outputs[0]] = _Value(
+                "number" if inputs[0] in shared else "vector", f"i{inputs[0]}[{inputs[1]}]"
+            )
         else:
             made = _apply(function, operation, [places[i] for i in inputs])
             lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
@@ -62,21 +111,35 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
 
 
 def function_of_numbers(function: ca.Function) -> str:
-    """C text ``static void name(const double *const *arg, double *const *res)`` of an SX function with dense outputs.
+    """C text ``static void name(const double *const *arg, double *const *res)`` of an SX function
+    with dense outputs.
 
-    Quotients of one denominator are products with its reciprocal: a division is many instructions on a GPU.
+    Quotients of one denominator are products with its reciprocal: a division is many instructions
+    on a GPU.
     """
     made: list[tuple[str, int, list[str]]] = []  # what is assigned to, an operation, its operands
     places: dict[int, str] = {}
     for k in range(function.n_instructions()):
-        operation, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        operation = function.instruction_id(k)
+        inputs = function.instruction_input(k)
+        outputs = function.instruction_output(k)
         if operation == ca.OP_CONST:
             places[outputs[0]] = _constant(function.instruction_constant(k))
         elif operation == ca.OP_OUTPUT:
             made.append((f"res[{outputs[0]}][{outputs[1]}]", ca.OP_ASSIGN, [places[inputs[0]]]))
         else:
-            operands = [f"arg[{inputs[0]}][{inputs[1]}]"] if operation == ca.OP_INPUT else [places[i] for i in inputs]
-            made.append((f"const double a{k}", ca.OP_ASSIGN if operation == ca.OP_INPUT else operation, operands))
+            operands = (
+                [f"arg[{inputs[0]}][{inputs[1]}]"]
+                if operation == ca.OP_INPUT
+                else [places[i] for i in inputs]
+            )
+            made.append(
+                (
+                    f"const double a{k}",
+                    ca.OP_ASSIGN if operation == ca.OP_INPUT else operation,
+                    operands,
+                )
+            )
             places[outputs[0]] = f"a{k}"
     quotients = Counter(operands[1] for _, operation, operands in made if operation == ca.OP_DIV)
     inverse: dict[str, str] = {}
@@ -100,7 +163,8 @@ def _number(function: ca.Function, operation: int, operands: list[str]) -> str:
 
 
 class _Value:
-    """An expression: a number that all lanes share, a vector, or a mask (all bits of a lane where it is true)."""
+    """An expression: a number that all lanes share, a vector, or a mask (all bits of a lane where
+    it is true)."""
 
     def __init__(self, kind: str, text: str):
         self.kind, self.text = kind, text
@@ -128,14 +192,19 @@ def _apply(function: ca.Function, operation: int, values: list[_Value]) -> _Valu
     if operation == ca.OP_IF_ELSE_ZERO:
         return _Value("vector", f"WHERE({values[0].mask()}, {values[1].vector()})")
     if operation in FUNCTIONS:
-        return _Value("vector", f"octo_{FUNCTIONS[operation]}({', '.join(value.vector() for value in values)})")
+        return _Value(
+            "vector",
+            f"octo_{FUNCTIONS[operation]}({', '.join(value.vector() for value in values)})",
+        )
     raise _unknown(function, operation)
 
 
 def _unknown(function: ca.Function, operation: int) -> ModelError:
     names = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
     name = names.get(operation, operation)
-    return ModelError(f"{function.name()} uses CasADi's operation {name}, which octo cannot write as C")
+    return ModelError(
+        f"{function.name()} uses CasADi's operation {name}, which octo cannot write as C"
+    )
 
 
 def _constant(value: float) -> str:

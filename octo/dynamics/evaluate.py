@@ -1,4 +1,5 @@
-"""FD, its Jacobian and the curvature of lamᵀFD over all steps of all problems of a batch, on NumPy arrays."""
+"""FD, its Jacobian and the curvature of lamᵀFD over all steps of all problems of a batch, on NumPy
+arrays."""
 
 from __future__ import annotations
 
@@ -36,9 +37,12 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
-    generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))  # from the rest, and large or of this process alone
+    # from the rest, and large or of this process alone
+    generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
 
-    def __init__(self, symbolic: ca.Function, actuated: Sequence[int] | NDArray[np.intp], layout: Layout):
+    def __init__(
+        self, symbolic: ca.Function, actuated: Sequence[int] | NDArray[np.intp], layout: Layout
+    ):
         self.symbolic = symbolic
         self.nx = int(symbolic.size1_in(0))
         self.layout = layout
@@ -54,11 +58,13 @@ class Dynamics:
         return {name: value for name, value in self.__dict__.items() if name not in self.generated}
 
     def text(self) -> str:
-        """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and octo_step."""
+        """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and
+        octo_step."""
         return self._text
 
     def lanes_text(self) -> str:
-        """The C text for a time step in every lane of a vector: octo_lanes_* of lanes_group.c in place of octo_step."""
+        """The C text for a time step in every lane of a vector: octo_lanes_* of lanes_group.c in
+        place of octo_step."""
         return self._lanes_text
 
     @cached_property
@@ -83,7 +89,11 @@ class Dynamics:
         hess = ca.densify(ca.jacobian(ca.gradient(ca.dot(lam, fd), z), z))
         cse = {"cse": True}
         value = ca.Function("fd", [z, p], [ca.densify(fd)], cse)
-        return value, ca.Function("jacobian", [z, p], [jac.T], cse), ca.Function("curvature", [z, p, lam], [hess], cse)
+        return (
+            value,
+            ca.Function("jacobian", [z, p], [jac.T], cse),
+            ca.Function("curvature", [z, p, lam], [hess], cse),
+        )
 
     def evaluate(
         self, nodes: Array, p: Array, lam: Array | None = None, order: int = 0, threads: int = 1
@@ -98,8 +108,8 @@ class Dynamics:
         order: 0 FD, 1 and its Jacobian, 2 and the curvature of lamᵀFD.
 
         Returns
-        -------
-        fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess (batch, N, 3n, 3n) or None.
+        ------- fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
+        (batch, N, 3n, 3n) or None.
         """
         nodes, p = np.ascontiguousarray(nodes, dtype=float), np.ascontiguousarray(p, dtype=float)
         n = self.nx
@@ -126,15 +136,29 @@ class Dynamics:
 
     @staticmethod
     def _run(
-        library: ctypes.CDLL, nodes: Array, p: Array, lam: Array | None, out: Evaluation, order: int, threads: int
+        library: ctypes.CDLL,
+        nodes: Array,
+        p: Array,
+        lam: Array | None,
+        out: Evaluation,
+        order: int,
+        threads: int,
     ) -> None:
-        pointers = [None if a is None else ctypes.c_void_p(a.ctypes.data) for a in (nodes, p, lam, *out)]
+        pointers = [
+            None if a is None else ctypes.c_void_p(a.ctypes.data) for a in (nodes, p, lam, *out)
+        ]
         batch, steps = nodes.shape[0], nodes.shape[1] - 2
         if library.octo_batch(batch, steps, order, max(1, int(threads)), *pointers) != 0:
             raise MemoryError("octo_batch could not allocate its work arrays")
 
     def _interpret(
-        self, nodes: Array, p: Array, lam: Array | None, fd: Array, jac: Array | None, hess: Array | None
+        self,
+        nodes: Array,
+        p: Array,
+        lam: Array | None,
+        fd: Array,
+        jac: Array | None,
+        hess: Array | None,
     ) -> None:
         value, jacobian, curvature = self._machine
         steps, n = fd.shape[1], self.nx
@@ -145,14 +169,19 @@ class Dynamics:
             if jac is not None:
                 jac[k] = np.asarray(jacobian.map(steps)(z, at)).T.reshape(steps, n, 3 * n)
             if hess is not None and lam is not None:
-                hess[k] = np.asarray(curvature.map(steps)(z, at, lam[k].T)).T.reshape(steps, 3 * n, 3 * n)
+                hess[k] = np.asarray(curvature.map(steps)(z, at, lam[k].T)).T.reshape(
+                    steps, 3 * n, 3 * n
+                )
 
 
 def unfold(blocks: Array) -> Array:
-    """The curvature (…, 3n, 3n) of blocks (…, 5 or 6, n, n): H00, H01, H02, H11, H22 and, in user-written dynamics, H12."""
+    """The curvature (…, 3n, 3n) of blocks (…, 5 or 6, n, n): H00, H01, H02, H11, H22 and, in
+    user-written dynamics, H12."""
     n = blocks.shape[-1]
     hess = np.zeros((*blocks.shape[:-3], 3, n, 3, n))
-    for k, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))[: blocks.shape[-3]]):
+    for k, (a, b) in enumerate(
+        ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))[: blocks.shape[-3]]
+    ):
         hess[..., b, :, a, :] = blocks[..., k, :, :].swapaxes(-1, -2)
         hess[..., a, :, b, :] = blocks[..., k, :, :]
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
@@ -168,7 +197,9 @@ def check_surroundings(terrain: object, law: object) -> None:
     if not isinstance(terrain, (Plane, Terrain, NoneType)):
         raise ProblemError(f"terrain is {said(terrain)}, must be an octo.Plane or an octo.Terrain")
     if law is not None and not all(hasattr(law, name) for name in ("parameters", "reach", "force")):
-        raise ProblemError(f"law is {said(law)}, must be one of octo.laws, or have parameters, reach and force")
+        raise ProblemError(
+            f"law is {said(law)}, must be one of octo.laws, or have parameters, reach and force"
+        )
 
 
 class RobotDynamics(Dynamics):
@@ -177,7 +208,12 @@ class RobotDynamics(Dynamics):
     curvature_blocks = 5
     generated = Dynamics.generated | {"symbolic"}
 
-    def __init__(self, character: Character, law: ContactLaw | None = None, terrain: Plane | Terrain | None = None):
+    def __init__(
+        self,
+        character: Character,
+        law: ContactLaw | None = None,
+        terrain: Plane | Terrain | None = None,
+    ):
         check_surroundings(terrain, law)
         self.character = character
         self.law: ContactLaw = Smooth() if law is None else law
@@ -205,28 +241,42 @@ class CustomDynamics(Dynamics):
 
     Parameters
     ----------
-    fd: a CasADi function of (x_next, x, x_prev, p), or a callable ``fd(x_next, x, x_prev, view)`` of SX symbols with
-        ``view`` the parameters by name, that returns (n,) N m or N.
+    fd: a CasADi function of (x_next, x, x_prev, p), or a callable ``fd(x_next, x, x_prev, view)``
+        of SX symbols with ``view`` the parameters by name, that returns (n,) N m or N.
     nx: n.
     actuated: indices into x of the actuated coordinates.
     parameters: names and defaults of p; ``dt`` (0.025 s) is added in front when it is not there.
     """
 
     def __init__(
-        self, fd: ca.Function | Callable[..., ca.SX], nx: int, actuated: Sequence[int], parameters: Mapping[str, float]
+        self,
+        fd: ca.Function | Callable[..., ca.SX],
+        nx: int,
+        actuated: Sequence[int],
+        parameters: Mapping[str, float],
     ):
         layout = Layout.of({**({} if "dt" in parameters else {"dt": 0.025}), **parameters})
         x_next, x, x_prev = (ca.SX.sym(name, nx) for name in ("x_next", "x", "x_prev"))
         p = ca.SX.sym("p", layout.size)
         try:
-            value = ca.SX(fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p)))
+            value = ca.SX(
+                fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p))
+            )
         except Exception as error:  # a user's code may raise anything
             said = str(error).strip().split("\n")[0]
-            raise ModelError(f"user-written FD cannot be built: {type(error).__name__}: {said}") from error
+            raise ModelError(
+                f"user-written FD cannot be built: {type(error).__name__}: {said}"
+            ) from error
         if value.numel() != nx:
             raise ModelError(f"user-written FD returns {value.numel()} entries, must be nx = {nx}")
-        if not {int(j) for j in actuated} <= set(range(nx)) or len(set(actuated)) != len(list(actuated)):
-            raise ModelError(f"actuated is {list(actuated)}, must be different indices in 0…{nx - 1}")
+        if not {int(j) for j in actuated} <= set(range(nx)) or len(set(actuated)) != len(
+            list(actuated)
+        ):
+            raise ModelError(
+                f"actuated is {list(actuated)}, must be different indices in 0…{nx - 1}"
+            )
         names = ["x_next", "x", "x_prev", "p"]
-        function = ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"])
+        function = ca.Function(
+            "FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"]
+        )
         super().__init__(function, actuated, layout)

@@ -1,8 +1,8 @@
 """Contact laws: force on the body from penetration depth and velocity, as small CasADi functions.
 
-A law has ``parameters`` (names and defaults of its run-time parameters), ``reach(p)`` (it is active where
-depth > -reach) and ``force(depth, normal, velocity, p)``, its force where it is active: the caller cuts it off
-elsewhere, by a branch where there is one. A new law is a class with these three.
+A law has ``parameters`` (names and defaults of its run-time parameters), ``reach(p)`` (it is active
+where depth > -reach) and ``force(depth, normal, velocity, p)``, its force where it is active: the
+caller cuts it off elsewhere, by a branch where there is one. A new law is a class with these three.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ class Friction(Protocol):
     @property
     def parameters(self) -> Mapping[str, float]: ...
 
-    def force(self, normal_force: ca.SX, squared_depth: ca.SX, velocity: ca.SX, p: View) -> ca.SX: ...
+    def force(
+        self, normal_force: ca.SX, squared_depth: ca.SX, velocity: ca.SX, p: View
+    ) -> ca.SX: ...
 
 
 class ContactLaw(Protocol):
@@ -74,7 +76,8 @@ def _tangential(velocity: ca.SX, normal: ca.SX) -> ca.SX:
 class Smooth:
     """Eq. 6: f = [w_perp n - w_par (I - nnᵀ) v] d², with a smoothable onset.
 
-    d is 0 below -onset, (depth + onset)²/(4 onset) up to +onset, depth above: the positive part when onset is 0.
+    d is 0 below -onset, (depth + onset)²/(4 onset) up to +onset, depth above: the positive part
+    when onset is 0.
     """
 
     w_perp: float = 3e4  # N/m²
@@ -93,16 +96,19 @@ class Smooth:
         rise = (depth + onset) ** 2 / (4.0 * ca.fmax(onset, 1e-12))
         d = ca.if_else(depth < onset, rise, depth)
         normal_force = p["w_perp"] * d**2
-        return normal_force * normal + self.friction.force(normal_force, d**2, _tangential(velocity, normal), p)
+        return normal_force * normal + self.friction.force(
+            normal_force, d**2, _tangential(velocity, normal), p
+        )
 
 
 @dataclass(frozen=True)
 class Compliant:
     """f_n = stiffness·sigma·log(1 + e^(depth/sigma))·h(v_n/v_d), a soft foot for control.
 
-    h is the Hunt-Crossley damping of Castro et al. (IDTO): with s = v_n/v_d (positive when leaving) it is 1 - s for
-    s < 0, (s - 2)²/4 up to s = 2, and 0 beyond: continuously differentiable and never negative. ``offset`` is added to the
-    depth: where the plan's foot is soft and the machine's is hard, what the soft one sinks under its load.
+    h is the Hunt-Crossley damping of Castro et al. (IDTO): with s = v_n/v_d (positive when leaving)
+    it is 1 - s for s < 0, (s - 2)²/4 up to s = 2, and 0 beyond: continuously differentiable and
+    never negative. ``offset`` is added to the depth: where the plan's foot is soft and the
+    machine's is hard, what the soft one sinks under its load.
     """
 
     stiffness: float = 2000.0  # N/m
@@ -114,13 +120,16 @@ class Compliant:
     @property
     def parameters(self) -> Mapping[str, float]:
         own = {
-            "stiffness": self.stiffness, "sigma": self.sigma, "dissipation_velocity": self.dissipation_velocity,
+            "stiffness": self.stiffness,
+            "sigma": self.sigma,
+            "dissipation_velocity": self.dissipation_velocity,
             "offset": self.offset,
-        }  # fmt: skip
+        }
         return {**own, **self.friction.parameters}
 
     def reach(self, p: View) -> ca.SX:
-        return p["offset"] + 16.0 * p["sigma"]  # log(1 + e^-16) is 1e-7: the step at the cut is 1e-7 of a load
+        # log(1 + e^-16) is 1e-7: the step at the cut is 1e-7 of a load
+        return p["offset"] + 16.0 * p["sigma"]
 
     def force(self, depth: ca.SX, normal: ca.SX, velocity: ca.SX, p: View) -> ca.SX:
         z = (depth + p["offset"]) / p["sigma"]
@@ -129,4 +138,6 @@ class Compliant:
         damping = ca.if_else(s < 0.0, 1.0 - s, ca.if_else(s < 2.0, (s - 2.0) ** 2 / 4.0, 0.0))
         normal_force = p["stiffness"] * soft_depth * damping
         tangential = _tangential(velocity, normal)
-        return normal_force * normal + self.friction.force(normal_force, soft_depth**2, tangential, p)
+        return normal_force * normal + self.friction.force(
+            normal_force, soft_depth**2, tangential, p
+        )

@@ -43,7 +43,10 @@ class Layout:
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Layout:
-        return cls(tuple(values), np.array([number(f"parameter {name}", value) for name, value in values.items()]))
+        return cls(
+            tuple(values),
+            np.array([number(f"parameter {name}", value) for name, value in values.items()]),
+        )
 
     @property
     def size(self) -> int:
@@ -55,7 +58,8 @@ class Layout:
         return self.names.index(name)
 
     def pack(self, **values: float) -> Array:
-        """p (NP,) with the defaults where nothing is given; dotted names go in as ``pack(**{"contact.w_perp": 1e5})``."""
+        """p (NP,) with the defaults where nothing is given; dotted names go in as
+        ``pack(**{"contact.w_perp": 1e5})``."""
         p = self.defaults.copy()
         for name, value in values.items():
             p[self.index(name)] = value
@@ -67,8 +71,11 @@ class Layout:
 
 
 def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:
-    """The entries whose names start with ``prefix``, without it: a law's or a terrain's own parameters."""
-    return {name.removeprefix(prefix): value for name, value in view.items() if name.startswith(prefix)}
+    """The entries whose names start with ``prefix``, without it: a law's or a terrain's own
+    parameters."""
+    return {
+        name.removeprefix(prefix): value for name, value in view.items() if name.startswith(prefix)
+    }
 
 
 def robot_layout(law: Mapping[str, float], terrain: Mapping[str, float]) -> Layout:

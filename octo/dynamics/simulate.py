@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, number, numbers, one_of, positive, room, steps_in, time_step, whole
+from octo.checks import (
+    instance,
+    number,
+    numbers,
+    one_of,
+    positive,
+    room,
+    steps_in,
+    time_step,
+    whole,
+)
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
@@ -18,7 +28,8 @@ from octo.model.terrain import Plane, Terrain
 Array = NDArray[np.float64]
 Controls = Array | Callable[[float, Array, Array], Array]
 
-TOLERANCE = 1e-10  # m or rad: the displacement that the remaining force gives the joint's own inertia in one step
+# m or rad: the displacement that the remaining force gives the joint's own inertia in one step
+TOLERANCE = 1e-10
 ITERATIONS = 60
 CONTINUATIONS = 40
 MOST_DAMPING = 1e12
@@ -73,10 +84,12 @@ class Stepper:
         self._nodes = np.empty((1, 3, dynamics.nx))
 
     def __call__(self, x: Array, x_prev: Array, load: Array | None = None) -> tuple[Array, float]:
-        """x_next (nx,) with FD(x_next, x, x_prev) = load (nx,) in the free rows, and the residual left, m or rad.
+        """x_next (nx,) with FD(x_next, x, x_prev) = load (nx,) in the free rows, and the residual
+        left, m or rad.
 
-        Newton from the extrapolated configuration; where that fails, along the solutions of shorter steps; where a
-        solution ends before the whole step, descent from the configuration that stands still.
+        Newton from the extrapolated configuration; where that fails, along the solutions of shorter
+        steps; where a solution ends before the whole step, descent from the configuration that
+        stands still.
         """
         load = np.zeros(len(x)) if load is None else load
         self._nodes[0, 0], self._nodes[0, 1] = x_prev, x
@@ -89,7 +102,8 @@ class Stepper:
         return best, left
 
     def _continue(self, load: Array) -> tuple[Array, float]:
-        """Newton along solutions of shorter steps, dt s with s from 0 to 1: each one starts the next."""
+        """Newton along solutions of shorter steps, dt s with s from 0 to 1: each one starts the
+        next."""
         x_prev, x = self._nodes[0, 0].copy(), self._nodes[0, 1].copy()
         place = self.dynamics.layout.index("dt")
         dt = self.p[0, place]
@@ -120,7 +134,8 @@ class Stepper:
         return x_next
 
     def _newton(self, start: Array, load: Array) -> tuple[Array, float]:
-        """Newton that shortens a step until the scaled force shrinks, and gives up when it does not."""
+        """Newton that shortens a step until the scaled force shrinks, and gives up when it does
+        not."""
         n = self.dynamics.nx
         x_next = self._at(start)
         force, jac = self._evaluate(x_next, load, 1)
@@ -145,10 +160,11 @@ class Stepper:
         return x_next, norm if np.isfinite(norm) else np.inf
 
     def _descend(self, load: Array) -> tuple[Array, float]:
-        """Descent on the potential whose gradient FD nearly is (all but friction): the inertia's plus V(x_next).
+        """Descent on the potential whose gradient FD nearly is (all but friction): the inertia's
+        plus V(x_next).
 
-        Its matrix is made positive definite with the inertia M/dt² at rest; a step is accepted by the slope
-        force·change at its end, which must not have grown past the one at its start.
+        Its matrix is made positive definite with the inertia M/dt² at rest; a step is accepted by
+        the slope force·change at its end, which must not have grown past the one at its start.
         """
         n, x = self.dynamics.nx, self._nodes[0, 1].copy()
         still = np.repeat(x[None, None], 3, axis=1)
@@ -223,7 +239,9 @@ def step(dynamics: Dynamics, x: Array, x_prev: Array, u: Array | None, p: Array)
     load = np.zeros(dynamics.nx)
     if u is not None:
         load[dynamics.actuated] = _checked("u", u, (dynamics.nu,))
-    return Stepper(dynamics, p)(_checked("x", x, (dynamics.nx,)), _checked("x_prev", x_prev, (dynamics.nx,)), load)[0]
+    return Stepper(dynamics, p)(
+        _checked("x", x, (dynamics.nx,)), _checked("x_prev", x_prev, (dynamics.nx,)), load
+    )[0]
 
 
 def simulate(
@@ -252,7 +270,8 @@ def simulate(
 
     Raises
     ------
-    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the argument and what is allowed.
+    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the argument and what is
+        allowed.
     """
     if isinstance(model, Dynamics):
         if terrain is not None or law is not None:
@@ -299,13 +318,19 @@ def _schedule(
         room(f"{steps} steps of simulation", 2.0 * steps * nx)
     if controls is None:
         if steps is None:
-            raise ProblemError("give seconds, steps, or an array of controls: how long is not known")
+            raise ProblemError(
+                "give seconds, steps, or an array of controls: how long is not known"
+            )
         return int(steps), None
     if callable(controls):
         if steps is None:
-            raise ProblemError("give seconds or steps: controls is a function, so how long is not known")
+            raise ProblemError(
+                "give seconds or steps: controls is a function, so how long is not known"
+            )
         policy = controls
-        return int(steps), lambda i, q, v: _checked(f"controls at step {i}", policy(i * dt, q.copy(), v), (nu,))
+        return int(steps), lambda i, q, v: _checked(
+            f"controls at step {i}", policy(i * dt, q.copy(), v), (nu,)
+        )
     array = numbers("controls", controls)
     N = int(steps) if steps is not None else len(np.atleast_1d(array))
     table = _checked("controls", array, (N, nu))

@@ -1,4 +1,5 @@
-"""Where lanes_step.c keeps the numbers of J and of the curvature: nothing but what is not zero by structure."""
+"""Where lanes_step.c keeps the numbers of J and of the curvature: nothing but what is not zero by
+structure."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ def paths(character: Character) -> list[list[int]]:
 
 
 def loops(character: Character) -> list[tuple[list[int], int]]:
-    """Of each pair the degrees of freedom that move one of its spheres alone, and how many of them move the first."""
+    """Of each pair the degrees of freedom that move one of its spheres alone, and how many of them
+    move the first."""
     made = []
     for a, b in character.pairs:
         one, other = (character.path[character.contacts[k].body] for k in (a, b))
@@ -31,7 +33,8 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
 
     Returns
     -------
-    places (n, n): of i and j in a run of slots, -1 where they are not coupled; their count beyond the related ones; the slots
+    places (n, n): of i and j in a run of slots, -1 where they are not coupled; their count beyond
+        the related ones; the slots
     of jac (n, 3n) and hess (5, n, n), 0 for what is zero.
     """
     n, start = character.nx, 0
@@ -62,7 +65,8 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
 
 
 def of_past(character: Character, first: int) -> Integers:
-    """(n, n) slots from ``first`` on of a block that couples the present node with the previous one; 0 for what is zero."""
+    """(n, n) slots from ``first`` on of a block that couples the present node with the previous
+    one; 0 for what is zero."""
     block, start = np.zeros((character.nx, character.nx), dtype=int), 0
     related = paths(character)
     count = sum(map(len, related))
@@ -80,4 +84,7 @@ def table(jac: Integers, hess: Integers) -> str:
 
 
 def one_table(name: str, values: Integers) -> str:
-    return f"static const octo_slot octo_{name}_slot[] = {{{', '.join(str(int(v)) for v in values.ravel())}}};"
+    return (
+        f"static const octo_slot octo_{name}_slot[] = "
+        f"{{{', '.join(str(int(v)) for v in values.ravel())}}};"
+    )

@@ -1,10 +1,11 @@
 """The laws of §4, each once, as small CasADi functions that the tree pass of ``phases.c`` calls.
 
-A stage returns a wrench w (6,) about the world origin (moment, force), whose sum over the subtree of joint j gives
-FD_j = ξ_j·w, and the blocks (6, 6) of its derivatives with respect to left-perturbation twists τ of the poses,
-T -> (1 + τ̂)T: P = ∂w/∂τ_next, B1 = ∂w/∂τ, B2 = ∂w/∂τ_prev. With a virtual twist V *carried by the body* and
-ψ = V·w, the curvature blocks are K = ∂²ψ/∂τ_next², T1 and T2 = ∂²ψ/∂τ_next∂τ and …∂τ_prev, L1 and L2 = ∂²ψ/∂τ² and
-…∂τ_prev² (rows: the perturbation applied last, whose joint is nearer to the root).
+A stage returns a wrench w (6,) about the world origin (moment, force), whose sum over the subtree
+of joint j gives FD_j = ξ_j·w, and the blocks (6, 6) of its derivatives with respect to
+left-perturbation twists τ of the poses, T -> (1 + τ̂)T: P = ∂w/∂τ_next, B1 = ∂w/∂τ, B2 =
+∂w/∂τ_prev. With a virtual twist V *carried by the body* and ψ = V·w, the curvature blocks are K =
+∂²ψ/∂τ_next², T1 and T2 = ∂²ψ/∂τ_next∂τ and …∂τ_prev, L1 and L2 = ∂²ψ/∂τ² and …∂τ_prev² (rows: the
+perturbation applied last, whose joint is nearer to the root).
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from octo.model.terrain import normal as normal_of
 
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
-SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}  # inputs that are p or of a table
+# inputs that are p or of a table
+SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}
 
 
 def _axial(N: ca.SX) -> ca.SX:
@@ -37,7 +39,8 @@ def _wrench(moment: ca.SX, force: ca.SX, point: ca.SX) -> ca.SX:
 
 
 def _about(block: ca.SX, left: ca.SX, right: ca.SX) -> ca.SX:
-    """A form (6, 6) of twists about the points ``left`` and ``right``, as a form of twists about the world origin."""
+    """A form (6, 6) of twists about the points ``left`` and ``right``, as a form of twists about
+    the world origin."""
     a, b = ca.skew(left), ca.skew(right)
     A, B, C, D = block[:3, :3], block[:3, 3:], block[3:, :3], block[3:, 3:]
     A, C = A - B @ b, C - D @ b
@@ -45,7 +48,8 @@ def _about(block: ca.SX, left: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _q_form(Q: ca.SX, q_r: ca.SX, q_t: ca.SX, mass: ca.SX) -> ca.SX:
-    """Matrix (6, 6) of the bilinear form tr(τ̂_i Q τ̂_jᵀ) with the homogeneous Q = [[Q, q_r], [q_tᵀ, mass]]."""
+    """Matrix (6, 6) of the bilinear form tr(τ̂_i Q τ̂_jᵀ) with the homogeneous Q = [[Q, q_r],
+    [q_tᵀ, mass]]."""
     turn = ca.trace(Q) * ca.SX.eye(3) - Q.T
     return ca.blockcat([[turn, ca.skew(q_r)], [-ca.skew(q_t), mass * ca.SX.eye(3)]])
 
@@ -62,8 +66,9 @@ def _raise(upper: ca.SX) -> ca.SX:
 def body(order: int, layout: Layout) -> ca.Function:
     """Inertia and gravity of one body.
 
-    Inputs: three poses (12), inertia (10: com, second moment xx xy xz yy yz zz, mass), p and, for order 2, V (6).
-    Forms are written about the centre of mass of each node, where T M T'ᵀ = diag(Q, mass), then moved to the origin.
+    Inputs: three poses (12), inertia (10: com, second moment xx xy xz yy yz zz, mass), p and, for
+    order 2, V (6). Forms are written about the centre of mass of each node, where T M T'ᵀ = diag(Q,
+    mass), then moved to the origin.
     """
     flat = [ca.SX.sym(name, 12) for name in ("next", "now", "previous")]
     inertia, p, V = ca.SX.sym("inertia", 10), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
@@ -75,10 +80,12 @@ def body(order: int, layout: Layout) -> ca.Function:
     now, old = -2.0 * rate, rate  # of T and T_prev in the second difference
     gravity = ca.vertcat(view["gravity_x"], view["gravity_y"], view["gravity_z"])
     c0, c1, c2 = R0 @ com + t0, R1 @ com + t1, R2 @ com + t2
-    turn = R0 - 2.0 * R1 + R2  # before the mass matrix, which would amplify the rounding of the difference
+    # before the mass matrix, which would amplify the rounding of the difference
+    turn = R0 - 2.0 * R1 + R2
     move = turn @ com + (t0 - 2.0 * t1 + t2)
     S = R0 @ M
-    f, N = m * (rate * move - gravity), rate * (turn @ S.T)  # [N | f] = F T̂ᵀ, F the body's generalised force
+    # [N | f] = F T̂ᵀ, F the body's generalised force
+    f, N = m * (rate * move - gravity), rate * (turn @ S.T)
     out = [_wrench(_axial(N), f, c0)]
     Q0, Q1, Q2, zero = ca.triu2symm(ca.triu(S @ R0.T)), S @ R1.T, S @ R2.T, ca.SX(3, 1)
     if order >= 1:
@@ -88,11 +95,21 @@ def body(order: int, layout: Layout) -> ca.Function:
     if order == 2:
         omega, v, none = ca.skew(V[:3]), _moved(V, c0), ca.SX(1, 1)
         VQ0, VQ1, VQ2, delta = rate * omega @ Q0, now * omega @ Q1, old * omega @ Q2, rate * m * v
-        K = _q_form(VQ0 + VQ0.T, delta, delta, none) + _raise(_g_form(N @ omega.T + f @ v.T + VQ0, delta))
+        K = _q_form(VQ0 + VQ0.T, delta, delta, none) + _raise(
+            _g_form(N @ omega.T + f @ v.T + VQ0, delta)
+        )
         out.append(_about(K, c0, c0))
-        out += [_about(_q_form(VQ1, -2.0 * delta, zero, none), c0, c1), _about(_q_form(VQ2, delta, zero, none), c0, c2)]
-        out += [_about(_raise(_g_form(VQ1, -2.0 * delta)), c1, c1), _about(_raise(_g_form(VQ2, delta)), c2, c2)]
-    return ca.Function(f"{PREFIX}body{order}", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS)
+        out += [
+            _about(_q_form(VQ1, -2.0 * delta, zero, none), c0, c1),
+            _about(_q_form(VQ2, delta, zero, none), c0, c2),
+        ]
+        out += [
+            _about(_raise(_g_form(VQ1, -2.0 * delta)), c1, c1),
+            _about(_raise(_g_form(VQ2, delta)), c2, c2),
+        ]
+    return ca.Function(
+        f"{PREFIX}body{order}", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS
+    )
 
 
 def _rows(matrix: ca.SX) -> ca.SX:
@@ -101,7 +118,8 @@ def _rows(matrix: ca.SX) -> ca.SX:
 
 
 def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
-    """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3), radius, p."""
+    """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3),
+    radius, p."""
     center, radius, p = ca.SX.sym("center", 3), ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
     view = layout.view(p)
     reach = law.reach(section(view, "contact."))
@@ -110,11 +128,13 @@ def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Functio
 
 
 class _Touch:
-    """One contact seen from its sphere's centre c, and the twists (3, 6) of what its law depends on.
+    """One contact seen from its sphere's centre c, and the twists (3, 6) of what its law depends
+    on.
 
-    The contact point is c + arm, arm = -radius n(c). The material point there was at U one step ago:
-    U = T1 T⁻¹(c + arm), and it moves in the body as the sphere rolls. ``slide`` is its velocity relative to the body,
-    ``Q`` = R1Rᵀ carries it to U. The twists of the next node are about c, those of the present node about U.
+    The contact point is c + arm, arm = -radius n(c). The material point there was at U one step
+    ago: U = T1 T⁻¹(c + arm), and it moves in the body as the sphere rolls. ``slide`` is its
+    velocity relative to the body, ``Q`` = R1Rᵀ carries it to U. The twists of the next node are
+    about c, those of the present node about U.
     """
 
     def __init__(self, flat: list[ca.SX], sphere: ca.SX, terrain: Plane | Terrain, view: View):
@@ -127,7 +147,10 @@ class _Touch:
         at = self.center, place[1]
         normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
         self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
-        self._curvature, self._at = ca.Function("curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]]), at
+        self._curvature = ca.Function(
+            "curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]]
+        )
+        self._at = at
         self.Q = R1 @ R.T
         self.U = R1 @ sphere[:3] + t1 + self.Q @ self.arm
         self.c_tau = self.U_now = ca.horzcat(ca.SX(3, 3), ca.SX.eye(3))
@@ -140,7 +163,9 @@ class _Touch:
         return -self.radius * self._curvature(*self._at, along)
 
 
-def _force(law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX) -> ca.SX:
+def _force(
+    law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX
+) -> ca.SX:
     """Force (3,) N on the body of a sphere at c whose contact point was at U one step ago."""
     n = normal_of(terrain, c, section(view, "terrain."))
     depth = -symbolic.contact_height(radius, c, terrain, view)
@@ -148,9 +173,11 @@ def _force(law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX,
 
 
 def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
-    """Eq. 6 (or another law) of one contact. Inputs: poses next and now (12 each), sphere (4: place, radius), p, V.
+    """Eq. 6 (or another law) of one contact. Inputs: poses next and now (12 each), sphere (4:
+    place, radius), p, V.
 
-    The law is differentiated with respect to the six numbers (c, U) alone; twists enter by the chain rule.
+    The law is differentiated with respect to the six numbers (c, U) alone; twists enter by the
+    chain rule.
     """
     flat = [ca.SX.sym(name, 12) for name in ("next", "now")]
     sphere, p, V = ca.SX.sym("sphere", 4), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
@@ -165,31 +192,46 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
     if order >= 1:
         f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
         P = -ca.vertcat(arm @ f_tau - ca.skew(force) @ (touch.c_tau + touch.arm_tau), f_tau)
-        out += [_about(P, touch.center, touch.center), _about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U)]
+        out += [
+            _about(P, touch.center, touch.center),
+            _about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U),
+        ]
     if order == 2:
         delta = ca.cross(V[:3], touch.arm) + _moved(V, touch.center)
         h, g = ca.hessian(-ca.dot(held, f), ca.vertcat(c, U))
         g, h = ca.Function("law", [*at_law, held], [g, h])(*here, delta)
         K, T1, L1 = _contact_curvature(touch, V[:3], delta, force, (g, h, f_c, f_U))
-        out += [_about(K, touch.center, touch.center), _about(T1, touch.center, touch.U), _about(L1, touch.U, touch.U)]
-    return ca.Function(f"{PREFIX}contact{order}", [*flat, sphere, p, V], [_rows(ca.SX(o)) for o in out], OPTIONS)
+        out += [
+            _about(K, touch.center, touch.center),
+            _about(T1, touch.center, touch.U),
+            _about(L1, touch.U, touch.U),
+        ]
+    return ca.Function(
+        f"{PREFIX}contact{order}", [*flat, sphere, p, V], [_rows(ca.SX(o)) for o in out], OPTIONS
+    )
 
 
 def _contact_curvature(
     touch: _Touch, omega: ca.SX, delta: ca.SX, force: ca.SX, law: tuple[ca.SX, ca.SX, ca.SX, ca.SX]
 ) -> list[ca.SX]:
-    """K, T1, L1 of ψ = -δ·f(c, U), where δ = V_ω × arm + V_c is carried by the body: δ_τ = ω × δ + V_ω × slide."""
+    """K, T1, L1 of ψ = -δ·f(c, U), where δ = V_ω × arm + V_c is carried by the body: δ_τ = ω × δ +
+    V_ω × slide."""
     (g, h, f_c, f_U), c_tau, U_tau, slide = law, touch.c_tau, touch.U_tau, touch.slide
     g_c, g_U, g_delta = g[:3], g[3:], -force
     delta_tau = ca.horzcat(-ca.skew(delta), ca.SX(3, 3)) + ca.skew(omega) @ slide
     z = ca.vertcat(c_tau, U_tau)
     mixed = -(f_c @ c_tau + f_U @ U_tau)  # ∂²ψ/∂δ∂(c, U)
-    # the material point's second order, R∂²(Rᵀarm), moves U and δ alike: its coefficient is ``pull``
+    # the material point's second order, R∂²(Rᵀarm), moves U and δ alike: its coefficient is
+    # ``pull``
     pull = touch.Q.T @ g_U + ca.cross(g_delta, omega)
     bent = touch.bend.T @ pull
-    half = delta_tau.T @ mixed - _raise(ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau)
+    half = delta_tau.T @ mixed - _raise(
+        ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
+    )
     K = z.T @ h @ z + half + half.T + c_tau.T @ touch.arm_curvature(pull) @ c_tau
-    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(_g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent))
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(
+        _g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
+    )
     T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - _raise(ca.skew(g_U) @ U_tau).T
     L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + _raise(_g_form(ca.SX(3, 3), g_U))
     return [K, T1, L1]
@@ -211,11 +253,17 @@ def joint(order: int, layout: Layout) -> ca.Function:
         out += [ca.jacobian(force, node) for node in (x_next, x, x_prev)]
     if order == 2:
         out += [ca.jacobian(ca.jacobian(force, x_next), x_next)]
-    return ca.Function(f"{PREFIX}joint{order}", [x_next, x, x_prev, table, p], [ca.densify(o) for o in out], OPTIONS)
+    return ca.Function(
+        f"{PREFIX}joint{order}",
+        [x_next, x, x_prev, table, p],
+        [ca.densify(o) for o in out],
+        OPTIONS,
+    )
 
 
 def pair(layout: Layout) -> ca.Function:
-    """Φ', Φ'', Φ''' of a pair's potential Φ(ρ), ρ = ½|distance|² in m². Inputs: ρ, sum of radii, p."""
+    """Φ', Φ'', Φ''' of a pair's potential Φ(ρ), ρ = ½|distance|² in m². Inputs: ρ, sum of radii,
+    p."""
     rho, radii, p = ca.SX.sym("rho"), ca.SX.sym("radii"), ca.SX.sym("p", layout.size)
     derivative = symbolic.pair_potential(2.0 * rho, radii, layout.view(p))
     out = []

@@ -25,9 +25,10 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     ----------
     dynamics: the robot on its terrain.
     p: (NP,) its parameters.
-    pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept. By default the character's default
-        pose or zero; where that leans or falls, the joints are moved a little so that the centre of mass comes over the
-        feet; after that every limited joint starts at the middle of its range.
+    pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept. By default the
+        character's default pose or zero; where that leans or falls, the joints are moved a little
+        so that the centre of mass comes over the feet; after that every limited joint starts at the
+        middle of its range.
 
     Raises
     ------
@@ -39,7 +40,9 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
         if array.shape != (robot.nx,):
             raise ShapeError("pose", array.shape, (robot.nx,))
         if not np.isfinite(array).all():
-            raise ValueRangeError(f"pose is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}")
+            raise ValueRangeError(
+                f"pose is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}"
+            )
         candidates = iter([("the given pose", array)])
     else:
         candidates = _own_choice(robot)
@@ -65,11 +68,17 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
 
 @lru_cache(maxsize=64)
 def balanced_pose(robot: Character) -> Array:
-    """(nx,) the default pose, or zero, with the joints moved a little so that the feet are below: all of them carry.
+    """(nx,) the default pose, or zero, with the joints moved a little so that the feet are below:
+    all of them carry.
 
-    Many files' default pose stands with the centre of mass over two of four feet: a stride that begins there hops on two.
+    Many files' default pose stands with the centre of mass over two of four feet: a stride that
+    begins there hops on two.
     """
-    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    default = (
+        np.zeros(robot.nx)
+        if robot.default_pose is None
+        else np.asarray(robot.default_pose, dtype=float)
+    )
     pose = over_the_feet(robot, inside_limits(robot, default))
     pose.setflags(write=False)  # every pass of every start of a cycle asks for it
     return pose
@@ -77,15 +86,23 @@ def balanced_pose(robot: Character) -> Array:
 
 def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
     """The poses that are tried when none is given."""
-    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    default = (
+        np.zeros(robot.nx)
+        if robot.default_pose is None
+        else np.asarray(robot.default_pose, dtype=float)
+    )
     middle = _middle(robot, default)
-    for name, candidate in (("the default pose", default), ("the middle of the joints' ranges", middle)):
+    for name, candidate in (
+        ("the default pose", default),
+        ("the middle of the joints' ranges", middle),
+    ):
         yield name, candidate
         yield f"{name}, feet moved below", over_the_feet(robot, inside_limits(robot, candidate))
 
 
 def inside_limits(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,), the joints on or beyond a limit moved inside by 5 % of their range (0.05 where it is one-sided)."""
+    """``pose`` (nx,), the joints on or beyond a limit moved inside by 5 % of their range (0.05
+    where it is one-sided)."""
     inside, span = pose.copy(), robot.upper - robot.lower
     margin = np.where(np.isfinite(span), MARGIN * span, MARGIN)
     low, high = pose <= robot.lower, pose >= robot.upper
@@ -96,21 +113,32 @@ def inside_limits(robot: Character, pose: Array) -> Array:
 
 def _middle(robot: Character, pose: Array) -> Array:
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    return np.where(limited, 0.5 * (np.where(limited, robot.lower, 0.0) + np.where(limited, robot.upper, 0.0)), pose)
+    return np.where(
+        limited,
+        0.5 * (np.where(limited, robot.lower, 0.0) + np.where(limited, robot.upper, 0.0)),
+        pose,
+    )
 
 
 def over_the_feet(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,) with the actuated joints moved as little as brings the centre of mass over the lowest contacts."""
+    """``pose`` (nx,) with the actuated joints moved as little as brings the centre of mass over the
+    lowest contacts."""
     joints, touching = robot.actuated, list(robot.terrain_contacts)
     if not len(joints) or not touching:
         return pose
     radius = np.array([robot.contacts[k].radius for k in touching])
     centers = sphere_centers(robot, pose)[touching]
     height = centers[:, 2] - radius
-    feet = [k for k, h in zip(touching, height, strict=True) if h <= height.min() + 0.1 * (np.max(height) - np.min(height))]
+    feet = [
+        k
+        for k, h in zip(touching, height, strict=True)
+        if h <= height.min() + 0.1 * (np.max(height) - np.min(height))
+    ]
 
     def offset(x: Array) -> Array:
-        return (center_of_mass(robot, x) - sphere_centers(robot, x)[..., feet, :].mean(axis=-2))[..., :2]
+        return (center_of_mass(robot, x) - sphere_centers(robot, x)[..., feet, :].mean(axis=-2))[
+            ..., :2
+        ]
 
     small = 1e-6  # rad or m
     for _ in range(10):

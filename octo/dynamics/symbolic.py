@@ -1,4 +1,5 @@
-"""The laws of §4 summed into one CasADi expression: the oracle, the reference model and the fallback.
+"""The laws of §4 summed into one CasADi expression: the oracle, the reference model and the
+fallback.
 
 Everything here is SX, so that any part can be differentiated or put into a cost.
 """
@@ -24,7 +25,8 @@ def pose_of(numbers: ca.SX) -> Pose:
 
 
 def perturbed(numbers: ca.SX, twist: ca.SX) -> ca.SX:
-    """(1 + twist^)·T of the twelve numbers of T; twist is (ω, v of the point at the world's origin)."""
+    """(1 + twist^)·T of the twelve numbers of T; twist is (ω, v of the point at the world's
+    origin)."""
     rotation, position = pose_of(numbers)
     turn = ca.SX.eye(3) + ca.skew(twist[:3])
     return ca.vertcat(ca.vec((turn @ rotation).T), turn @ position + twist[3:])
@@ -35,7 +37,9 @@ def _joint_pose(joint: Joint, displacement: ca.SX) -> Pose:
     if joint.kind == "slide":
         return ca.SX.eye(3), ca.SX(joint.axis) * displacement
     cross = ca.skew(ca.DM(joint.axis))
-    rotation = ca.SX.eye(3) + ca.sin(displacement) * cross + (1.0 - ca.cos(displacement)) * (cross @ cross)
+    rotation = (
+        ca.SX.eye(3) + ca.sin(displacement) * cross + (1.0 - ca.cos(displacement)) * (cross @ cross)
+    )
     anchor = ca.SX(joint.anchor)
     return rotation, anchor - rotation @ anchor
 
@@ -79,16 +83,24 @@ class ContactState:
     force: ca.SX  # (3,) N on the body, world axes
 
 
-def contact_height(radius: float | ca.SX, center: ca.SX, terrain: Plane | Terrain, view: View) -> ca.SX:
+def contact_height(
+    radius: float | ca.SX, center: ca.SX, terrain: Plane | Terrain, view: View
+) -> ca.SX:
     """Distance (m) of the sphere's surface from the ground, negative inside."""
     return terrain.distance(center, section(view, "terrain.")) - radius
 
 
 def contact_places(
-    local: ca.SX, radius: float | ca.SX, pose: Pose, previous: Pose, terrain: Plane | Terrain, view: View
+    local: ca.SX,
+    radius: float | ca.SX,
+    pose: Pose,
+    previous: Pose,
+    terrain: Plane | Terrain,
+    view: View,
 ) -> tuple[ca.SX, ca.SX]:
-    """Of a sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at ``previous``: its centre,
-    and where the body's point that is nearest to the ground now was one step ago; (3,) m each, world."""
+    """Of a sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at
+    ``previous``: its centre, and where the body's point that is nearest to the ground now was one
+    step ago; (3,) m each, world."""
     (R, t), (R_old, t_old) = pose, previous
     center = R @ local + t
     outward = normal(terrain, center, section(view, "terrain."))
@@ -96,7 +108,12 @@ def contact_places(
 
 
 def contact_state(
-    center: ca.SX, before: ca.SX, radius: float | ca.SX, law: ContactLaw, terrain: Plane | Terrain, view: View
+    center: ca.SX,
+    before: ca.SX,
+    radius: float | ca.SX,
+    law: ContactLaw,
+    terrain: Plane | Terrain,
+    view: View,
 ) -> ContactState:
     """A sphere of ``radius`` (m) from its places (:func:`contact_places`)."""
     depth = -contact_height(radius, center, terrain, view)
@@ -104,12 +121,19 @@ def contact_state(
     point = center - radius * outward
     velocity = (point - before) / view["dt"]
     own = section(view, "contact.")
-    force = ca.if_else(depth > -law.reach(own), law.force(depth, outward, velocity, own), ca.SX.zeros(3))
+    force = ca.if_else(
+        depth > -law.reach(own), law.force(depth, outward, velocity, own), ca.SX.zeros(3)
+    )
     return ContactState(depth, point, outward, velocity, force)
 
 
 def contact_states(
-    character: Character, x_next: ca.SX, x: ca.SX, law: ContactLaw, terrain: Plane | Terrain, view: View
+    character: Character,
+    x_next: ca.SX,
+    x: ca.SX,
+    law: ContactLaw,
+    terrain: Plane | Terrain,
+    view: View,
 ) -> list[ContactState]:
     """The state of every terrain contact, in the order of ``character.terrain_contacts``."""
     poses, previous = body_poses(character, x_next), body_poses(character, x)
@@ -117,15 +141,26 @@ def contact_states(
     for k in character.terrain_contacts:
         sphere = character.contacts[k]
         place = (ca.SX(sphere.position), sphere.radius, poses[sphere.body], previous[sphere.body])
-        states.append(contact_state(*contact_places(*place, terrain, view), sphere.radius, law, terrain, view))
+        states.append(
+            contact_state(*contact_places(*place, terrain, view), sphere.radius, law, terrain, view)
+        )
     return states
 
 
-def joint_force(joint: Joint | dict[str, ca.SX], x_next: ca.SX, x: ca.SX, x_prev: ca.SX, view: View) -> ca.SX:
-    """Armature, damping, spring and limit (§4.2) of one joint: its own scalar part of FD, N m or N."""
-    get = (lambda name: joint[name]) if isinstance(joint, dict) else (lambda name: getattr(joint, name))
+def joint_force(
+    joint: Joint | dict[str, ca.SX], x_next: ca.SX, x: ca.SX, x_prev: ca.SX, view: View
+) -> ca.SX:
+    """Armature, damping, spring and limit (§4.2) of one joint: its own scalar part of FD, N m or
+    N."""
+    get = (
+        (lambda name: joint[name])
+        if isinstance(joint, dict)
+        else (lambda name: getattr(joint, name))
+    )
     dt = view["dt"]
-    force = get("armature") * ((x_next - x) - (x - x_prev)) / dt**2 + get("damping") * (x_next - x) / dt
+    force = (
+        get("armature") * ((x_next - x) - (x - x_prev)) / dt**2 + get("damping") * (x_next - x) / dt
+    )
     force += get("stiffness") * (x_next - get("rest"))
     above, below = x_next - get("upper"), get("lower") - x_next
     limit = ca.if_else(above > 0.0, above**2, 0.0) - ca.if_else(below > 0.0, below**2, 0.0)
@@ -144,16 +179,24 @@ def mass_matrix_of_points(body: Body) -> np.ndarray:
 
 
 def inertial_energy(body: Body, pose: Pose, now: Pose, previous: Pose, view: View) -> ca.SX:
-    """½/dt² tr((T - 2T' + T'')M(…)ᵀ) - m g·com of one body, whose gradient in x_next is its part of FD."""
+    """½/dt² tr((T - 2T' + T'')M(…)ᵀ) - m g·com of one body, whose gradient in x_next is its part of
+    FD."""
     com, second_moment = ca.SX(body.com), ca.SX(ca.DM(mass_matrix_of_points(body)))
-    turn = pose[0] - 2.0 * now[0] + previous[0]  # differences first: the mass matrix would amplify their rounding
+    # differences first: the mass matrix would amplify their rounding
+    turn = pose[0] - 2.0 * now[0] + previous[0]
     move = turn @ com + (pose[1] - 2.0 * now[1] + previous[1])
-    energy = 0.5 * (ca.trace(turn @ second_moment @ turn.T) + body.mass * ca.dot(move, move)) / view["dt"] ** 2
+    energy = (
+        0.5
+        * (ca.trace(turn @ second_moment @ turn.T) + body.mass * ca.dot(move, move))
+        / view["dt"] ** 2
+    )
     gravity = ca.vertcat(view["gravity_x"], view["gravity_y"], view["gravity_z"])
     return energy - body.mass * ca.dot(gravity, pose[0] @ com + pose[1])
 
 
-def forward_dynamics(character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout) -> ca.Function:
+def forward_dynamics(
+    character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout
+) -> ca.Function:
     """FD(x_next, x, x_prev, p) (n,) of §4 as one SX function: N m or N, equal to Uᵀu."""
     n = character.nx
     x_next, x, x_prev = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("x_prev", n)
@@ -161,7 +204,10 @@ def forward_dynamics(character: Character, law: ContactLaw, terrain: Plane | Ter
     view = layout.view(p)
     poses, now, previous = (body_poses(character, node) for node in (x_next, x, x_prev))
     potential = sum(
-        (inertial_energy(body, poses[b], now[b], previous[b], view) for b, body in enumerate(character.bodies)),
+        (
+            inertial_energy(body, poses[b], now[b], previous[b], view)
+            for b, body in enumerate(character.bodies)
+        ),
         ca.SX(0),
     )
     for a, b in character.pairs:
@@ -175,14 +221,18 @@ def forward_dynamics(character: Character, law: ContactLaw, terrain: Plane | Ter
         local, radius = ca.SX(sphere.position), sphere.radius
         places = contact_places(local, radius, (R, t), now[sphere.body], terrain, view)
         state = contact_state(*places, radius, law, terrain, view)
-        force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)  # virtual work f·∂P at a fixed force and material point
+        # virtual work f·∂P at a fixed force and material point
+        force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)
         work += ca.dot(force, R @ material + t)
         held += [force, material]
         values += [state.force, local - radius * (R.T @ state.normal)]
     fd = ca.gradient(potential - work, x_next)
     if held:
         fd = ca.substitute(fd, ca.vertcat(*held), ca.vertcat(*values))
-    joints = [joint_force(joint, x_next[j], x[j], x_prev[j], view) for j, joint in enumerate(character.joints)]
+    joints = [
+        joint_force(joint, x_next[j], x[j], x_prev[j], view)
+        for j, joint in enumerate(character.joints)
+    ]
     fd = fd + ca.vertcat(*joints)
     names = ["x_next", "x", "x_prev", "p"]
     return ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(fd)], names, ["fd"], {"cse": True})

@@ -29,7 +29,8 @@ class _Own(threading.local):
 
 
 class DeviceBackend(Backend):
-    """What ``sqp.run`` asks of a device. ``linear_solver`` and ``threads`` are the CPU's: here it is cyclic reduction always.
+    """What ``sqp.run`` asks of a device. ``linear_solver`` and ``threads`` are the CPU's: here it
+    is cyclic reduction always.
 
     timed: seconds by stage mean something, because every stage is waited for.
     """
@@ -42,13 +43,16 @@ class DeviceBackend(Backend):
         self._own = _Own()
 
     def place(self, problem: CompiledProblem) -> DeviceProblem:
-        """``problem`` on the device; one with the same generated code shares what was compiled for the one before.
+        """``problem`` on the device; one with the same generated code shares what was compiled for
+        the one before.
 
         Raises
         ------
-        DeviceError: the device has too little memory, or the robot is too large for its shared memory.
+        DeviceError: the device has too little memory, or the robot is too large for its shared
+            memory.
         """
-        self._release()  # before what is free is measured: the passes of a solve come one after another
+        # before what is free is measured: the passes of a solve come one after another
+        self._release()
         before = self._own.last
         if before is not None:
             before.release()
@@ -61,7 +65,8 @@ class DeviceBackend(Backend):
         each, free = bytes_of(problem), self.device.free_bytes()
         if each * problem.batch > free:
             raise DeviceError(
-                f"{problem.batch} problems of {each / 1e6:.0f} MB need {each * problem.batch / 1e9:.2g} GB, "
+                f"{problem.batch} problems of {each / 1e6:.0f} MB need "
+                f"{each * problem.batch / 1e9:.2g} GB, "
                 f"the GPU has {free / 1e9:.2g} GB free: solve {max(1, free // each)} at a time"
             )
 
@@ -71,7 +76,9 @@ class DeviceBackend(Backend):
     def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
         with ThreadPoolExecutor(1) as pool:
-            beside = pool.submit(self.device.compile, [text(problem.nc, problem.ma, self.device.shared_limit)])
+            beside = pool.submit(
+                self.device.compile, [text(problem.nc, problem.ma, self.device.shared_limit)]
+            )
             self.place(problem)
             beside.result()
         self.linear(problem.nc, problem.ma)
@@ -90,7 +97,12 @@ class DeviceBackend(Backend):
         return DeviceBlocks(model.H, model.A, model.b, model.C, self._of(model.A))
 
     def linearize(
-        self, problem: Any, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_] | None = None
+        self,
+        problem: Any,
+        at: Evaluation,
+        lam: Array,
+        exact: bool,
+        curved: NDArray[np.bool_] | None = None,
     ) -> Model:
         members = np.ones(problem.batch, dtype=bool) if curved is None else curved
         return self.work(problem).linearize(at, lam, exact, members)
@@ -98,7 +110,9 @@ class DeviceBackend(Backend):
     def evaluate(self, problem: Any, unknowns: Array) -> Evaluation:
         return self.work(problem).evaluate(unknowns)
 
-    def evaluate_with(self, problem: Any, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
+    def evaluate_with(
+        self, problem: Any, unknowns: Array, numbers: list[Array]
+    ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         return self.work(problem).evaluate_with(unknowns, numbers)
 
     def two_by_two(self, hessian: Three, gradient: Two, radius: Array) -> Two:
@@ -111,7 +125,9 @@ class DeviceBackend(Backend):
     def together(self, problem: Any) -> bool:
         return self.work(problem).together
 
-    def factors(self, problem: Any, model: Model, at: Evaluation, lam: Array, options: SqpOptions) -> DeviceFactors:
+    def factors(
+        self, problem: Any, model: Model, at: Evaluation, lam: Array, options: SqpOptions
+    ) -> DeviceFactors:
         work = self.work(problem)
         own = work.of("H", model.H)
         assert own is not None, "the model is not the last one of this problem"
@@ -127,7 +143,10 @@ class DeviceBackend(Backend):
         at_work = self._own.at_work
         if at_work is None or at_work[0] is not problem:
             self._release()
-            at_work = self._own.at_work = problem, Work(problem, self.linear(problem.nc, problem.ma))
+            at_work = self._own.at_work = (
+                problem,
+                Work(problem, self.linear(problem.nc, problem.ma)),
+            )
         return at_work[1]
 
     def _release(self) -> None:

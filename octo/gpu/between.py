@@ -1,4 +1,5 @@
-"""Terms over neighbouring Hermite controls on a device: their generated code and the kernels of between.cu."""
+"""Terms over neighbouring Hermite controls on a device: their generated code and the kernels of
+between.cu."""
 
 from __future__ import annotations
 
@@ -28,27 +29,45 @@ class Between:
             inputs = function.sx_in()
             r, jac = function(*inputs)
             patterns.append(jac.sparsity())
-            for kind, output in zip(made, (r, ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)), strict=True):
+            for kind, output in zip(
+                made, (r, ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)), strict=True
+            ):
                 name = f"octo_between_{'slope' if kind is made[1] else 'value'}{len(kind)}"
                 kind.append(ca.Function(name, inputs, [output], {"cse": True}))
         first_row = np.cumsum([0, *(function.numel_out(0) for function in functions)])
         first_entry = np.cumsum([0, *(pattern.nnz() for pattern in patterns)])
         self.rows, self.entries = int(first_row[-1]), int(first_entry[-1])
         sizes = {
-            "BETWEEN": len(functions), "BR": self.rows, "BZ": self.entries, "BC": terms.size, "BTERM": terms.count,
+            "BETWEEN": len(functions),
+            "BR": self.rows,
+            "BZ": self.entries,
+            "BC": terms.size,
+            "BTERM": terms.count,
             "BQ": terms.references,
-        }  # fmt: skip
+        }
         tables: dict[str, Iterable[int]] = {
-            "term": [term for term, _ in terms.functions], "first_row": first_row, "first_entry": first_entry,
-            "entry_row": [row + first for p, first in zip(patterns, first_row[:-1], strict=True) for row in p.row()],
+            "term": [term for term, _ in terms.functions],
+            "first_row": first_row,
+            "first_entry": first_entry,
+            "entry_row": [
+                row + first
+                for p, first in zip(patterns, first_row[:-1], strict=True)
+                for row in p.row()
+            ],
             "entry_column": [column for p in patterns for column in p.get_col()],
-        }  # fmt: skip
-        cases = " ".join(f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate([*made[0], *made[1]]))
+        }
+        cases = " ".join(
+            f"case {k}: {function.name()}(arg, res); break;"
+            for k, function in enumerate([*made[0], *made[1]])
+        )
         text = [
             source("common.cuh"),
             *map(function_of_numbers, [*made[0], *made[1]]),
             *(f"#define {name} {value}" for name, value in sizes.items()),
-            *(f"static const int octo_between_{name}[] = {{{_listed(values)}}};" for name, values in tables.items()),
+            *(
+                f"static const int octo_between_{name}[] = {{{_listed(values)}}};"
+                for name, values in tables.items()
+            ),
             "static void octo_between(int k, const double **arg, double **res) {",
             f"  switch (k) {{ {cases} }}\n}}",
             source("between.cu"),
@@ -56,26 +75,37 @@ class Between:
         self.kernel = device.module("\n".join(text)).kernel
 
     def values(self, anchor: Array, unknowns: Array, q: Array, terms: Array) -> None:
-        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each segment."""
+        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each
+        segment."""
         batch, units = unknowns.shape[:2]
         controls, length = self._controls(anchor, unknowns), terms.shape[1] // (units - 1)
         threads = self.device.threads(SMALL)
-        self.kernel("octo_between_values")((units - 1, batch), threads, length, controls, q, terms, shared=8 * self.rows)
+        self.kernel("octo_between_values")(
+            (units - 1, batch), threads, length, controls, q, terms, shared=8 * self.rows
+        )
 
-    def add(self, anchor: Array, unknowns: Array, q: Array, dummy: Array, H: Array, b: Array) -> None:
+    def add(
+        self, anchor: Array, unknowns: Array, q: Array, dummy: Array, H: Array, b: Array
+    ) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to H (batch, K, 3, nc, nc) and b (batch, K, nc)."""
         batch, units = unknowns.shape[:2]
         controls, length = self._controls(anchor, unknowns), q.shape[1] // (units - 1)
         rows = self.device.empty((batch, units - 1, self.rows, 2 * self.size + 1))
         shared = 8 * (2 * self.rows + self.entries)
-        self.kernel("octo_between_rows")((units - 1, batch), self.device.threads(WIDE), length, controls, q, rows, shared=shared)
-        self.kernel("octo_between_add")((units - 1, 2, batch), self.device.threads(WIDE), dummy, rows, H, b)
+        self.kernel("octo_between_rows")(
+            (units - 1, batch), self.device.threads(WIDE), length, controls, q, rows, shared=shared
+        )
+        self.kernel("octo_between_add")(
+            (units - 1, 2, batch), self.device.threads(WIDE), dummy, rows, H, b
+        )
 
     def _controls(self, anchor: Array, unknowns: Array) -> Array:
         controls, threads = self.device.empty(unknowns.shape), self.device.threads(WIDE)
         count = int(unknowns.size)
         grid = (min(-(-count // threads), 65535),)
-        self.kernel("octo_between_controls")(grid, threads, count, unknowns.shape[1], anchor, unknowns, controls)
+        self.kernel("octo_between_controls")(
+            grid, threads, count, unknowns.shape[1], anchor, unknowns, controls
+        )
         return controls
 
 

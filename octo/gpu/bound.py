@@ -1,4 +1,5 @@
-"""What one iteration cannot be faster than on a GPU: operations, bytes, and steps that wait for one another (docs/gpu.md)."""
+"""What one iteration cannot be faster than on a GPU: operations, bytes, and steps that wait for one
+another (docs/gpu.md)."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ class Gpu:
     launch: float  # from the end of a kernel to the begin of the next
 
 
-# NVIDIA's data sheets (float64 without tensor cores); 100 cycles at 1.8 GHz; a CUDA graph's node to node.
+# NVIDIA's data sheets (float64 without tensor cores); 100 cycles at 1.8 GHz; a CUDA graph's node to
+# node.
 H100 = Gpu("H100", 34e12, 3.35e12, 55e-9, 1.3e-6)
 H200 = Gpu("H200", 34e12, 4.8e12, 55e-9, 1.3e-6)
 STEPS_OF_A_PIVOT = 5  # choose (2), exchange (2), eliminate
@@ -37,7 +39,11 @@ class Bound:
     def seconds(self, gpu: Gpu) -> dict[str, float]:
         """By operations, by bytes, by dependent steps; an iteration takes at least the largest."""
         waiting = self.pivots * STEPS_OF_A_PIVOT * gpu.step + self.kernels * gpu.launch
-        return {"operations": self.operations / gpu.flops, "bytes": self.bytes / gpu.bandwidth, "waiting": waiting}
+        return {
+            "operations": self.operations / gpu.flops,
+            "bytes": self.bytes / gpu.bandwidth,
+            "waiting": waiting,
+        }
 
 
 def bound(problem: CompiledProblem) -> Bound:
@@ -47,7 +53,8 @@ def bound(problem: CompiledProblem) -> Bound:
     levels = (D - 1).bit_length()
     rows, slots = problem.functions.rows, (problem.stencil.unit >= 0).sum(axis=1)
     pairs = int(((slots[2:] + slots[1:-1] + slots[:-2]) ** 2).sum())  # of parts that a step adds to
-    step = 12 * n * 36 * 2 + 150 * n * n / 2  # blocks times twists; entries of related degrees of freedom
+    # blocks times twists; entries of related degrees of freedom
+    step = 12 * n * 36 * 2 + 150 * n * n / 2
     products = 6 * n * n * rows * 2
     gathered = n * n * pairs  # 2 for half of them: H is symmetric
     reduction = D * B**3 * (1 + 2 * 2 + 3 * 2)  # pivots, two couplings, three complements
@@ -56,4 +63,9 @@ def bound(problem: CompiledProblem) -> Bound:
     squares = 3 + problem.dynamics.curvature_blocks + 6  # jac, curvature, hess of a step
     numbers = N * squares * n * n + K * 3 * nc * (nc + ma) + D * B * B * (2 + 2 + 3)
     waits, kernels = 2 * levels + 1, KERNELS + (problem.carry is not None)
-    return Bound(operations, 16.0 * problem.batch * numbers, (levels + 1) * B, kernels + 3 * levels + 1 + 2 * (waits + 3))
+    return Bound(
+        operations,
+        16.0 * problem.batch * numbers,
+        (levels + 1) * B,
+        kernels + 3 * levels + 1 + 2 * (waits + 3),
+    )

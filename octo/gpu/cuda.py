@@ -31,7 +31,10 @@ def reason() -> str | None:
     try:
         cupy = importlib.import_module("cupy")
     except Exception as error:  # besides ImportError, whatever a half-installed CUDA makes it raise
-        return f"CuPy cannot be imported ({_first_line(error)}): pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
+        return (
+            f"CuPy cannot be imported ({_first_line(error)}): pip install 'octo-trajopt[cuda13]' "
+            "or '[cuda12]'"
+        )
     try:
         count = int(cupy.cuda.runtime.getDeviceCount())
     except cupy.cuda.runtime.CUDARuntimeError as error:
@@ -44,7 +47,10 @@ def reason() -> str | None:
         return "NVRTC is missing: pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
     driver = int(cupy.cuda.runtime.driverGetVersion()) // 1000
     if int(compiler.split(".")[0]) > driver:
-        return f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not load"
+        return (
+            f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not "
+            "load"
+        )
     return None
 
 
@@ -58,7 +64,9 @@ class CudaKernel:
     def __init__(self, device: CudaDevice, function: Any):
         self._device, self._function, self._shared = device, function, UNASKED
 
-    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
+    def __call__(
+        self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0
+    ) -> None:
         if shared > self._shared:
             self._function.max_dynamic_shared_size_bytes = shared
             self._shared = shared
@@ -138,7 +146,8 @@ class CudaDevice(Sequenced):
 
     def write(self, values: NDArray[Any], array: Array) -> None:
         self.illegal("a copy from the host")
-        array.set(values, stream=self.xp.cuda.get_current_stream())  # with a stream it is asynchronous in every CuPy
+        # with a stream it is asynchronous in every CuPy
+        array.set(values, stream=self.xp.cuda.get_current_stream())
 
     def copy(self, source: Array, target: Array) -> None:
         self.check_copy(source, target)
@@ -149,9 +158,11 @@ class CudaDevice(Sequenced):
         return host(array)
 
     def capture(self, launches: Callable[[], Any]) -> CudaGraph:
-        """On a stream of its own, for the legacy default stream cannot be captured; nothing runs meanwhile.
+        """On a stream of its own, for the legacy default stream cannot be captured; nothing runs
+        meanwhile.
 
-        Of this thread, whatever a graph cannot hold (cudaMalloc, a synchronous copy) is refused by CUDA itself.
+        Of this thread, whatever a graph cannot hold (cudaMalloc, a synchronous copy) is refused by
+        CUDA itself.
         """
         self.illegal("another capture")
         try:
@@ -162,7 +173,8 @@ class CudaDevice(Sequenced):
                     launches()
                 finally:
                     self.here.capturing = False
-                    graph = stream.end_capture()  # also where a launch was refused: the stream must leave the capture
+                    # also where a launch was refused: the stream must leave the capture
+                    graph = stream.end_capture()
         except (RuntimeError, NotImplementedError) as error:  # CuPy's errors of CUDA are the former
             raise NoGraph(_first_line(error)) from error
         return CudaGraph(self, graph, self.here.captured)
@@ -178,10 +190,13 @@ class CudaDevice(Sequenced):
 
 
 def cubin(text: str, architecture: str, cupy_version: str = "") -> Path:
-    """Path of the machine code of ``text``: from the cache, by text, architecture, options and the versions of CuPy and NVRTC."""
+    """Path of the machine code of ``text``: from the cache, by text, architecture, options and the
+    versions of CuPy and NVRTC."""
     key = "\0".join((text, architecture, *nvrtc.OPTIONS, cupy_version, nvrtc.version()))
     name = f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.cubin"
-    return cache.path_of(name, lambda path: path.write_bytes(nvrtc.compile_text(text, architecture).cubin))
+    return cache.path_of(
+        name, lambda path: path.write_bytes(nvrtc.compile_text(text, architecture).cubin)
+    )
 
 
 @functools.cache

@@ -1,6 +1,8 @@
-"""What octo's device code is written against: arrays, modules of kernels, launches. CUDA is one, the CPU stands in for it.
+"""What octo's device code is written against: arrays, modules of kernels, launches. CUDA is one,
+the CPU stands in for it.
 
-A kernel's arguments are device arrays, None (a null pointer), Python ints (int) and floats (double).
+A kernel's arguments are device arrays, None (a null pointer), Python ints (int) and floats
+(double).
 """
 
 from __future__ import annotations
@@ -21,8 +23,11 @@ Array = Any  # an array of the device
 class Kernel(Protocol):
     """One ``__global__`` function."""
 
-    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
-        """Launch ``grid`` blocks (up to three numbers) of ``threads`` threads with ``shared`` bytes of shared memory."""
+    def __call__(
+        self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0
+    ) -> None:
+        """Launch ``grid`` blocks (up to three numbers) of ``threads`` threads with ``shared`` bytes
+        of shared memory."""
         ...
 
 
@@ -65,7 +70,8 @@ class Device(Protocol):
         ...
 
     def capture(self, launches: Callable[[], Any]) -> Graph:
-        """What ``launches`` launches, recorded and not run; raises NoGraph where that is refused."""
+        """What ``launches`` launches, recorded and not run; raises NoGraph where that is
+        refused."""
         ...
 
     def without_graphs(self, why: NoGraph) -> None:
@@ -77,7 +83,8 @@ class Device(Protocol):
         ...
 
     def copy(self, source: Array, target: Array) -> None:
-        """One contiguous array of the device into another of its shape and type. The host does not wait."""
+        """One contiguous array of the device into another of its shape and type. The host does not
+        wait."""
         ...
 
     def synchronize(self) -> None:

@@ -1,7 +1,8 @@
-"""octo's CUDA kernels executed on the CPU, from the text that NVRTC compiles: POSIX threads for CUDA threads.
+"""octo's CUDA kernels executed on the CPU, from the text that NVRTC compiles: POSIX threads for
+CUDA threads.
 
-For tests, and to find mistakes without a GPU: it is strict where CUDA is silent. Types, shapes and contiguity of the
-arguments are checked, shared and fresh global memory is NaN until it is written.
+For tests, and to find mistakes without a GPU: it is strict where CUDA is silent. Types, shapes and
+contiguity of the arguments are checked, shared and fresh global memory is NaN until it is written.
 """
 
 from __future__ import annotations
@@ -31,8 +32,10 @@ FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w",
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
 LETTERS = {"d": np.dtype(np.float64), "f": np.dtype(np.float32), "i": np.dtype(np.int32)}
 NUMBERS: dict[str, tuple[tuple[type, ...], Any]] = {  # what a kernel may be given by value
-    "d": ((float,), ctypes.c_double), "f": ((np.float32,), ctypes.c_float), "i": ((int, np.integer), ctypes.c_int),
-}  # fmt: skip
+    "d": ((float,), ctypes.c_double),
+    "f": ((np.float32,), ctypes.c_float),
+    "i": ((int, np.integer), ctypes.c_int),
+}
 SHARED_LIMIT = 227 * 1024  # bytes, of compute capability 9.0
 
 
@@ -52,8 +55,12 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
     """The path of what C++ ``text`` becomes, from the cache where it is there."""
     words = compiler()
     if words is None:
-        raise DeviceError("no C++ compiler (g++, c++ or clang++): octo's kernels cannot be run on the CPU")
-    key = hashlib.sha256("\0".join((text, *flags, words, native.machine())).encode()).hexdigest()[:24]
+        raise DeviceError(
+            "no C++ compiler (g++, c++ or clang++): octo's kernels cannot be run on the CPU"
+        )
+    key = hashlib.sha256("\0".join((text, *flags, words, native.machine())).encode()).hexdigest()[
+        :24
+    ]
 
     def make(path: Path) -> None:
         written = path.with_name("octo.cpp")
@@ -70,7 +77,12 @@ def _library(text: str) -> Path:
 class Launch(ctypes.Structure):
     """cuda_on_cpu_launch."""
 
-    _fields_ = [("grid", ctypes.c_uint * 3), ("threads", ctypes.c_uint), ("shared", ctypes.c_ulong), ("crews", ctypes.c_uint)]
+    _fields_ = [
+        ("grid", ctypes.c_uint * 3),
+        ("threads", ctypes.c_uint),
+        ("shared", ctypes.c_ulong),
+        ("crews", ctypes.c_uint),
+    ]
 
 
 class EmulatedKernel:
@@ -83,11 +95,18 @@ class EmulatedKernel:
         describe.restype = ctypes.c_char_p
         self.signature: str = describe().decode()
 
-    def __call__(self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0) -> None:
+    def __call__(
+        self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0
+    ) -> None:
         if len(arguments) != len(self.signature):
-            raise TypeError(f"{self.name} has {len(self.signature)} arguments, got {len(arguments)}")
+            raise TypeError(
+                f"{self.name} has {len(self.signature)} arguments, got {len(arguments)}"
+            )
         if shared > self.device.shared_limit:
-            raise ValueError(f"{self.name}: {shared} bytes of shared memory, a block has {self.device.shared_limit}")
+            raise ValueError(
+                f"{self.name}: {shared} bytes of shared memory, a block has "
+                f"{self.device.shared_limit}"
+            )
         if not 0 < threads <= 1024 or min(grid) < 1 or max(grid[1:], default=1) > 65535:
             raise ValueError(f"{self.name}: grid {grid} of {threads} threads is not legal")
         values = [self._value(k, argument) for k, argument in enumerate(arguments)]
@@ -102,10 +121,16 @@ class EmulatedKernel:
     def run(self, launch: Launch, values: list[Any], arguments: tuple[Any, ...]) -> None:
         """``values`` are what C is given: numbers, and where the arrays are."""
         if self.device.recorder is not None:
-            arrays = [None if a is None else self.device.plain(a) if not np.isscalar(a) else a for a in arguments]
+            arrays = [
+                None if a is None else self.device.plain(a) if not np.isscalar(a) else a
+                for a in arguments
+            ]
             self.device.recorder(self, launch, arrays)
         with self.device.lock:  # blockDim and gridDim are one of a library
-            self._launch(ctypes.byref(launch), (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)))
+            self._launch(
+                ctypes.byref(launch),
+                (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)),
+            )
 
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"
@@ -125,10 +150,12 @@ class EmulatedKernel:
 
 
 class Recorded:
-    """A launch in a graph: it has the addresses of its arrays, and does not keep them. One that is gone when the graph runs is
-    a mistake that a GPU would not notice."""
+    """A launch in a graph: it has the addresses of its arrays, and does not keep them. One that is
+    gone when the graph runs is a mistake that a GPU would not notice."""
 
-    def __init__(self, kernel: EmulatedKernel, launch: Launch, values: list[Any], arguments: tuple[Any, ...]):
+    def __init__(
+        self, kernel: EmulatedKernel, launch: Launch, values: list[Any], arguments: tuple[Any, ...]
+    ):
         self._kernel, self._launch, self._values = kernel, launch, values
         self._arguments = arguments if kernel.device.recorder is not None else ()
         arrays = [kernel.device.plain(a) for a in arguments if a is not None and not np.isscalar(a)]
@@ -178,12 +205,20 @@ class EmulatedDevice(Sequenced):
     Parameters
     ----------
     threads: of every block, whatever the caller wishes. crews: blocks at the same time.
-    xp: the array module; NumPy, or one that is stricter: its ``capturing`` says when its functions must not be called.
+    xp: the array module; NumPy, or one that is stricter: its ``capturing`` says when its functions
+        must not be called.
     recorder: called with (kernel, launch, arguments) before every launch.
     graphs: sequences are captured and replayed, as on a GPU.
     """
 
-    def __init__(self, threads: int = 1, crews: int = 1, xp: Any = np, recorder: Any = None, graphs: bool = True):
+    def __init__(
+        self,
+        threads: int = 1,
+        crews: int = 1,
+        xp: Any = np,
+        recorder: Any = None,
+        graphs: bool = True,
+    ):
         super().__init__(graphs)
         self._threads, self.crews, self.xp, self.recorder = threads, crews, xp, recorder
         self.shared_limit = SHARED_LIMIT
@@ -212,7 +247,9 @@ class EmulatedDevice(Sequenced):
         self.illegal("a copy from the host")
         plain = self.plain(array)
         if (values.shape, values.dtype) != (plain.shape, plain.dtype):  # CuPy refuses both
-            raise TypeError(f"{values.dtype} {values.shape} cannot be written to {plain.dtype} {plain.shape}")
+            raise TypeError(
+                f"{values.dtype} {values.shape} cannot be written to {plain.dtype} {plain.shape}"
+            )
         plain[...] = values
 
     def copy(self, source: Any, target: Any) -> None:
@@ -220,7 +257,8 @@ class EmulatedDevice(Sequenced):
         self.plain(target)[...] = self.plain(source)
 
     def capture(self, launches: Callable[[], Any]) -> EmulatedGraph:
-        """As CUDA's: launches are recorded and not run. What CUDA refuses then, or would do wrong in silence, raises."""
+        """As CUDA's: launches are recorded and not run. What CUDA refuses then, or would do wrong
+        in silence, raises."""
         self.illegal("another capture")
         strict = None if self.xp is np else self.xp
         with self.lock:

@@ -1,4 +1,5 @@
-"""The KKT matrices of a batch on a device: equilibrated, factored by block cyclic reduction, solved with refinement."""
+"""The KKT matrices of a batch on a device: equilibrated, factored by block cyclic reduction, solved
+with refinement."""
 
 from __future__ import annotations
 
@@ -16,12 +17,14 @@ from octo.solver.cyclic_reduction import EQUILIBRATIONS, ROUNDING, SHIFT
 
 @dataclass(frozen=True, eq=False)
 class Solving:
-    """One right-hand side and what is known of its solution: fixed arrays, so that a refinement can be launched again.
+    """One right-hand side and what is known of its solution: fixed arrays, so that a refinement can
+    be launched again.
 
-    v, lam: the solution. left_v, left_c: what is left of the right-hand side (rhs_v, rhs_c; None: zero).
-    tops (batch, K, columns, 2): of each unit the largest entries of the one and of the other. first, residual (batch, columns):
-    the ratio of their maxima without refinement and after the last one, of the members that had one.
-    coarse (batch,): 1 where the ratio is above the tolerance: the members that a refinement works on.
+    v, lam: the solution. left_v, left_c: what is left of the right-hand side (rhs_v, rhs_c; None:
+    zero). tops (batch, K, columns, 2): of each unit the largest entries of the one and of the
+    other. first, residual (batch, columns): the ratio of their maxima without refinement and after
+    the last one, of the members that had one. coarse (batch,): 1 where the ratio is above the
+    tolerance: the members that a refinement works on.
     """
 
     rhs_v: Array
@@ -42,28 +45,53 @@ class Solving:
 
     @classmethod
     def of(
-        cls, linear: Linear, rhs_v: Array, rhs_c: Array | None, tolerance: float, out: tuple[Array, ...] | None = None
+        cls,
+        linear: Linear,
+        rhs_v: Array,
+        rhs_c: Array | None,
+        tolerance: float,
+        out: tuple[Array, ...] | None = None,
     ) -> Solving:
-        """For a right-hand side (batch, K, nc[, count]), (batch, K, ma[, count]); ``out``: v, lam, first and residual."""
+        """For a right-hand side (batch, K, nc[, count]), (batch, K, ma[, count]); ``out``: v, lam,
+        first and residual."""
         device, columns, (batch, K) = linear.device, columns_of(rhs_v), rhs_v.shape[:2]
         if out is None:
             lam = device.empty((batch, K, linear.ma, *rhs_v.shape[3:]))
-            out = device.empty(rhs_v.shape), lam, device.empty((batch, columns)), device.empty((batch, columns))
+            out = (
+                device.empty(rhs_v.shape),
+                lam,
+                device.empty((batch, columns)),
+                device.empty((batch, columns)),
+            )
         v, lam, first, residual = out
         lefts = device.empty(v.shape), device.empty(lam.shape)
         tops, coarse = device.empty((batch, K, columns, 2)), device.empty((batch,), np.int32)
-        return cls(rhs_v, rhs_c if linear.ma else None, v, lam, *lefts, tops, first, residual, coarse, tolerance)
+        return cls(
+            rhs_v,
+            rhs_c if linear.ma else None,
+            v,
+            lam,
+            *lefts,
+            tops,
+            first,
+            residual,
+            coarse,
+            tolerance,
+        )
 
 
 class DeviceFactor:
-    """A factored batch of KKT matrices on a device, with the interface and the meaning of ``CyclicReductionFactor``.
+    """A factored batch of KKT matrices on a device, with the interface and the meaning of
+    ``CyclicReductionFactor``.
 
-    sigma (batch, K) or None; H, A and sigma are held by reference. active (batch,): the members to factor; None: all.
-    Everything here is launches: nothing waits for the device. (batch,): finite is 1 where the matrix is, good where its inertia
-    is right; negative and shifted are counts.
+    sigma (batch, K) or None; H, A and sigma are held by reference. active (batch,): the members to
+    factor; None: all. Everything here is launches: nothing waits for the device. (batch,): finite
+    is 1 where the matrix is, good where its inertia is right; negative and shifted are counts.
     """
 
-    def __init__(self, linear: Linear, H: Array, A: Array, sigma: Array | None, active: Array | None = None):
+    def __init__(
+        self, linear: Linear, H: Array, A: Array, sigma: Array | None, active: Array | None = None
+    ):
         self._linear, self._held = linear, (H, A, sigma)
         device = linear.device
         batch, K = int(H.shape[0]), int(H.shape[1])
@@ -73,17 +101,39 @@ class DeviceFactor:
         diagonal, lower = device.empty((batch, D, B, B)), device.empty((batch, max(D - 1, 1), B, B))
         blocks = device.empty((batch, D), np.int32)
         linear.each("octo_kkt_blocks", grid, K, active, H, A, sigma, diagonal, lower, blocks)
-        self.finite, self.good, self.negative, self.shifted = (device.empty((batch,), np.int32) for _ in range(4))
+        self.finite, self.good, self.negative, self.shifted = (
+            device.empty((batch,), np.int32) for _ in range(4)
+        )
         linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS)
         scales: list[Array] = [None, *(device.empty((batch, D, B)) for _ in range(EQUILIBRATIONS))]
         for old, new in pairwise(scales):
-            linear.each("octo_kkt_equilibrate", grid, active, diagonal, lower, old, new, shared=8 * SLICES * B)
+            linear.each(
+                "octo_kkt_equilibrate",
+                grid,
+                active,
+                diagonal,
+                lower,
+                old,
+                new,
+                shared=8 * SLICES * B,
+            )
         self._scale = scales[-1]
         linear.each("octo_kkt_scale", grid, active, self.finite, self._scale, diagonal, lower)
         self._reduced = Reduction(linear, "kkt", diagonal, lower, ROUNDING, SHIFT, active)
         found = (self.good, self.negative, self.shifted)
         counts = self._reduced.counts
-        linear.each("octo_kkt_verdict", one, D, K, active, self.finite, counts, *found, threads=PARTS, shared=16 * PARTS)
+        linear.each(
+            "octo_kkt_verdict",
+            one,
+            D,
+            K,
+            active,
+            self.finite,
+            counts,
+            *found,
+            threads=PARTS,
+            shared=16 * PARTS,
+        )
         self.residual: Array | None = None
 
     @property
@@ -93,27 +143,41 @@ class DeviceFactor:
 
     @property
     def inertia_ok(self) -> Array:
-        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        """True (batch,) where the Hessian is positive definite on the null space of the
+        constraints."""
         return self.good != 0
 
     @cached_property
     def first_bad(self) -> Array:
-        """(batch,) first unit of the first block with more negative eigenvalues than constraint rows, −1 where none shows it."""
+        """(batch,) first unit of the first block with more negative eigenvalues than constraint
+        rows, −1 where none shows it."""
         xp = self._linear.device.xp
         excess = self._reduced.counts[:, :, 0] > 2 * self.shape[3]
-        block = self._linear.device.array(2 * self._reduced.order, np.int64)[xp.argmax(excess, axis=1)]
+        block = self._linear.device.array(2 * self._reduced.order, np.int64)[
+            xp.argmax(excess, axis=1)
+        ]
         return xp.where(self.usable & (self.negative > 0) & excess.any(axis=1), block, -1)
 
     def solve(
-        self, rhs_v: Array, rhs_c: Array | None = None, *, refine: int = 3, tolerance: float = 1e-10, check: bool = True
+        self,
+        rhs_v: Array,
+        rhs_c: Array | None = None,
+        *,
+        refine: int = 3,
+        tolerance: float = 1e-10,
+        check: bool = True,
     ) -> tuple[Array, Array]:
-        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``.
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in
+        ``EliminationFactor.solve``.
 
-        A member is refined where its residual asks for it, which the device decides: all ``refine`` refinements are launched.
+        A member is refined where its residual asks for it, which the device decides: all ``refine``
+        refinements are launched.
         """
         batch, K, nc, ma = self.shape
         if rhs_v.shape[:3] != (batch, K, nc):
-            raise ShapeError("rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns")
+            raise ShapeError(
+                "rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns"
+            )
         if rhs_c is not None and rhs_c.shape != (batch, K, ma, *rhs_v.shape[3:]):
             raise ShapeError("rhs_c", rhs_c.shape, (batch, K, ma, *rhs_v.shape[3:]))
         xp = self._linear.device.xp
@@ -122,11 +186,16 @@ class DeviceFactor:
         self.begin(solving)
         for _ in range(refine):
             self.refine(solving)
-        self.residual = xp.where(solving.first > tolerance, solving.residual, solving.first) if refine else solving.first
+        self.residual = (
+            xp.where(solving.first > tolerance, solving.residual, solving.first)
+            if refine
+            else solving.first
+        )
         return solving.v, solving.lam
 
     def begin(self, solving: Solving, usable: Array | None = None) -> None:
-        """The solution without refinement, and its residual; NaN for members that are not ``usable`` (finite, unless given)."""
+        """The solution without refinement, and its residual; NaN for members that are not
+        ``usable`` (finite, unless given)."""
         self._once(solving, (solving.rhs_v, solving.rhs_c), None, usable)
         self._check(solving, solving.first, None)
 
@@ -139,19 +208,48 @@ class DeviceFactor:
         linear, (batch, K, nc, ma) = self._linear, self.shape
         arrays = (s.rhs_v, s.rhs_c, s.v, s.lam, s.left_v, s.left_c, s.tops)
         grid, room = (K, batch, s.columns), 8 * (SLICES + 2) * (nc + ma)
-        linear.each("octo_kkt_residual", grid, active, *self._held, *arrays, threads=PARTS, shared=room)
+        linear.each(
+            "octo_kkt_residual", grid, active, *self._held, *arrays, threads=PARTS, shared=room
+        )
         own = (K, s.columns, s.tolerance, active, s.tops, residual, s.coarse)
         linear.each("octo_kkt_check", (1, batch), *own, threads=PARTS, shared=16 * PARTS)
 
-    def _once(self, s: Solving, rhs: tuple[Array, Array | None], active: Array | None, usable: Array | None) -> None:
+    def _once(
+        self,
+        s: Solving,
+        rhs: tuple[Array, Array | None],
+        active: Array | None,
+        usable: Array | None,
+    ) -> None:
         """Solve for ``rhs``: the solution, or what is added to that of the active members."""
         linear, (batch, K, _, ma), D = self._linear, self.shape, self._reduced.D
         usable = self.finite if usable is None else usable
         r = linear.device.empty((batch, D, self._reduced.B, s.columns))
         rhs_v, rhs_c = rhs
         linear.each(
-            "octo_kkt_join", (D, batch), K, s.columns, active, usable, self._scale, rhs_v, None if ma == 0 else rhs_c, r
-        )  # fmt: skip
+            "octo_kkt_join",
+            (D, batch),
+            K,
+            s.columns,
+            active,
+            usable,
+            self._scale,
+            rhs_v,
+            None if ma == 0 else rhs_c,
+            r,
+        )
         x = self._reduced.solve(r, active)
         more = int(active is not None)
-        linear.each("octo_kkt_part", (D, batch), K, s.columns, more, active, usable, self._scale, x, s.v, s.lam)
+        linear.each(
+            "octo_kkt_part",
+            (D, batch),
+            K,
+            s.columns,
+            more,
+            active,
+            usable,
+            self._scale,
+            x,
+            s.v,
+            s.lam,
+        )

@@ -1,4 +1,5 @@
-"""Block cyclic reduction and products with H and A of a batch on a device, by the kernels of linear.cu and kkt.cu."""
+"""Block cyclic reduction and products with H and A of a batch on a device, by the kernels of
+linear.cu and kkt.cu."""
 
 from __future__ import annotations
 
@@ -11,12 +12,22 @@ from octo.gpu.device import Array, Device, source
 from octo.solver.blocks import KKTBlocks
 
 WIDE, PARTS = 256, 128
-TILE, EDGE, SLICES = 48, 16, 4  # entries and threads along the edge of a tile of a product; threads that share a sum
+# entries and threads along the edge of a tile of a product; threads that share a sum
+TILE, EDGE, SLICES = 48, 16, 4
 
 
 def sizes(nc: int, ma: int, shared: int) -> str:
-    """What the kernels know of units of nc variables and ma constraint rows, and of a GPU whose blocks have ``shared`` bytes."""
-    known = {"NCV": nc, "MAV": ma, "SHARED_BYTES": shared, "WIDE": WIDE, "TILE": TILE, "EDGE": EDGE, "SLICES": SLICES}
+    """What the kernels know of units of nc variables and ma constraint rows, and of a GPU whose
+    blocks have ``shared`` bytes."""
+    known = {
+        "NCV": nc,
+        "MAV": ma,
+        "SHARED_BYTES": shared,
+        "WIDE": WIDE,
+        "TILE": TILE,
+        "EDGE": EDGE,
+        "SLICES": SLICES,
+    }
     return "\n".join(f"#define {name} {value}" for name, value in known.items())
 
 
@@ -25,7 +36,9 @@ def text(nc: int, ma: int, shared: int) -> str:
     files = ("common.cuh", "pivots.cu", "linear.cu", "kkt.cu", *(("gram.cu",) if ma else ()))
     kinds = {"kkt": 2 * (nc + ma), "gram": 2 * ma}
     reductions = [
-        source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name) for name, B in kinds.items() if B
+        source("reduction.cu").replace("NAME_BLOCK", str(B)).replace("NAME", name)
+        for name, B in kinds.items()
+        if B
     ]
     return "\n".join([sizes(nc, ma, shared), *map(source, files), *reductions])
 
@@ -36,7 +49,8 @@ def pivot_threads(B: int) -> int:
 
 
 def pivot_room(B: int, shared: int) -> int:
-    """Bytes of shared memory of a pivot block: PIVOT_BYTES of pivots.cu and, where there is room, the block itself."""
+    """Bytes of shared memory of a pivot block: PIVOT_BYTES of pivots.cu and, where there is room,
+    the block itself."""
     scratch = 8 * 4 * 32 + 40 * B
     return scratch + 8 * B * B if scratch + 8 * B * B <= shared else scratch
 
@@ -50,7 +64,14 @@ class Linear:
         self.module = device.module(self.text)
         self.kernel = self.module.kernel
 
-    def each(self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = WIDE, shared: int = 0) -> None:
+    def each(
+        self,
+        name: str,
+        grid: tuple[int, ...],
+        *arguments: Any,
+        threads: int = WIDE,
+        shared: int = 0,
+    ) -> None:
         self.kernel(name)(grid, self.device.threads(threads), *arguments, shared=shared)
 
     def hessian_times(self, H: Array, v: Array) -> Array:
@@ -59,30 +80,74 @@ class Linear:
         self.each("octo_hessian_times", (v.shape[1], v.shape[0]), columns_of(v), H, v, out)
         return out
 
-    def rows_times(self, A: Array, v: Array, base: Array | None = None, factor: float = 1.0) -> Array:
+    def rows_times(
+        self, A: Array, v: Array, base: Array | None = None, factor: float = 1.0
+    ) -> Array:
         """base + factor A v."""
         out = self.device.empty((*v.shape[:2], self.ma, *v.shape[3:]))
         if self.ma:
-            self.each("octo_rows_times", (v.shape[1], v.shape[0]), columns_of(v), float(factor), A, base, v, out)
+            self.each(
+                "octo_rows_times",
+                (v.shape[1], v.shape[0]),
+                columns_of(v),
+                float(factor),
+                A,
+                base,
+                v,
+                out,
+            )
         return out
 
-    def rows_transposed_times(self, A: Array, lam: Array, base: Array | None = None, factor: float = 1.0) -> Array:
+    def rows_transposed_times(
+        self, A: Array, lam: Array, base: Array | None = None, factor: float = 1.0
+    ) -> Array:
         """base + factor Aᵀ lam."""
         out = self.device.empty((*lam.shape[:2], self.nc, *lam.shape[3:]))
-        self.each("octo_rows_transposed_times", (lam.shape[1], lam.shape[0]), columns_of(lam), float(factor), A, base, lam, out)
+        self.each(
+            "octo_rows_transposed_times",
+            (lam.shape[1], lam.shape[0]),
+            columns_of(lam),
+            float(factor),
+            A,
+            base,
+            lam,
+            out,
+        )
         return out
 
     def step_numbers(self, A: Array, b: Array, delta: Array, lam: Array, out: Array) -> None:
         """out (batch, K, 3) of each unit: ‖Δ‖∞, ‖b + Aᵀlam‖∞, bᵀΔ."""
-        self.each("octo_step_numbers", (b.shape[1], b.shape[0]), A, b, delta, lam, out, threads=PARTS, shared=24 * PARTS)
+        self.each(
+            "octo_step_numbers",
+            (b.shape[1], b.shape[0]),
+            A,
+            b,
+            delta,
+            lam,
+            out,
+            threads=PARTS,
+            shared=24 * PARTS,
+        )
 
-    def advance(self, bounds: Array, numbers: Array, at: Array, delta: Array, unknowns: Array) -> None:
+    def advance(
+        self, bounds: Array, numbers: Array, at: Array, delta: Array, unknowns: Array
+    ) -> None:
         """unknowns = at + length delta of each member, length = min(limit, cap / ‖Δ‖∞).
 
         bounds (batch, 2) are limit and cap, numbers those of ``step_numbers``.
         """
         grid = (at.shape[1], at.shape[0])
-        self.each("octo_advance", grid, bounds, numbers, at, delta, unknowns, threads=PARTS, shared=8 * PARTS)
+        self.each(
+            "octo_advance",
+            grid,
+            bounds,
+            numbers,
+            at,
+            delta,
+            unknowns,
+            threads=PARTS,
+            shared=8 * PARTS,
+        )
 
     def negative(self, v: Array, out: Array) -> None:
         """out = −v."""
@@ -118,12 +183,20 @@ class _Level:
 class Reduction:
     """A factored SBT(D, B): diagonal (batch, D, B, B) is overwritten, lower (batch, D-1, B, B).
 
-    counts (batch, D, 2): negative and rounding eigenvalues of the pivot blocks, in the order of elimination.
-    order (D,): which block each of those was. active (batch,): the members to factor, None for all.
+    counts (batch, D, 2): negative and rounding eigenvalues of the pivot blocks, in the order of
+    elimination. order (D,): which block each of those was. active (batch,): the members to factor,
+    None for all.
     """
 
     def __init__(
-        self, linear: Linear, name: str, diagonal: Array, lower: Array, rounding: float, shift: float, active: Array | None = None
+        self,
+        linear: Linear,
+        name: str,
+        diagonal: Array,
+        lower: Array,
+        rounding: float,
+        shift: float,
+        active: Array | None = None,
     ):
         self._linear, self._name = linear, name
         device = linear.device
@@ -137,7 +210,19 @@ class Reduction:
 
         def pivots(D: int, first: int, count: int) -> tuple[Array, Array]:
             half, sign = device.empty((batch, count, B, B)), device.empty((batch, count, B))
-            own = (D, first, float(rounding), float(shift), self.D, place, active, diagonal, half, sign, self.counts)
+            own = (
+                D,
+                first,
+                float(rounding),
+                float(shift),
+                self.D,
+                place,
+                active,
+                diagonal,
+                half,
+                sign,
+                self.counts,
+            )
             self._each("pivots", (count, batch), *own, threads=pivot_threads(B), shared=room)
             return half, sign
 
@@ -147,18 +232,52 @@ class Reduction:
             S = D - E
             half, sign = pivots(D, first, E)
             left, right = device.empty((batch, E, B, B)), device.empty((batch, E, B, B))
-            self._each("couple", (E * tiles, 2, batch), D, first, active, lower, half, left, right, **products)
-            new, new_lower = device.empty((batch, S, B, B)), device.empty((batch, max(S - 1, 1), B, B))
+            self._each(
+                "couple",
+                (E * tiles, 2, batch),
+                D,
+                first,
+                active,
+                lower,
+                half,
+                left,
+                right,
+                **products,
+            )
+            new = device.empty((batch, S, B, B))
+            new_lower = device.empty((batch, max(S - 1, 1), B, B))
             grid = (S * tiles, 2, batch)
-            self._each("complement", grid, D, first, active, diagonal, sign, left, right, new, new_lower, **products)
+            self._each(
+                "complement",
+                grid,
+                D,
+                first,
+                active,
+                diagonal,
+                sign,
+                left,
+                right,
+                new,
+                new_lower,
+                **products,
+            )
             self._levels.append(_Level(D, first, half, sign, left, right))
             order += block[first::2].tolist()
             diagonal, lower, block, place, D = new, new_lower, block[1 - first :: 2], place + E, S
         self._last = pivots(1, 0, 1)
         self.order = np.array([*order, *block.tolist()])
 
-    def _each(self, name: str, grid: tuple[int, ...], *arguments: Any, threads: int = WIDE, shared: int = 0) -> None:
-        self._linear.each(f"octo_{self._name}_{name}", grid, *arguments, threads=threads, shared=shared)
+    def _each(
+        self,
+        name: str,
+        grid: tuple[int, ...],
+        *arguments: Any,
+        threads: int = WIDE,
+        shared: int = 0,
+    ) -> None:
+        self._linear.each(
+            f"octo_{self._name}_{name}", grid, *arguments, threads=threads, shared=shared
+        )
 
     def solve(self, r: Array, active: Array | None = None) -> Array:
         """x (batch, D, B, columns), without refinement, of all members or of the active ones."""
@@ -166,8 +285,20 @@ class Reduction:
         columns, held = int(r.shape[3]), []
         for level in self._levels:
             S = level.D // 2 + level.first
-            w, folded = device.empty((batch, level.D - S, B, columns)), device.empty((batch, S, B, columns))
-            own = (level.D, level.first, active, level.half, level.sign, level.left, level.right, r, w, folded)
+            w = device.empty((batch, level.D - S, B, columns))
+            folded = device.empty((batch, S, B, columns))
+            own = (
+                level.D,
+                level.first,
+                active,
+                level.half,
+                level.sign,
+                level.left,
+                level.right,
+                r,
+                w,
+                folded,
+            )
             self._each("fold", (S, batch, columns), *own, shared=8 * (2 + 2 * SLICES) * B)
             held.append(w)
             r = folded
@@ -175,7 +306,18 @@ class Reduction:
         self._each("last", (1, batch, columns), active, *self._last, r, x, shared=room)
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
             unfolded = device.empty((batch, level.D, B, columns))
-            own = (level.D, level.first, active, level.half, level.sign, level.left, level.right, w, x, unfolded)
+            own = (
+                level.D,
+                level.first,
+                active,
+                level.half,
+                level.sign,
+                level.left,
+                level.right,
+                w,
+                x,
+                unfolded,
+            )
             self._each("unfold", (level.D, batch, columns), *own, shared=room)
             x = unfolded
         return x

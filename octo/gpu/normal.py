@@ -25,9 +25,14 @@ class DeviceNormal:
         self._scale = device.empty((batch, K, ma))
         linear.each("octo_row_scale", (K, batch), A, self._scale)
         self._finite = device.empty((batch,), np.int32)
-        linear.each("octo_gram_finite", (1, batch), K * ma, self._scale, self._finite, threads=PARTS)
-        diagonal, lower = device.empty((batch, D, 2 * ma, 2 * ma)), device.empty((batch, max(D - 1, 1), 2 * ma, 2 * ma))
-        linear.each("octo_gram_blocks", (D, batch), K, self._finite, A, self._scale, diagonal, lower)
+        linear.each(
+            "octo_gram_finite", (1, batch), K * ma, self._scale, self._finite, threads=PARTS
+        )
+        diagonal = device.empty((batch, D, 2 * ma, 2 * ma))
+        lower = device.empty((batch, max(D - 1, 1), 2 * ma, 2 * ma))
+        linear.each(
+            "octo_gram_blocks", (D, batch), K, self._finite, A, self._scale, diagonal, lower
+        )
         self._reduced = Reduction(linear, "gram", diagonal, lower, DROP, 0.0)
 
     @property
@@ -42,7 +47,9 @@ class DeviceNormal:
         """lam (batch, K, ma[, count]) of AAᵀ lam = rhs."""
         linear, (batch, K) = self._linear, self.shape
         if rhs.shape[:3] != (batch, K, linear.ma) or rhs.ndim > 4:
-            raise ShapeError("rhs", rhs.shape, f"{(batch, K, linear.ma)}, or with one more axis of columns")
+            raise ShapeError(
+                "rhs", rhs.shape, f"{(batch, K, linear.ma)}, or with one more axis of columns"
+            )
         lam = linear.device.empty(rhs.shape)
         if linear.ma == 0:
             return lam
@@ -71,16 +78,20 @@ class DeviceNormal:
         r = linear.device.empty((batch, D, self._reduced.B, columns))
         linear.each("octo_gram_join", (D, batch), K, columns, self._finite, self._scale, rhs, r)
         x = self._reduced.solve(r)
-        linear.each("octo_gram_part", (D, batch), K, columns, int(more), self._finite, self._scale, x, lam)
+        linear.each(
+            "octo_gram_part", (D, batch), K, columns, int(more), self._finite, self._scale, x, lam
+        )
 
 
 class NormalSequences:
-    """``DeviceNormal`` of constraints A that stay where they are, as sequences; of single columns."""
+    """``DeviceNormal`` of constraints A that stay where they are, as sequences; of single
+    columns."""
 
     def __init__(self, linear: Linear, A: Array):
         device, (batch, K) = linear.device, A.shape[:2]
         self._device = device
-        self._rhs, self._v = device.empty((batch, K, linear.ma)), device.empty((batch, K, linear.nc))
+        self._rhs = device.empty((batch, K, linear.ma))
+        self._v = device.empty((batch, K, linear.nc))
         self._factor = Sequence(device, lambda: DeviceNormal(linear, A))
         self._least_norm = Sequence(device, lambda: self._factored.least_norm(self._rhs))
         self._project = Sequence(device, lambda: self._factored.project(self._v))

@@ -1,4 +1,5 @@
-"""CUDA text to machine code with NVRTC from the wheel ``nvidia-cuda-nvrtc``: no driver, no GPU, no toolkit needed."""
+"""CUDA text to machine code with NVRTC from the wheel ``nvidia-cuda-nvrtc``: no driver, no GPU, no
+toolkit needed."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from pathlib import Path
 
 from octo.errors import DeviceError, MissingExtraError
 
-# CasADi's C text has no execution spaces: everything that is not a kernel is device code. Line numbers keep its errors legible.
+# CasADi's C text has no execution spaces: everything that is not a kernel is device code. Line
+# numbers keep its errors legible.
 OPTIONS = ("-default-device", "-std=c++17", "-Xptxas", "-v")
 
 
@@ -37,17 +39,29 @@ class Binary:
     log: str
 
 
-def compile_text(text: str, architecture: str = "sm_90", options: tuple[str, ...] = OPTIONS) -> Binary:
+def compile_text(
+    text: str, architecture: str = "sm_90", options: tuple[str, ...] = OPTIONS
+) -> Binary:
     """Machine code of ``text`` for one real architecture; refuses with the compiler's log."""
     library = _library()
     program = ctypes.c_void_p()
-    _check(library, library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), b"octo.cu", 0, None, None))
+    _check(
+        library,
+        library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), b"octo.cu", 0, None, None),
+    )
     try:
-        words = [f"--gpu-architecture={architecture}".encode(), *(word.encode() for word in options)]
-        status = library.nvrtcCompileProgram(program, len(words), (ctypes.c_char_p * len(words))(*words))
+        words = [
+            f"--gpu-architecture={architecture}".encode(),
+            *(word.encode() for word in options),
+        ]
+        status = library.nvrtcCompileProgram(
+            program, len(words), (ctypes.c_char_p * len(words))(*words)
+        )
         log = _read(library, "ProgramLog", program).rstrip(b"\0").decode(errors="replace")
         if status != 0:
-            raise DeviceError(f"NVRTC could not compile octo's text for {architecture}: {log.strip()[:2000]}")
+            raise DeviceError(
+                f"NVRTC could not compile octo's text for {architecture}: {log.strip()[:2000]}"
+            )
         return Binary(_read(library, "CUBIN", program), _kernels(log), log)
     finally:
         library.nvrtcDestroyProgram(ctypes.byref(program))
@@ -65,11 +79,16 @@ def version() -> str:
 def _library() -> ctypes.CDLL:
     """NVRTC of the wheel, of $CUDA_PATH, or of the system's search path."""
     spec = importlib.util.find_spec("nvidia")
-    folders = [*(spec.submodule_search_locations or () if spec else ()), os.environ.get("CUDA_PATH", ""), "/usr/local/cuda/lib64"]
+    folders = [
+        *(spec.submodule_search_locations or () if spec else ()),
+        os.environ.get("CUDA_PATH", ""),
+        "/usr/local/cuda/lib64",
+    ]
     for folder in filter(None, folders):
         for path in sorted(Path(folder).rglob("libnvrtc.so.*"), reverse=True):
             for builtins in path.parent.glob("libnvrtc-builtins.so.*"):
-                ctypes.CDLL(str(builtins))  # NVRTC opens it by name, and the wheel's folder is on no search path
+                # NVRTC opens it by name, and the wheel's folder is on no search path
+                ctypes.CDLL(str(builtins))
             return ctypes.CDLL(str(path))
     found = ctypes.util.find_library("nvrtc")
     if found is None:
@@ -96,7 +115,9 @@ def _kernels(log: str) -> dict[str, Kernel]:
     found = {}
     for section in log.split("Compiling entry function '")[1:]:
         name = section.split("'", 1)[0]
-        frames = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", section)
+        frames = re.findall(
+            r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", section
+        )
         used = re.search(r"Used (\d+) registers", section)
         if frames and used:
             stores, loads = (sum(int(frame[k]) for frame in frames) for k in (1, 2))

@@ -1,9 +1,10 @@
 """The costs of a step, cut into pieces that threads of a block evaluate side by side.
 
-One function of all terms and of all their derivatives is a long chain for one thread, and spills. A piece over the state is the
-value of one term, or its derivatives with respect to one of (x_next, x, x_prev, u): for one thread. A piece over contacts is
-the value or the derivatives of their terms: for a thread for each contact. What needs many numbers at the same time is
-halved. Sines and cosines of coordinates, which most pieces ask for, are computed once, by all threads.
+One function of all terms and of all their derivatives is a long chain for one thread, and spills. A
+piece over the state is the value of one term, or its derivatives with respect to one of (x_next, x,
+x_prev, u): for one thread. A piece over contacts is the value or the derivatives of their terms:
+for a thread for each contact. What needs many numbers at the same time is halved. Sines and cosines
+of coordinates, which most pieces ask for, are computed once, by all threads.
 """
 
 from __future__ import annotations
@@ -18,20 +19,24 @@ from numpy.typing import NDArray
 from octo.problem.codegen import CostFunctions
 from octo.problem.contact_model import BLOCKS, ContactFunctions
 
-LIVE = 130  # numbers that a piece may need at the same time; a thread has registers for 127, and some are constants
+# numbers that a piece may need at the same time; a thread has registers for 127, and some are
+# constants
+LIVE = 130
 LIVE_OF_CONTACT = 84  # the same of a contact's: with 110 the kernel spills
 TRIGONOMETRY = {ca.OP_SIN: 0, ca.OP_COS: 1}
-ANGULAR = (0, 1, 2, 5)  # inputs of the costs' functions whose sines and cosines are shared: x_next, x, x_prev, q
+# inputs of the costs' functions whose sines and cosines are shared: x_next, x, x_prev, q
+ANGULAR = (0, 1, 2, 5)
 
 Angle = tuple[int, int, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """state, contact: functions and the place of what they write: those of values (r), then those of derivatives.
+    """state, contact: functions and the place of what they write: those of values (r), then those
+    of derivatives.
 
-    angles: (input, element, what is added to it) whose sine and cosine are the last input of ``state``.
-    rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
+    angles: (input, element, what is added to it) whose sine and cosine are the last input of
+    ``state``. rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
     """
 
     state: _Cut
@@ -60,7 +65,9 @@ class Pieces:
             first += group.numel()
         made = _Rewritten(inputs, [piece for piece, _ in whole])
         columns = [(output, at) for output, (_, at) in zip(made.outputs, whole, strict=True)]
-        state = _Cut.of("octo_piece", [*inputs, made.sines], [columns[:values], columns[values:]], LIVE)
+        state = _Cut.of(
+            "octo_piece", [*inputs, made.sines], [columns[:values], columns[values:]], LIVE
+        )
         places = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
         return cls(state, _contact_pieces(functions.contact), made.angles, *places)
 
@@ -72,18 +79,24 @@ class Pieces:
         """C text that calls piece k; the functions stand before it."""
         columns = list(zip(*self.angles, strict=True)) or [(0,), (0,), (0.0,)]
         source, element, offset = (", ".join(map(repr, column)) for column in columns)
-        return "\n".join([
-            f"#define ANGLES {len(self.angles)}",
-            f"static const int octo_angle_input[] = {{{source}}}, octo_angle_element[] = {{{element}}};",
-            f"static const double octo_angle_offset[] = {{{offset}}};",
-            self.state.text("VALUES", "PIECES"),
-            self.contact.text("CONTACT_VALUES", "CONTACT_SLOPES", "CONTACT_MODEL", "CONTACT_PIECES"),
-        ])  # fmt: skip
+        return "\n".join(
+            [
+                f"#define ANGLES {len(self.angles)}",
+                f"static const int octo_angle_input[] = {{{source}}}, octo_angle_element[] = "
+                f"{{{element}}};",
+                f"static const double octo_angle_offset[] = {{{offset}}};",
+                self.state.text("VALUES", "PIECES"),
+                self.contact.text(
+                    "CONTACT_VALUES", "CONTACT_SLOPES", "CONTACT_MODEL", "CONTACT_PIECES"
+                ),
+            ]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """Functions of one output each, and the place from which on it is written; ``ends``: where each kind of them ends."""
+    """Functions of one output each, and the place from which on it is written; ``ends``: where each
+    kind of them ends."""
 
     name: str
     functions: list[ca.Function]
@@ -91,8 +104,15 @@ class _Cut:
     ends: list[int]
 
     @classmethod
-    def of(cls, name: str, inputs: Sequence[ca.SX], kinds: Sequence[Sequence[tuple[ca.SX, int]]], live: int) -> _Cut:
-        """Of kinds of columns with their places, halved until they need no more than ``live`` numbers at the same time."""
+    def of(
+        cls,
+        name: str,
+        inputs: Sequence[ca.SX],
+        kinds: Sequence[Sequence[tuple[ca.SX, int]]],
+        live: int,
+    ) -> _Cut:
+        """Of kinds of columns with their places, halved until they need no more than ``live``
+        numbers at the same time."""
         made = cls(name, [], [], [])
         for columns in kinds:
             for column, place in columns:
@@ -101,7 +121,9 @@ class _Cut:
         return made
 
     def _add(self, inputs: list[ca.SX], output: ca.SX, place: int, live: int) -> None:
-        function = ca.Function(f"{self.name}_{len(self.functions)}", inputs, [output], {"cse": True})
+        function = ca.Function(
+            f"{self.name}_{len(self.functions)}", inputs, [output], {"cse": True}
+        )
         half = output.numel() // 2
         if function.sz_w() > live and half:
             self._add(inputs, output[:half], place, live)
@@ -112,29 +134,43 @@ class _Cut:
 
     def text(self, *ends: str) -> str:
         """C text of a call of piece k, and of ``ends`` as macros."""
-        cases = " ".join(f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(self.functions))
-        return "\n".join([
-            *(f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)),
-            f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
-            f"static void {self.name}(int k, const double **arg, double **res) {{",
-            f"  switch (k) {{ {cases} }}", "}", "",
-        ])  # fmt: skip
+        cases = " ".join(
+            f"case {k}: {function.name()}(arg, res); break;"
+            for k, function in enumerate(self.functions)
+        )
+        return "\n".join(
+            [
+                *(f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)),
+                f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
+                f"static void {self.name}(int k, const double **arg, double **res) {{",
+                f"  switch (k) {{ {cases} }}",
+                "}",
+                "",
+            ]
+        )
 
 
 def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
-    """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one. Places: model.cu's TOUCHED."""
+    """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one. Places:
+    model.cu's TOUCHED."""
     if contact is None:
         return _Cut("octo_contact_piece", [], [], [0, 0, 0, 0])
     own = contact.factors
     slopes, bend = ca.vec(ca.densify(own.slopes).T), 18 * own.size
     square = bend + own.bend.numel()
     blocks = [(own.bend[36 * k : 36 * k + 36], bend + 36 * k) for k in range(len(BLOCKS))]
-    kinds = [[(contact.value(*own.inputs[:-1]), 0)], [(slopes, 0)], [(own.model, square)], [*blocks, (own.exact, square)]]
+    kinds = [
+        [(contact.value(*own.inputs[:-1]), 0)],
+        [(slopes, 0)],
+        [(own.model, square)],
+        [*blocks, (own.exact, square)],
+    ]
     return _Cut.of("octo_contact_piece", own.inputs, kinds, LIVE_OF_CONTACT)
 
 
 class _Rewritten:
-    """Outputs with symbols in the place of sines and cosines of an element of the inputs ANGULAR, or of one plus a number.
+    """Outputs with symbols in the place of sines and cosines of an element of the inputs ANGULAR,
+    or of one plus a number.
 
     sines: the symbols, sine before cosine of each of ``angles``.
     """
@@ -147,11 +183,17 @@ class _Rewritten:
         made = [[ca.SX(0)] * output.numel() for output in outputs]
         function = ca.Function("whole", list(inputs), list(outputs), {"cse": True})
         for k in range(function.n_instructions()):
-            operation, take, put = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+            operation = function.instruction_id(k)
+            take = function.instruction_input(k)
+            put = function.instruction_output(k)
             if operation == ca.OP_OUTPUT:
                 made[put[0]][put[1]] = self._value[take[0]]
             elif operation == ca.OP_INPUT:
-                self._keep(put[0], given[take[0]][take[1]], (take[0], take[1], 0.0) if take[0] in ANGULAR else None)
+                self._keep(
+                    put[0],
+                    given[take[0]][take[1]],
+                    (take[0], take[1], 0.0) if take[0] in ANGULAR else None,
+                )
             elif operation == ca.OP_CONST:
                 self._keep(put[0], ca.SX(function.instruction_constant(k)), None)
             else:
@@ -167,11 +209,21 @@ class _Rewritten:
         values, angle = [self._value[k] for k in take], self._angle[take[0]]
         if operation in TRIGONOMETRY and angle is not None:
             name = f"angle{len(self._pairs)}"
-            pair = self._pairs.setdefault(angle, (ca.SX.sym(f"sin_{name}"), ca.SX.sym(f"cos_{name}")))
+            pair = self._pairs.setdefault(
+                angle, (ca.SX.sym(f"sin_{name}"), ca.SX.sym(f"cos_{name}"))
+            )
             self._keep(place, pair[TRIGONOMETRY[operation]], None)
             return
-        value = ca.SX.unary(operation, *values) if len(values) == 1 else ca.SX.binary(operation, *values)
+        value = (
+            ca.SX.unary(operation, *values)
+            if len(values) == 1
+            else ca.SX.binary(operation, *values)
+        )
         moved = None
         if operation in (ca.OP_ADD, ca.OP_SUB) and angle is not None and values[1].is_constant():
-            moved = (angle[0], angle[1], angle[2] + (float(values[1]) if operation == ca.OP_ADD else -float(values[1])))
+            moved = (
+                angle[0],
+                angle[1],
+                angle[2] + (float(values[1]) if operation == ca.OP_ADD else -float(values[1])),
+            )
         self._keep(place, value, moved)

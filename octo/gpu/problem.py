@@ -1,4 +1,5 @@
-"""A batch of problems on a device: the ``evaluate`` and ``linearize`` of CompiledProblem, by kernels."""
+"""A batch of problems on a device: the ``evaluate`` and ``linearize`` of CompiledProblem, by
+kernels."""
 
 from __future__ import annotations
 
@@ -18,15 +19,28 @@ from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.contact_model import TOUCHED
 
 WARP = 32  # threads of a block, for a node
-NARROW = 64  # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are one wave
+# for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are
+# one wave
+NARROW = 64
 SMALL = 128  # for a step
-TILED = 192  # for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
+# for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
+TILED = 192
 FLAT = 256  # for one thing a thread
 PARTS = 128  # of common.cuh
-TILE, TOGETHER = 3, 2  # columns that a thread multiplies with as many; steps that a block evaluates the costs of
-DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT, "TILE": TILE, "TOGETHER": TOGETHER}  # for the kernels
+# columns that a thread multiplies with as many; steps that a block evaluates the costs of
+TILE, TOGETHER = 3, 2
+# for the kernels
+DEFINED = {
+    "WARP": WARP,
+    "SMALL": SMALL,
+    "TILED": TILED,
+    "FLAT": FLAT,
+    "TILE": TILE,
+    "TOGETHER": TOGETHER,
+}
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
-DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")  # of dynamics.cu
+# of dynamics.cu
+DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
 BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
 
 
@@ -39,9 +53,20 @@ class Program:
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces = Pieces.of(functions)
-        costs = [codegen.residual_text(functions, dynamics, pieces.functions, pieces.rows, pieces.columns), pieces.text()]
-        common = [*(f"#define {name} {value}" for name, value in DEFINED.items()), source("common.cuh")]
-        parts = [[text, *common, source("dynamics.cu")], [text, *costs, *common, source("model.cu")]]
+        costs = [
+            codegen.residual_text(
+                functions, dynamics, pieces.functions, pieces.rows, pieces.columns
+            ),
+            pieces.text(),
+        ]
+        common = [
+            *(f"#define {name} {value}" for name, value in DEFINED.items()),
+            source("common.cuh"),
+        ]
+        parts = [
+            [text, *common, source("dynamics.cu")],
+            [text, *costs, *common, source("model.cu")],
+        ]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
@@ -50,10 +75,15 @@ class Program:
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
         self.rows = functions.rows
-        self.arguments = dynamics.nu + 2 * len(pieces.angles)  # doubles that the costs of a step share
+        # doubles that the costs of a step share
+        self.arguments = dynamics.nu + 2 * len(pieces.angles)
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
-        self.touching = 8 * (0 if functions.contact is None else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx)
+        self.touching = 8 * (
+            0
+            if functions.contact is None
+            else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx
+        )
         self.terms = len(functions.references.terms)
         self.curvature = dynamics.curvature_blocks
         width, rows = 3 * dynamics.nx, len(functions.state_terms)
@@ -61,7 +91,8 @@ class Program:
         self.room = 8 * (2 * rows + self.held * width + TILE)
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
-                f"a step needs {8 * self.work} bytes of shared memory, this device has {device.shared_limit}: "
+                f"a step needs {8 * self.work} bytes of shared memory, this device has "
+                f"{device.shared_limit}: "
                 "the robot is too large for it; try device 'cpu'"
             )
 
@@ -70,23 +101,34 @@ class Program:
 
 
 class DeviceProblem:
-    """``problem`` with its numbers and its iterates on ``device``; what is described stays on the host."""
+    """``problem`` with its numbers and its iterates on ``device``; what is described stays on the
+    host."""
 
     def __init__(self, problem: CompiledProblem, device: Device, like: DeviceProblem | None = None):
         self.host, self.device, self.xp = problem, device, device.xp
         self.program: Program = Program(problem, device) if like is None else like.program
-        self.p, self.q, self.row_scale, self.constant = (device.array(getattr(problem, name)) for name in BATCHED[:4])
+        self.p, self.q, self.row_scale, self.constant = (
+            device.array(getattr(problem, name)) for name in BATCHED[:4]
+        )
         neighbours = problem.neighbours
-        self.anchor = device.array(np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem))
+        self.anchor = device.array(
+            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem)
+        )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
-        self._tables: dict[str, Array] = like._tables if like is not None and like._fits(problem) else self._upload()
+        self._tables: dict[str, Array] = (
+            like._tables if like is not None and like._fits(problem) else self._upload()
+        )
         self._share()
 
     def _share(self) -> None:
         host = self.host
         self.problems, self.functions, self.dynamics = host.problems, host.functions, host.dynamics
         self.batch, self.steps, self.n, self.K = len(self.p), host.steps, host.n, host.K
-        self.nc, self.ma, self.m, self.weight, self.threads = host.nc, host.ma, host.m, host.weight, host.threads
+        self.nc = host.nc
+        self.ma = host.ma
+        self.m = host.m
+        self.weight = host.weight
+        self.threads = host.threads
 
     def _fits(self, problem: CompiledProblem) -> bool:
         same = problem.basis == self.host.basis and problem.steps == self.host.steps
@@ -100,8 +142,15 @@ class DeviceProblem:
         dummy[self.host.fixed] = 1
         if self.host.idle is not None:
             dummy[self.host.idle] = 1
-        tests = np.where(stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1)
-        whole = {"slot_unit": stencil.unit, "slot_part": stencil.part, "test_row": tests, "dummy": dummy}
+        tests = np.where(
+            stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1
+        )
+        whole = {
+            "slot_unit": stencil.unit,
+            "slot_part": stencil.part,
+            "test_row": tests,
+            "dummy": dummy,
+        }
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
         arrays["slot_value"] = device.array(stencil.coefficient)
         arrays["test_value"] = device.array(stencil.test_coefficient)
@@ -131,12 +180,15 @@ class DeviceProblem:
         """(batch, K, nc) unknowns, on the device, of a trajectory (batch, N+2, n) on the host."""
         return self.device.array(self.host.unknowns(np.asarray(nodes)))
 
-    # -- what a solver calls --------------------------------------------------------------------------------------
+    # -- what a solver calls -----------------------------------------------------------------------
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
         device = self.device
-        made = Evaluation(unknowns, *(device.empty(shape) for name, shape in self.shapes().items() if name != "unknowns"))
+        made = Evaluation(
+            unknowns,
+            *(device.empty(shape) for name, shape in self.shapes().items() if name != "unknowns"),
+        )
         self.evaluate_into(made)
         return made
 
@@ -144,109 +196,206 @@ class DeviceProblem:
         """Of the arrays of an evaluation, in its order."""
         batch, steps, n = self.batch, self.steps, self.n
         return {
-            "unknowns": (batch, self.K, self.nc), "nodes": (batch, steps + 2, n), "fd": (batch, steps, n),
-            "terms": (batch, steps, self.program.terms), "C": (batch, self.K, self.ma), "summary": (batch, 4),
-        }  # fmt: skip
+            "unknowns": (batch, self.K, self.nc),
+            "nodes": (batch, steps + 2, n),
+            "fd": (batch, steps, n),
+            "terms": (batch, steps, self.program.terms),
+            "C": (batch, self.K, self.ma),
+            "summary": (batch, 4),
+        }
 
     def evaluate_into(self, at: Evaluation) -> None:
         """Everything of ``at`` from its unknowns."""
         device, program, tables = self.device, self.program, self._tables
         sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
-        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, self.constant, self.carry, at.unknowns, at.nodes)
+        self._flat(
+            "octo_nodes",
+            at.nodes.size,
+            *sizes,
+            *slots,
+            self.constant,
+            self.carry,
+            at.unknowns,
+            at.nodes,
+        )
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
-        self._each_step("octo_terms", SMALL, room, at.nodes, kin, self.p, self.q, at.fd, at.terms, together=TOGETHER)
+        self._each_step(
+            "octo_terms",
+            SMALL,
+            room,
+            at.nodes,
+            kin,
+            self.p,
+            self.q,
+            at.fd,
+            at.terms,
+            together=TOGETHER,
+        )
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         self._reduce(at.fd, at.C)
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
-        program.kernel("octo_summary")((self.batch,), device.threads(PARTS), *own, shared=32 * PARTS)
+        program.kernel("octo_summary")(
+            (self.batch,), device.threads(PARTS), *own, shared=32 * PARTS
+        )
 
     def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
         """As :meth:`CompiledProblem.linearize`; ``curved`` are integers on the device."""
         program, tables, scratch = self.program, self._tables, self.scratch
         kin = self._kin(at.nodes)
         self._each_step(
-            "octo_cost_derivatives", SMALL, 8 * program.arguments, self.K * self.host.stencil.parts, tables["test_row"].shape[1],
-            tables["test_row"], tables["test_value"], at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam,
-            curved, scratch["r"], scratch["cost_jac"], scratch["touch"], scratch["lam"], together=TOGETHER,
-        )  # fmt: skip
+            "octo_cost_derivatives",
+            SMALL,
+            8 * program.arguments,
+            self.K * self.host.stencil.parts,
+            tables["test_row"].shape[1],
+            tables["test_row"],
+            tables["test_value"],
+            at.nodes,
+            kin,
+            self.p,
+            self.q,
+            self.row_scale,
+            at.fd,
+            lam,
+            curved,
+            scratch["r"],
+            scratch["cost_jac"],
+            scratch["touch"],
+            scratch["lam"],
+            together=TOGETHER,
+        )
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
-            self._each_step("octo_jacobian", NARROW, 8 * program.work, *dynamics, scratch["fd"], scratch["jac"])
+            self._each_step(
+                "octo_jacobian", NARROW, 8 * program.work, *dynamics, scratch["fd"], scratch["jac"]
+            )
         else:
             out = (scratch["lam"], scratch["fd"], scratch["jac"], scratch["curvature"])
             self._each_step("octo_curvature", NARROW, 8 * program.work, *dynamics, *out)
         self._each_step(
-            "octo_step_model", TILED, program.room, program.held, *dynamics, self.q, scratch["r"], scratch["cost_jac"],
-            scratch["jac"], None if lam is None else scratch["curvature"], scratch["hess"], scratch["gradient"],
-        )  # fmt: skip
+            "octo_step_model",
+            TILED,
+            program.room,
+            program.held,
+            *dynamics,
+            self.q,
+            scratch["r"],
+            scratch["cost_jac"],
+            scratch["jac"],
+            None if lam is None else scratch["curvature"],
+            scratch["hess"],
+            scratch["gradient"],
+        )
         if program.touch:
-            own = (int(lam is not None), curved, kin, scratch["touch"], scratch["hess"], scratch["gradient"])
+            own = (
+                int(lam is not None),
+                curved,
+                kin,
+                scratch["touch"],
+                scratch["hess"],
+                scratch["gradient"],
+            )
             self._each_step("octo_touch", TILED, program.touching, *own)
         if self.carry is not None:
             carried = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
-            program.kernel("octo_carry_back")((2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2)
+            program.kernel("octo_carry_back")(
+                (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
+            )
         return self._gather(at)
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
         return at.terms.sum(axis=1)
 
-    # -- launches -------------------------------------------------------------------------------------------------
+    # -- launches ----------------------------------------------------------------------------------
 
     def _gather(self, at: Evaluation) -> Model:
         device, tables, scratch = self.device, self._tables, self.scratch
         shape, parts, threads = (self.batch, self.K), self.host.stencil.parts, device.threads(SMALL)
-        H, A = device.empty((*shape, 3, self.nc, self.nc)), device.empty((*shape, 3, self.ma, self.nc))
+        H = device.empty((*shape, 3, self.nc, self.nc))
+        A = device.empty((*shape, 3, self.ma, self.nc))
         b = device.empty((*shape, self.nc))
         columns = ("first", "source", "value")
-        hessian, gradient, jacobian = ([tables[f"{n}_{part}"] for part in columns] for n in ("hessian", "gradient", "jacobian"))
+        hessian, gradient, jacobian = (
+            [tables[f"{n}_{part}"] for part in columns] for n in ("hessian", "gradient", "jacobian")
+        )
         groups = -(-self.n * (self.n + 1) // SMALL)
         own = (tables["dummy"], scratch["hess"], scratch["gradient"], H, b)
         grid = (self.K * groups, 3, self.batch)
-        self.program.kernel("octo_gather_hessian")(grid, threads, self.steps, parts, groups, *hessian, *gradient, *own)
+        self.program.kernel("octo_gather_hessian")(
+            grid, threads, self.steps, parts, groups, *hessian, *gradient, *own
+        )
         if self.program.between is not None:
             self.program.between.add(self.anchor, at.unknowns, self.q, tables["dummy"], H, b)
         if self.ma:
             rows = (self.row_scale, scratch["jac"], A)
-            self.program.kernel("octo_gather_constraints")((self.K, 3, self.batch), threads, self.steps, parts, *jacobian, *rows)
+            self.program.kernel("octo_gather_constraints")(
+                (self.K, 3, self.batch), threads, self.steps, parts, *jacobian, *rows
+            )
         return Model(H, A, b, at.C)
 
     def _kin(self, nodes: Array) -> Array:
         program, grid = self.program, (self.steps + 2, self.batch)
         kin = self.device.empty((*nodes.shape[:2], max(program.kin, 1)))
-        program.kernel("octo_kin_of_nodes")(grid, self.device.threads(WARP), nodes, kin, shared=8 * (2 * self.n + program.kin))
+        program.kernel("octo_kin_of_nodes")(
+            grid, self.device.threads(WARP), nodes, kin, shared=8 * (2 * self.n + program.kin)
+        )
         return kin
 
     def _reduce(self, fd: Array, C: Array) -> None:
         if not self.ma:
             return
         tables = [self._tables[f"tests_{part}"] for part in ("first", "source", "value")]
-        self._flat("octo_constraints", C.size, self.steps, self.K * self.host.stencil.parts, *tables, self.row_scale, fd, C)
+        self._flat(
+            "octo_constraints",
+            C.size,
+            self.steps,
+            self.K * self.host.stencil.parts,
+            *tables,
+            self.row_scale,
+            fd,
+            C,
+        )
 
     def _flat(self, name: str, count: int, *arguments: Any) -> None:
         """A kernel over ``count`` things, one a thread."""
         threads = self.device.threads(FLAT)
         self.program.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
 
-    def _each_step(self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1) -> None:
-        """A kernel with a block for each step of each problem, or for ``together`` of them; ``shared`` bytes for each step."""
+    def _each_step(
+        self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1
+    ) -> None:
+        """A kernel with a block for each step of each problem, or for ``together`` of them;
+        ``shared`` bytes for each step."""
         grid = (-(-self.steps // together), self.batch)
-        self.program.kernel(name)(grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared)
+        self.program.kernel(name)(
+            grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared
+        )
 
     @cached_property
     def scratch(self) -> dict[str, Array]:
         """What linearize writes on its way to H and A."""
         program, n = self.program, self.n
         sizes: dict[str, tuple[int, ...]] = {
-            "r": (program.rows,), "cost_jac": (program.entries,), "touch": (program.touch,), "lam": (n,), "fd": (n,),
-            "jac": (n, 3 * n), "curvature": (program.curvature, n, n), "hess": (6, n, n), "gradient": (3 * n,),
-        }  # fmt: skip
+            "r": (program.rows,),
+            "cost_jac": (program.entries,),
+            "touch": (program.touch,),
+            "lam": (n,),
+            "fd": (n,),
+            "jac": (n, 3 * n),
+            "curvature": (program.curvature, n, n),
+            "hess": (6, n, n),
+            "gradient": (3 * n,),
+        }
         items = (self.batch, self.steps)
-        return {name: self.device.empty((*items, *(max(s, 1) for s in shape))) for name, shape in sizes.items()}
+        return {
+            name: self.device.empty((*items, *(max(s, 1) for s in shape)))
+            for name, shape in sizes.items()
+        }
 
 
 def contact_numbers(functions: CostFunctions) -> int:
@@ -256,7 +405,8 @@ def contact_numbers(functions: CostFunctions) -> int:
 
 
 def bytes_of(problem: CompiledProblem) -> int:
-    """Device memory of one problem of a batch: two models, two factors and what makes them, eight iterates, the scratch."""
+    """Device memory of one problem of a batch: two models, two factors and what makes them, eight
+    iterates, the scratch."""
     n, N, K, nc, ma = problem.n, problem.steps, problem.K, problem.nc, problem.ma
     functions, blocks = problem.functions, -(-problem.K // 2)
     rows, touch = functions.rows, len(functions.contact_spheres) * contact_numbers(functions)
@@ -265,7 +415,12 @@ def bytes_of(problem: CompiledProblem) -> int:
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
     if problem.neighbours is not None:
-        scratch += K * sum(function.numel_out(0) for _, function in problem.neighbours.functions) * (2 * nc + 1)
-    kin = N * 12 * (3 * n)  # poses and twists: bodies are no more than a few for each degree of freedom
+        scratch += (
+            K
+            * sum(function.numel_out(0) for _, function in problem.neighbours.functions)
+            * (2 * nc + 1)
+        )
+    # poses and twists: bodies are no more than a few for each degree of freedom
+    kin = N * 12 * (3 * n)
     factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))
     return 8 * (8 * iterate + 2 * model + scratch + kin + 2 * factor)

@@ -1,7 +1,9 @@
-"""Sequences of launches between two copies to the host: run one by one at first, then captured in a CUDA graph and replayed.
+"""Sequences of launches between two copies to the host: run one by one at first, then captured in a
+CUDA graph and replayed.
 
-A graph holds addresses. So what a sequence reads and writes stays where it is: numbers that change from run to run are in
-arrays, and everything it allocates in its first run is what it finds in every later one (``Workspace``).
+A graph holds addresses. So what a sequence reads and writes stays where it is: numbers that change
+from run to run are in arrays, and everything it allocates in its first run is what it finds in
+every later one (``Workspace``).
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class Graph(Protocol):
 
 @dataclass(eq=False)
 class Counts:
-    """What a device was asked for: kernels launched one by one, kernels that graphs launched, launches of graphs, captures."""
+    """What a device was asked for: kernels launched one by one, kernels that graphs launched,
+    launches of graphs, captures."""
 
     launches: int = 0
     replayed: int = 0
@@ -70,7 +73,8 @@ class Sequenced:
         raise NotImplementedError
 
     def capture(self, launches: Callable[[], Any]) -> Graph:
-        """What ``launches`` launches, recorded and not run; raises NoGraph where that is refused."""
+        """What ``launches`` launches, recorded and not run; raises NoGraph where that is
+        refused."""
         raise NotImplementedError
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
@@ -122,7 +126,10 @@ class Workspace:
             self._arrays.append(self._device.fresh(shape, dtype))
         array = self._arrays[self._next]
         if array.shape != tuple(map(int, shape)) or array.dtype != dtype:
-            raise DeviceError(f"a sequence asked for {shape} where it had {array.shape}: its launches must not change")
+            raise DeviceError(
+                f"a sequence asked for {shape} where it had {array.shape}: its launches must not "
+                "change"
+            )
         self._next += 1
         return array
 
@@ -137,7 +144,8 @@ class Sequence(Generic[T]):
         self._ran = False
 
     def __call__(self) -> T:
-        """The first run compiles and allocates; the second is captured, where the device has graphs."""
+        """The first run compiles and allocates; the second is captured, where the device has
+        graphs."""
         device = self._device
         if self._graph is None and self._ran and device.graphs:
             began = time.perf_counter()

@@ -52,7 +52,8 @@ def _places(shapes: dict[str, tuple[int, ...]]) -> dict[str, Place]:
 
 
 class SlabEvaluation(Evaluation):
-    """An iterate in a slab, its arrays cut out when they are asked for: most are not, and each takes a GPU's host some µs."""
+    """An iterate in a slab, its arrays cut out when they are asked for: most are not, and each
+    takes a GPU's host some µs."""
 
     def __init__(self, slab: Slab):
         self.slab = slab

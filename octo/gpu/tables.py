@@ -1,4 +1,5 @@
-"""Where each number of H, A, b and C comes from: the stencil of a basis turned round, so that a unit can gather its sums."""
+"""Where each number of H, A, b and C comes from: the stencil of a basis turned round, so that a
+unit can gather its sums."""
 
 from __future__ import annotations
 
@@ -12,15 +13,18 @@ from octo.problem.basis import Stencil
 
 Integers = NDArray[np.int32]
 Array = NDArray[np.float64]
-BLOCK = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (2, 2): 4, (1, 2): 5}  # of a step's Hessian, by its nodes
+# of a step's Hessian, by its nodes
+BLOCK = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (2, 2): 4, (1, 2): 5}
 
 
 @dataclass(frozen=True, eq=False)
 class Gather:
-    """Sums in compressed rows: entries first[k] … first[k+1] − 1 belong to place k, in the order of the steps.
+    """Sums in compressed rows: entries first[k] … first[k+1] − 1 belong to place k, in the order of
+    the steps.
 
-    source: where in the array of all steps the block of n columns, or of n × n numbers, starts that an entry takes; ~ of it
-    where the block is taken transposed. value (entries, width): its coefficient for each part of the place.
+    source: where in the array of all steps the block of n columns, or of n × n numbers, starts that
+    an entry takes; ~ of it where the block is taken transposed. value (entries, width): its
+    coefficient for each part of the place.
     """
 
     first: Integers
@@ -35,14 +39,21 @@ class Gather:
             rows.setdefault((place, source), np.zeros(width))[part] += value
         keys = np.array(list(rows), dtype=np.int64).reshape(-1, 2)
         order = np.argsort(keys[:, 0], kind="stable")
-        first = np.concatenate([[0], np.cumsum(np.bincount(keys[:, 0], minlength=places))]).astype(np.int32)
-        return cls(first, keys[order, 1].astype(np.int32), np.array(list(rows.values())).reshape(-1, width)[order])
+        first = np.concatenate([[0], np.cumsum(np.bincount(keys[:, 0], minlength=places))]).astype(
+            np.int32
+        )
+        return cls(
+            first,
+            keys[order, 1].astype(np.int32),
+            np.array(list(rows.values())).reshape(-1, width)[order],
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """Places: (unit, lag) of hessian (N, 6, n, n) and, of the rows' units, jacobian (N, n, 3n), whose parts are pairs, that of
-    the row first; unit of gradient (N, 3n); (unit, part) of tests, whose sources are the steps.
+    """Places: (unit, lag) of hessian (N, 6, n, n) and, of the rows' units, jacobian (N, n, 3n),
+    whose parts are pairs, that of the row first; unit of gradient (N, 3n); (unit, part) of tests,
+    whose sources are the steps.
     """
 
     hessian: Gather
@@ -62,17 +73,33 @@ class Tables:
                     if other <= unit:
                         block = (6 * i + BLOCK[min(a, b), max(a, b)]) * n * n
                         pair = part * parts + other_part
-                        hessian.append((3 * unit + unit - other, block if a <= b else ~block, pair, value * other_value))
+                        hessian.append(
+                            (
+                                3 * unit + unit - other,
+                                block if a <= b else ~block,
+                                pair,
+                                value * other_value,
+                            )
+                        )
             for k in np.flatnonzero(stencil.test_row[i] >= 0):
                 row, row_part = int(stencil.test_row[i, k]), int(stencil.test_part[i, k])
                 test = float(stencil.test_coefficient[i, k])
                 tests.append((row * parts + row_part, i, 0, test))
                 for a, unit, part, value in slots:
-                    jacobian.append((3 * row + row - unit, (3 * n * i + a) * n, row_part * parts + part, test * value))
+                    jacobian.append(
+                        (
+                            3 * row + row - unit,
+                            (3 * n * i + a) * n,
+                            row_part * parts + part,
+                            test * value,
+                        )
+                    )
         return cls(
-            Gather.of(3 * units, parts**2, hessian), Gather.of(units, parts, gradient),
-            Gather.of(3 * units, parts**2, jacobian), Gather.of(units * parts, 1, tests),
-        )  # fmt: skip
+            Gather.of(3 * units, parts**2, hessian),
+            Gather.of(units, parts, gradient),
+            Gather.of(3 * units, parts**2, jacobian),
+            Gather.of(units * parts, 1, tests),
+        )
 
 
 def _slots(stencil: Stencil, step: int) -> Iterator[tuple[int, int, int, float]]:
@@ -80,4 +107,9 @@ def _slots(stencil: Stencil, step: int) -> Iterator[tuple[int, int, int, float]]
     for node in range(3):
         row = step + 2 - node
         for k in np.flatnonzero(stencil.unit[row] >= 0):
-            yield node, int(stencil.unit[row, k]), int(stencil.part[row, k]), float(stencil.coefficient[row, k])
+            yield (
+                node,
+                int(stencil.unit[row, k]),
+                int(stencil.part[row, k]),
+                float(stencil.coefficient[row, k]),
+            )

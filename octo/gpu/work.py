@@ -1,11 +1,13 @@
-"""What the solve of one batch keeps at its place on the device, and the sequences of launches between two copies to the host.
+"""What the solve of one batch keeps at its place on the device, and the sequences of launches
+between two copies to the host.
 
-An iteration is: a model; for each weight a factorisation, after which one flag of each member comes to the host; for each step
-its solution and the trial of its first length, after which the numbers that decide about all of it come in one copy; more
-trials. A solution whose residual is coarse is refined and tried again. Where the last step's was, a refinement of the members
-that the device finds coarse goes with the next step at once: the numbers are the same, the copies fewer. The batch stays
-whole: members that a launch is not for are marked in ``active`` and its blocks leave at once, so that neither the addresses
-nor the grids change until a member leaves the solve.
+An iteration is: a model; for each weight a factorisation, after which one flag of each member comes
+to the host; for each step its solution and the trial of its first length, after which the numbers
+that decide about all of it come in one copy; more trials. A solution whose residual is coarse is
+refined and tried again. Where the last step's was, a refinement of the members that the device
+finds coarse goes with the next step at once: the numbers are the same, the copies fewer. The batch
+stays whole: members that a launch is not for are marked in ``active`` and its blocks leave at once,
+so that neither the addresses nor the grids change until a member leaves the solve.
 """
 
 from __future__ import annotations
@@ -26,30 +28,46 @@ from octo.gpu.slab import FIELDS, Slab, SlabEvaluation
 from octo.problem.compiled import Evaluation, Model
 from octo.solver.factors import Attempt, Three
 
-TOGETHER = 4096  # steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of them
+# steps of a batch: up to here a trial of all its members takes a GPU no longer than one of some of
+# them
+TOGETHER = 4096
 TOLERANCE = 1e-10  # of a solution's relative residual
 BESIDE = 8  # numbers of each member that may come to the host with a trial
 REFINEMENTS = 3  # at most, while a residual is coarse
 
 
 class Work:
-    """Of one placed batch. ``place`` says where the steps start; everything else is sequences over fixed arrays."""
+    """Of one placed batch. ``place`` says where the steps start; everything else is sequences over
+    fixed arrays."""
 
     def __init__(self, problem: DeviceProblem, linear: Linear):
         device, batch, K = problem.device, problem.batch, problem.K
         self.problem, self.linear, self.device = problem, linear, device
         iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
-        step: dict[str, tuple[int, ...]] = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
-        numbers = {"units": (batch, K, 3), "first": (batch, 1), "residual": (batch, 1), "beside": (BESIDE, batch)}
+        step: dict[str, tuple[int, ...]] = {
+            "delta": (batch, K, problem.nc),
+            "lam": (batch, K, problem.ma),
+        }
+        numbers = {
+            "units": (batch, K, 3),
+            "first": (batch, 1),
+            "residual": (batch, 1),
+            "beside": (BESIDE, batch),
+        }
         self.at = SlabEvaluation(Slab.fresh(device, iterate))
         self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
         self.tried = SlabEvaluation(self.trial)
         self._iterate, self._found = self.trial.part("summary"), self.trial.part("beside", "sizes")
         self.decisive = self.trial.part("units", "sizes")  # about a step and its trial
-        self.lam, self.rhs_c = device.empty((batch, K, problem.ma)), device.empty((batch, K, problem.ma))
+        self.lam = device.empty((batch, K, problem.ma))
+        self.rhs_c = device.empty((batch, K, problem.ma))
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
-        self.active, self.curved = device.empty((batch,), np.int32), device.empty((batch,), np.int32)
-        self.parts = {name: self.trial[name] for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")}
+        self.active = device.empty((batch,), np.int32)
+        self.curved = device.empty((batch,), np.int32)
+        self.parts = {
+            name: self.trial[name]
+            for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")
+        }
         self.plain = False  # whether rhs_c is −C of the model
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
@@ -75,20 +93,25 @@ class Work:
         self._placed = (at, lam)
 
     def write(self, name: str, values: NDArray[Any]) -> None:
-        """``values``, which nobody changes any more, into the fixed array of that name, where they are others than before."""
+        """``values``, which nobody changes any more, into the fixed array of that name, where they
+        are others than before."""
         before = self._written.get(name)
         if before is None or before.tobytes() != values.tobytes():
             self._written[name] = values
             self.device.write(values, getattr(self, name))
 
-    def linearize(self, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_]) -> Model:
+    def linearize(
+        self, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_]
+    ) -> Model:
         self.place(at, lam)
         self.write("curved", curved.astype(np.int32))
-        _ = self.problem.scratch  # allocated before the first sequence, which would take it for its own
+        # allocated before the first sequence, which would take it for its own
+        _ = self.problem.scratch
         return self.models[exact].linearize()
 
     def of(self, name: str, array: Array) -> Modelled | None:
-        """What belongs to the model that ``linearize`` gave, by its H or its A; None for another's."""
+        """What belongs to the model that ``linearize`` gave, by its H or its A; None for
+        another's."""
         for own in self.models.values():
             if own.model is not None and getattr(own.model, name) is array:
                 return own
@@ -106,7 +129,9 @@ class Work:
         self._evaluate()
         return self.evaluated(self._iterate.copy(), self._found.host(self.device))
 
-    def evaluate_with(self, unknowns: Array, numbers: list[Array]) -> tuple[Evaluation, list[NDArray[np.float64]]]:
+    def evaluate_with(
+        self, unknowns: Array, numbers: list[Array]
+    ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
         self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
         self.device.copy(unknowns, self.tried.unknowns)
@@ -162,7 +187,8 @@ class Modelled:
         return self._normal
 
     def factor(self) -> NDArray[np.bool_]:
-        """Factor the active members with their weights: where the inertia of each member is right."""
+        """Factor the active members with their weights: where the inertia of each member is
+        right."""
         self.factored = self._factor()
         return self._work.device.host(self.factored.good).astype(bool)
 
@@ -175,7 +201,9 @@ class Modelled:
         work.plain = rhs_c is None
         if self._step is None:
             out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
-            self._step = Solving.of(work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out)
+            self._step = Solving.of(
+                work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out
+            )
         (self._refined if self._coarse else self._attempt)()
         numbers = work.decisive.host(work.device)
         coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
@@ -189,7 +217,9 @@ class Modelled:
             numbers = work.decisive.host(work.device)
             refinements += 1
         slab, units = work.trial.copy(), numbers["units"]
-        return Attempt(slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers))
+        return Attempt(
+            slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers)
+        )
 
     def untried(self, rhs_c: Array) -> Attempt:
         """The step without its trial, which some members want only."""
@@ -245,7 +275,9 @@ class Modelled:
         """The numbers of the step, and its trial."""
         work, parts, model = self._work, self._work.parts, self._own
         work.linear.step_numbers(model.A, model.b, parts["delta"], work.lam, parts["units"])
-        work.linear.advance(work.bounds, parts["units"], work.at.unknowns, parts["delta"], work.tried.unknowns)
+        work.linear.advance(
+            work.bounds, parts["units"], work.at.unknowns, parts["delta"], work.tried.unknowns
+        )
         work.launch_trial()
 
     def _launch_solve(self) -> Solving:
@@ -268,7 +300,8 @@ def _numbers(units: Numbers) -> Three:
 
 
 class DeviceFactors:
-    """``octo.solver.factors.Factors`` on a device: the batch is factored in place, whole, some members or all of them."""
+    """``octo.solver.factors.Factors`` on a device: the batch is factored in place, whole, some
+    members or all of them."""
 
     def __init__(self, work: Work, own: Modelled, at: Evaluation, lam: Array):
         self._work, self._own = work, own
@@ -286,9 +319,18 @@ class DeviceFactors:
         return self._own.solve(rhs_v, rhs_c)
 
     def attempt(
-        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+        self,
+        rhs_c: Array | None,
+        limit: Numbers | float,
+        cap: float,
+        members: NDArray[np.bool_] | None = None,
     ) -> Attempt:
-        if rhs_c is not None and members is not None and not every(members) and not self._work.together:
+        if (
+            rhs_c is not None
+            and members is not None
+            and not every(members)
+            and not self._work.together
+        ):
             return self._own.untried(rhs_c)
         bounds = np.empty((self._work.problem.batch, 2))
         bounds[:, 0], bounds[:, 1] = limit, cap

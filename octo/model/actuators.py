@@ -83,7 +83,8 @@ def ball_motors(model: Any, j: int) -> BallMotors:
     ]
     if not apart:
         notes.append(
-            "they pull about oblique axes: one torque about each hinge, with the sum of their limits"
+            "they pull about oblique axes: one torque about each hinge, with the sum of their "
+            "limits"
         )
     elif len(actuators) > driving.any(axis=0).sum():
         notes.append("those about one axis are one torque, with the sum of their limits")

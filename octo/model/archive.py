@@ -1,4 +1,5 @@
-"""Files of arrays and JSON (.npz) that octo wrote, from wherever they come: every number is checked, any damage is one line."""
+"""Files of arrays and JSON (.npz) that octo wrote, from wherever they come: every number is
+checked, any damage is one line."""
 
 from __future__ import annotations
 
@@ -36,10 +37,17 @@ class Archive:
         ValueRangeError: missing, not numbers, or not finite. ShapeError: another shape.
         """
         found = self._numbers(name, self.arrays.get(name), "fiu")
-        if found.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, found.shape, strict=True)):
-            raise ShapeError(name, found.shape, f"({', '.join('any' if n is None else str(n) for n in shape)})")
+        if found.ndim != len(shape) or any(
+            n is not None and n != m for n, m in zip(shape, found.shape, strict=True)
+        ):
+            raise ShapeError(
+                name, found.shape, f"({', '.join('any' if n is None else str(n) for n in shape)})"
+            )
         if finite and not np.isfinite(found).all():
-            raise ValueRangeError(f"{name} is not finite at index {tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0])}")
+            raise ValueRangeError(
+                f"{name} is not finite at index "
+                f"{tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0])}"
+            )
         return np.ascontiguousarray(found, dtype=float)
 
     def indices(self, name: str, size: int, below: int) -> NDArray[np.intp]:
@@ -56,13 +64,19 @@ class Archive:
         if found is None:
             raise ValueRangeError(f"{name} is missing")
         if found.dtype.kind not in kinds:
-            raise ValueRangeError(f"{name} holds {found.dtype.name} values, must be {'whole ' if kinds == 'iu' else ''}numbers")
+            raise ValueRangeError(
+                f"{name} holds {found.dtype.name} values, must be "
+                f"{'whole ' if kinds == 'iu' else ''}numbers"
+            )
         return found
 
     def group(self, prefix: str) -> dict[str, Array]:
-        """The columns whose names begin with ``prefix``, without it: one length, NaN where nothing is known."""
+        """The columns whose names begin with ``prefix``, without it: one length, NaN where nothing
+        is known."""
         names = [name for name in self.arrays if name.startswith(prefix)]
-        columns = {name.removeprefix(prefix): self.array(name, (None,), finite=False) for name in names}
+        columns = {
+            name.removeprefix(prefix): self.array(name, (None,), finite=False) for name in names
+        }
         if len({len(column) for column in columns.values()}) > 1:
             raise ValueRangeError(f"the columns {prefix}… differ in length")
         return columns
@@ -72,14 +86,22 @@ class Archive:
 
     def number(self, name: str, *, positive: bool = False, finite: bool = True) -> float:
         found = self._plain(name, (int, float), "a number")
-        if isinstance(found, bool) or (finite and not math.isfinite(found)) or (positive and not found > 0.0):
-            raise ValueRangeError(f"{name} is {found!r}, must be a {'positive ' if positive else ''}finite number")
+        if (
+            isinstance(found, bool)
+            or (finite and not math.isfinite(found))
+            or (positive and not found > 0.0)
+        ):
+            raise ValueRangeError(
+                f"{name} is {found!r}, must be a {'positive ' if positive else ''}finite number"
+            )
         return float(found)
 
     def whole(self, name: str) -> int:
         found = self._plain(name, int, "a whole number")
         if isinstance(found, bool) or found < 0:
-            raise ValueRangeError(f"{name} is {found!r}, must be a whole number that is not negative")
+            raise ValueRangeError(
+                f"{name} is {found!r}, must be a whole number that is not negative"
+            )
         return int(found)
 
     def flag(self, name: str) -> bool:
@@ -95,8 +117,14 @@ class Archive:
         """Numbers by name."""
         found = self._plain(name, dict, "numbers by name")
         for key, value in found.items():
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or (finite and not math.isfinite(value)):
-                raise ValueRangeError(f"{name} has {str(value)[:40]!r} for {key!r}, must be a finite number")
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float))
+                or (finite and not math.isfinite(value))
+            ):
+                raise ValueRangeError(
+                    f"{name} has {str(value)[:40]!r} for {key!r}, must be a finite number"
+                )
         return {key: float(value) for key, value in found.items()}
 
     def records(self, name: str) -> tuple[dict[str, Any], ...]:
@@ -110,13 +138,16 @@ class Archive:
         if name not in self.plain:
             raise ValueRangeError(f"{name} is missing")
         if not isinstance(self.plain[name], kind):
-            raise ValueRangeError(f"{name} is of type {type(self.plain[name]).__name__}, must be {wanted}")
+            raise ValueRangeError(
+                f"{name} is of type {type(self.plain[name]).__name__}, must be {wanted}"
+            )
         return self.plain[name]
 
 
 @contextlib.contextmanager
 def opened(path: str | os.PathLike[str], kind: str, plain: str = "plain") -> Iterator[Archive]:
-    """The archive, for what is made of it: whatever goes wrong meanwhile is one line that names the file.
+    """The archive, for what is made of it: whatever goes wrong meanwhile is one line that names the
+    file.
 
     ``kind`` is what the file should be, in a word. ``plain`` is the entry that holds the JSON.
 
@@ -133,8 +164,11 @@ def opened(path: str | os.PathLike[str], kind: str, plain: str = "plain") -> Ite
         yield Archive(arrays, found)
     except FileNotFoundError as error:
         raise RobotFileError(f"{kind} file {path} does not exist") from error
-    except Exception as error:  # a damaged file may raise anything, from zlib's errors to those of a robot's own checks
-        raise RobotFileError(f"{path} is not a {kind} that octo saved (.npz): {_sentence(error)}") from error
+    # a damaged file may raise anything, from zlib's errors to those of a robot's own checks
+    except Exception as error:
+        raise RobotFileError(
+            f"{path} is not a {kind} that octo saved (.npz): {_sentence(error)}"
+        ) from error
 
 
 def printable(word: str) -> str:
@@ -146,6 +180,10 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, KeyError):
         text = f"{error.args[0] if error.args else 'an entry'} is missing"
     else:
-        text = str(error) if isinstance(error, OctoError) and str(error) else f"{type(error).__name__}: {error}"
+        text = (
+            str(error)
+            if isinstance(error, OctoError) and str(error)
+            else f"{type(error).__name__}: {error}"
+        )
     text = " ".join(printable(text).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

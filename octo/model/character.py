@@ -1,13 +1,16 @@
-"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses, checked where they are made.
+"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses, checked where they
+are made.
 
-Every degree of freedom is a one-coordinate joint (hinge or slide), so the configuration x of the paper is the
-concatenation of the joint coordinates in tree order. A floating base is a body with three slides along the world axes
-and three hinges; a ball joint is three hinges. The pose of a body is
+Every degree of freedom is a one-coordinate joint (hinge or slide), so the configuration x of the
+paper is the concatenation of the joint coordinates in tree order. A floating base is a body with
+three slides along the world axes and three hinges; a ball joint is three hinges. The pose of a body
+is
 
-    T_b = T_parent(b) · (position, rotation) · Π_joints (displacement of the joint by x_j − reference_j)
+    T_b = T_parent(b) · (position, rotation) · Π_joints (displacement of the joint by x_j −
+    reference_j)
 
-with hinges turning about ``axis`` through ``anchor``, both in the body's frame at that point of the product
-(the convention of MuJoCo).
+with hinges turning about ``axis`` through ``anchor``, both in the body's frame at that point of the
+product (the convention of MuJoCo).
 """
 
 from __future__ import annotations
@@ -61,7 +64,8 @@ def _array(what: str, value: object, shape: tuple[int, ...]) -> Array:
 
 
 def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool = False) -> float:
-    """``value`` as a number that is finite; with ``unlimited``, as a limit, which may also be infinite. Never NaN."""
+    """``value`` as a number that is finite; with ``unlimited``, as a limit, which may also be
+    infinite. Never NaN."""
     try:
         number = float(operator.pos(value))  # type: ignore[arg-type]  # a text has no sign
     except (TypeError, ValueError):
@@ -71,7 +75,9 @@ def _quantity(what: str, value: object, rule: str = "finite", *, unlimited: bool
     negative = "not negative" in rule and number < 0.0 or "positive" in rule and number <= 0.0
     if math.isnan(number) or negative or (not unlimited and abs(number) > LARGEST):
         large = not negative and math.isfinite(number)
-        raise ModelError(f"{what} is {number}, must be {f'at most {LARGEST:.0e}' if large else rule}")
+        raise ModelError(
+            f"{what} is {number}, must be {f'at most {LARGEST:.0e}' if large else rule}"
+        )
     return number
 
 
@@ -85,7 +91,8 @@ class Joint:
     anchor: Array = field(default_factory=_vector3)  # (3,) m, body frame; a point of the hinge axis
     lower: float = -math.inf  # rad or m
     upper: float = math.inf  # rad or m
-    reference: float = 0.0  # rad or m; the coordinate at which the displacement is zero (MuJoCo's qpos0)
+    # rad or m; the coordinate at which the displacement is zero (MuJoCo's qpos0)
+    reference: float = 0.0
     actuated: bool = True
     torque_limit: float = math.inf  # N m or N, of |u|
     velocity_limit: float = math.inf  # rad/s or m/s, of |dq/dt|
@@ -112,15 +119,33 @@ class Joint:
         for name in ("reference", "gear", "rest"):
             keep(self, name, _quantity(f"{which}: {name}", getattr(self, name)))
         for name in ("armature", "damping", "stiffness"):
-            keep(self, name, _quantity(f"{which}: {name}", getattr(self, name), "finite and not negative"))
+            keep(
+                self,
+                name,
+                _quantity(f"{which}: {name}", getattr(self, name), "finite and not negative"),
+            )
         for end in ("lower", "upper"):
-            keep(self, end, _quantity(f"{which}: {end} limit", getattr(self, end), "a number", unlimited=True))
+            keep(
+                self,
+                end,
+                _quantity(f"{which}: {end} limit", getattr(self, end), "a number", unlimited=True),
+            )
         if not self.lower <= self.upper:
-            raise ModelError(f"{which}: lower limit {self.lower} is above the upper limit {self.upper}")
+            raise ModelError(
+                f"{which}: lower limit {self.lower} is above the upper limit {self.upper}"
+            )
         if math.isinf(self.lower) and self.lower == self.upper:
             raise ModelError(f"{which}: both limits are {self.lower}, must leave a range")
-        keep(self, "torque_limit", _quantity(f"{which}: torque limit", self.torque_limit, "not negative", unlimited=True))
-        keep(self, "velocity_limit", _quantity(f"{which}: velocity limit", self.velocity_limit, "positive", unlimited=True))
+        keep(
+            self,
+            "torque_limit",
+            _quantity(f"{which}: torque limit", self.torque_limit, "not negative", unlimited=True),
+        )
+        keep(
+            self,
+            "velocity_limit",
+            _quantity(f"{which}: velocity limit", self.velocity_limit, "positive", unlimited=True),
+        )
 
     @property
     def limited(self) -> bool:
@@ -138,35 +163,54 @@ class Body:
     rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3), body frame to parent frame
     mass: float = 0.0  # kg
     com: Array = field(default_factory=_vector3)  # (3,) m, body frame
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))  # (3, 3) kg m² about the com, body axes
+    # (3, 3) kg m² about the com, body axes
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def __post_init__(self) -> None:
         _text("body", self.name)
         which, keep = f"body {self.name!r}", object.__setattr__
         if isinstance(self.parent, bool) or not isinstance(self.parent, (int, np.integer)):
-            raise ModelError(f"{which}: parent is {said(self.parent)}, must be the index of a body, or -1")
-        if not isinstance(self.joints, (tuple, list)) or not all(isinstance(joint, Joint) for joint in self.joints):
+            raise ModelError(
+                f"{which}: parent is {said(self.parent)}, must be the index of a body, or -1"
+            )
+        if not isinstance(self.joints, (tuple, list)) or not all(
+            isinstance(joint, Joint) for joint in self.joints
+        ):
             raise ModelError(f"{which}: joints is {said(self.joints)}, must be a tuple of Joint")
         keep(self, "joints", tuple(self.joints))
         keep(self, "mass", _quantity(f"{which}: mass", self.mass, "finite and not negative"))
-        for name, shape in (("position", (3,)), ("rotation", (3, 3)), ("com", (3,)), ("inertia", (3, 3))):
+        for name, shape in (
+            ("position", (3,)),
+            ("rotation", (3, 3)),
+            ("com", (3,)),
+            ("inertia", (3, 3)),
+        ):
             words = {"com": "centre of mass"}.get(name, name)
             keep(self, name, _array(f"{which}: {words}", getattr(self, name), shape))
         off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())
         if off > UNIT or np.linalg.det(self.rotation) < 0.0:
-            raise ModelError(f"{which}: rotation is none (off by {off:.2g}), must have orthogonal unit axes, right-handed")
+            raise ModelError(
+                f"{which}: rotation is none (off by {off:.2g}), must have orthogonal unit axes, "
+                "right-handed"
+            )
         skew = float(np.abs(self.inertia - self.inertia.T).max())
         if skew > UNIT * np.abs(self.inertia).max():
-            raise ModelError(f"{which}: inertia is not symmetric (off by {skew:.2g} kg m²), must be")
+            raise ModelError(
+                f"{which}: inertia is not symmetric (off by {skew:.2g} kg m²), must be"
+            )
         small, middle, large = np.linalg.eigvalsh(self.inertia)
         if small < -INDEFINITE * max(large, 0.0) - LEAST_MOMENT:
             moments = f"{small:.3g}, {middle:.3g}, {large:.3g} kg m²"
-            raise ModelError(f"{which}: inertia has the principal moments {moments}, must have none that is negative")
+            raise ModelError(
+                f"{which}: inertia has the principal moments {moments}, must have none that is "
+                "negative"
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSphere:
-    """A sphere carried by a body: it touches the terrain, and other spheres where a pair says so."""
+    """A sphere carried by a body: it touches the terrain, and other spheres where a pair says
+    so."""
 
     name: str
     body: int
@@ -185,16 +229,19 @@ class ContactSphere:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Character(Shown):
-    """A robot or a character: bodies in tree order (parents first), contact spheres, self-collision pairs.
+    """A robot or a character: bodies in tree order (parents first), contact spheres, self-collision
+    pairs.
 
     Attributes
     ----------
     bodies: parents before children; the configuration x (nx,) lists their joints in this order.
     contacts: spheres; those with ``touches_terrain`` become the contacts of Eq. 6.
     pairs: index pairs into ``contacts`` that repel each other (§4.2).
-    base: "floating" when the first moving body has six unactuated coordinates (x, y, z, then the rotation chart).
-    chart: order of the floating base's three hinges, "zyx" (yaw, pitch, roll; singular at pitch ±90°) or
-        "zxy" (yaw, roll, pitch; singular at roll ±90°). The innermost and the outermost angle are unbounded.
+    base: "floating" when the first moving body has six unactuated coordinates (x, y, z, then the
+        rotation chart).
+    chart: order of the floating base's three hinges, "zyx" (yaw, pitch, roll; singular at pitch
+        ±90°) or "zxy" (yaw, roll, pitch; singular at roll ±90°). The innermost and the outermost
+        angle are unbounded.
     default_pose: (nx,) the configuration a start is searched from.
     dropped: sentences naming what the robot's file says and octo does not model.
     poses: further configurations (nx,) by name: the keyframes of the robot's file.
@@ -214,21 +261,40 @@ class Character(Shown):
         self._check_kinds()
         for b, body in enumerate(self.bodies):
             if not -1 <= body.parent < b:
-                raise ModelError(f"body {body.name!r}: parent index {body.parent} must be -1 or less than its own index {b}")
-        for kind, things in (("bodies", self.bodies), ("joints", self.joints), ("contacts", self.contacts)):
+                raise ModelError(
+                    f"body {body.name!r}: parent index {body.parent} must be -1 or less than its "
+                    "own "
+                    f"index {b}"
+                )
+        for kind, things in (
+            ("bodies", self.bodies),
+            ("joints", self.joints),
+            ("contacts", self.contacts),
+        ):
             names = [thing.name for thing in things]
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
-                raise ModelError(f"character {self.name!r}: two {kind} are named {twice!r}, names must differ")
+                raise ModelError(
+                    f"character {self.name!r}: two {kind} are named {twice!r}, names must differ"
+                )
         if self.mass <= 0.0:
-            raise ModelError(f"character {self.name!r}: total mass is {self.mass}, must be positive")
+            raise ModelError(
+                f"character {self.name!r}: total mass is {self.mass}, must be positive"
+            )
         self._check_base()
         for contact in self.contacts:
             if not 0 <= contact.body < len(self.bodies):
-                raise ModelError(f"contact {contact.name!r}: body index {contact.body} is not in 0…{len(self.bodies) - 1}")
+                raise ModelError(
+                    f"contact {contact.name!r}: body index {contact.body} is not in "
+                    f"0…{len(self.bodies) - 1}"
+                )
         for pair in self.pairs:
             if not all(0 <= k < len(self.contacts) for k in pair) or pair[0] == pair[1]:
-                raise ModelError(f"pair {pair}: must be two different indices of the {len(self.contacts)} contact spheres")
+                raise ModelError(
+                    f"pair {pair}: must be two different indices of the {len(self.contacts)} "
+                    "contact "
+                    "spheres"
+                )
         self._check_poses()
         self._check_inertia()
 
@@ -237,39 +303,63 @@ class Character(Shown):
         which, keep = f"character {self.name!r}", object.__setattr__
         for field_name, kind in (("bodies", Body), ("contacts", ContactSphere)):
             things = getattr(self, field_name)
-            if not isinstance(things, (tuple, list)) or not all(isinstance(thing, kind) for thing in things):
-                raise ModelError(f"{which}: {field_name} is {said(things)}, must be a tuple of {kind.__name__}")
+            if not isinstance(things, (tuple, list)) or not all(
+                isinstance(thing, kind) for thing in things
+            ):
+                raise ModelError(
+                    f"{which}: {field_name} is {said(things)}, must be a tuple of {kind.__name__}"
+                )
             keep(self, field_name, tuple(things))
         if not isinstance(self.base, str) or self.base not in ("floating", "fixed"):
             raise ModelError(f"{which}: base is {said(self.base)}, must be 'floating' or 'fixed'")
         if not isinstance(self.chart, str) or self.chart not in ("zyx", "zxy"):
             raise ModelError(f"{which}: chart is {said(self.chart)}, must be 'zyx' or 'zxy'")
         try:
-            keep(self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs))
+            keep(
+                self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs)
+            )
         except (TypeError, ValueError):
-            raise ModelError(f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres") from None
-        if not isinstance(self.dropped, (tuple, list)) or not all(isinstance(sentence, str) for sentence in self.dropped):
-            raise ModelError(f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences")
+            raise ModelError(
+                f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres"
+            ) from None
+        if not isinstance(self.dropped, (tuple, list)) or not all(
+            isinstance(sentence, str) for sentence in self.dropped
+        ):
+            raise ModelError(
+                f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences"
+            )
         keep(self, "dropped", tuple(self.dropped))
 
     def _check_base(self) -> None:
-        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing moves may have none."""
+        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing
+        moves may have none."""
         if self.base == "fixed" or not self.joints:
             return
         body = self.bodies[self.base_body]
         six = [joint.kind for joint in body.joints[:6] if not joint.actuated]
         if six != 3 * ["slide"] + 3 * ["hinge"]:
-            what = f"base is 'floating', but body {body.name!r}, the first that moves, does not begin with"
-            raise ModelError(f"character {self.name!r}: {what} three slides and three hinges that nothing drives")
+            what = (
+                f"base is 'floating', but body {body.name!r}, the first that moves, does not begin "
+                "with"
+            )
+            raise ModelError(
+                f"character {self.name!r}: {what} three slides and three hinges that nothing drives"
+            )
 
     def _check_poses(self) -> None:
         if not isinstance(self.poses, Mapping):
-            raise ModelError(f"character {self.name!r}: poses is {said(self.poses)}, must be configurations by name")
+            raise ModelError(
+                f"character {self.name!r}: poses is {said(self.poses)}, must be configurations by "
+                "name"
+            )
         poses = dict(self.poses)
         if self.default_pose is not None:
             pose = _array(f"character {self.name!r}: default pose", self.default_pose, (self.nx,))
             object.__setattr__(self, "default_pose", pose)
-        named = {name: _array(f"character {self.name!r}: pose {name!r}", pose, (self.nx,)) for name, pose in poses.items()}
+        named = {
+            name: _array(f"character {self.name!r}: pose {name!r}", pose, (self.nx,))
+            for name, pose in poses.items()
+        }
         object.__setattr__(self, "poses", named)
 
     def _check_inertia(self) -> None:
@@ -281,21 +371,32 @@ class Character(Shown):
         for b, body in enumerate(self.bodies):
             for joint in body.joints:
                 if carried[b] <= 0.0 and joint.armature <= 0.0:
-                    raise ModelError(f"joint {joint.name!r} moves no mass: the bodies from {body.name!r} on are massless")
+                    raise ModelError(
+                        f"joint {joint.name!r} moves no mass: the bodies from {body.name!r} on are "
+                        "massless"
+                    )
 
     def __repr__(self) -> str:
-        size = f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies, {self.mass:.4g} kg"
+        size = (
+            f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies, "
+            f"{self.mass:.4g} kg"
+        )
         lines = [
             f"{self.name}, {self.base} base: {size}",
             listed("joints", [joint.name for joint in self.joints]),
             listed("contacts", [contact.name for contact in self.contacts]),
             listed("poses", list(self.poses)),
         ]
-        dropped = [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"] if self.dropped else []
+        dropped = (
+            [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"]
+            if self.dropped
+            else []
+        )
         return "\n".join(lines + dropped)
 
     def summary(self) -> str:
-        """A table to read: sizes, height and inertia; range, limits and poses of each joint; mass and inertia of each body.
+        """A table to read: sizes, height and inertia; range, limits and poses of each joint; mass
+        and inertia of each body.
 
         :func:`octo.describe` has the same as numbers.
         """
@@ -318,17 +419,21 @@ class Character(Shown):
 
     @cached_property
     def actuated(self) -> NDArray[np.intp]:
-        """Indices into x of the actuated degrees of freedom: U of Eq. 7 is the identity's rows at these."""
+        """Indices into x of the actuated degrees of freedom: U of Eq. 7 is the identity's rows at
+        these."""
         return np.array([j for j, joint in enumerate(self.joints) if joint.actuated], dtype=np.intp)
 
     @cached_property
     def unactuated(self) -> NDArray[np.intp]:
         """Indices into x of the unactuated degrees of freedom (the rows U_/ of Eq. 7)."""
-        return np.array([j for j, joint in enumerate(self.joints) if not joint.actuated], dtype=np.intp)
+        return np.array(
+            [j for j, joint in enumerate(self.joints) if not joint.actuated], dtype=np.intp
+        )
 
     @cached_property
     def first_joint(self) -> NDArray[np.intp]:
-        """(bodies,) index into x of each body's first joint (where it would be, for a welded body)."""
+        """(bodies,) index into x of each body's first joint (where it would be, for a welded
+        body)."""
         counts = [len(body.joints) for body in self.bodies]
         return np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
 
@@ -351,8 +456,9 @@ class Character(Shown):
     def own(self) -> NDArray[np.bool_]:
         """(bodies,) whether a body is the robot's, and not the world's.
 
-        The robot is what the floating base carries. On a fixed base it is the trees that are driven (or, where none is, that
-        move), with what they stand on: a door beside an arm moves, but its weight is not the arm's.
+        The robot is what the floating base carries. On a fixed base it is the trees that are driven
+        (or, where none is, that move), with what they stand on: a door beside an arm moves, but its
+        weight is not the arm's.
         """
         root: list[int] = []
         for b, body in enumerate(self.bodies):
@@ -361,7 +467,11 @@ class Character(Shown):
             kept = {root[self.base_body]} if self.bodies else set()
         else:
             moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
-            driven = {root[b] for b, body in enumerate(self.bodies) if any(joint.actuated for joint in body.joints)}
+            driven = {
+                root[b]
+                for b, body in enumerate(self.bodies)
+                if any(joint.actuated for joint in body.joints)
+            }
             kept = driven or moving or set(root)
         return np.array([one in kept for one in root], dtype=bool)
 
@@ -385,7 +495,8 @@ class Character(Shown):
 
     @property
     def base_coordinate(self) -> int:
-        """Where the coordinates of the base begin in a configuration; of a floating one x, y, z first."""
+        """Where the coordinates of the base begin in a configuration; of a floating one x, y, z
+        first."""
         return int(self.first_joint[self.base_body])
 
     @cached_property
@@ -421,9 +532,14 @@ def _index(kind: str, name: str, names: list[str]) -> int:
 
 
 def floating_base(prefix: str = "base", chart: Literal["zyx", "zxy"] = "zyx") -> tuple[Joint, ...]:
-    """The six unactuated joints of a floating base: x, y, z along the world axes, then the chart's hinges."""
+    """The six unactuated joints of a floating base: x, y, z along the world axes, then the chart's
+    hinges."""
     axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     angle = {"x": "roll", "y": "pitch", "z": "yaw"}
-    slides = tuple(Joint(f"{prefix}_{c}", "slide", _vector3(axes[c]), actuated=False) for c in "xyz")
-    hinges = tuple(Joint(f"{prefix}_{angle[c]}", "hinge", _vector3(axes[c]), actuated=False) for c in chart)
+    slides = tuple(
+        Joint(f"{prefix}_{c}", "slide", _vector3(axes[c]), actuated=False) for c in "xyz"
+    )
+    hinges = tuple(
+        Joint(f"{prefix}_{angle[c]}", "hinge", _vector3(axes[c]), actuated=False) for c in chart
+    )
     return slides + hinges

@@ -1,4 +1,5 @@
-"""The chart of a floating base: three angles, outermost (yaw) first, as rotations and back, in microseconds."""
+"""The chart of a floating base: three angles, outermost (yaw) first, as rotations and back, in
+microseconds."""
 
 from __future__ import annotations
 
@@ -17,16 +18,20 @@ def rotation_of_angles(angles: Array, chart: str) -> Array:
     numbers = np.asarray(angles).tolist()
     (ca, cb, cc), (sa, sb, sc) = map(math.cos, numbers), map(math.sin, numbers)
     if chart == "zyx":
-        return np.array([
-            [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
-            [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
-            [-sb, cb * sc, cb * cc],
-        ])  # fmt: skip
-    return np.array([
-        [ca * cc - sa * sb * sc, -sa * cb, ca * sc + sa * sb * cc],
-        [sa * cc + ca * sb * sc, ca * cb, sa * sc - ca * sb * cc],
-        [-cb * sc, sb, cb * cc],
-    ])  # fmt: skip
+        return np.array(
+            [
+                [ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
+                [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
+                [-sb, cb * sc, cb * cc],
+            ]
+        )
+    return np.array(
+        [
+            [ca * cc - sa * sb * sc, -sa * cb, ca * sc + sa * sb * cc],
+            [sa * cc + ca * sb * sc, ca * cb, sa * sc - ca * sb * cc],
+            [-cb * sc, sb, cb * cc],
+        ]
+    )
 
 
 def angles_of(rotation: Array, chart: str, near: Any) -> tuple[float, float, float]:
@@ -47,12 +52,18 @@ def angles_of(rotation: Array, chart: str, near: Any) -> tuple[float, float, flo
         else:
             c = math.atan2(ca * R[0][2] + sa * R[1][2], ca * R[0][0] + sa * R[1][0])
     choices = [_near((a, b, c), near), _near((a + math.pi, math.pi - b, c + math.pi), near)]
-    distance = [sum((value - aim) ** 2 for value, aim in zip(choice, near, strict=True)) for choice in choices]
+    distance = [
+        sum((value - aim) ** 2 for value, aim in zip(choice, near, strict=True))
+        for choice in choices
+    ]
     return choices[0] if distance[0] <= distance[1] else choices[1]
 
 
 def _near(angles: tuple[float, float, float], near: list[float]) -> tuple[float, float, float]:
-    a, b, c = (value + 2.0 * math.pi * round((aim - value) / (2.0 * math.pi)) for value, aim in zip(angles, near, strict=True))
+    a, b, c = (
+        value + 2.0 * math.pi * round((aim - value) / (2.0 * math.pi))
+        for value, aim in zip(angles, near, strict=True)
+    )
     return a, b, c
 
 
@@ -71,8 +82,10 @@ def turned_by(vector: Array) -> Array:
     angle = math.sqrt(x * x + y * y + z * z)
     s = math.sin(angle) / angle if angle > 1e-8 else 1.0
     c = (1.0 - math.cos(angle)) / angle**2 if angle > 1e-8 else 0.5
-    return np.array([
-        [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
-        [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
-        [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+            [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
+            [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
+        ]
+    )

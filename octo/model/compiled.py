@@ -18,7 +18,8 @@ from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
-BALL_CHART = "zyx"  # of the hinges of a ball joint; the body's own axes unless its motors pull about others
+# of the hinges of a ball joint; the body's own axes unless its motors pull about others
+BALL_CHART = "zyx"
 
 
 @dataclass
@@ -30,11 +31,13 @@ class Tree:
     source: list[int] = field(default_factory=list)  # MuJoCo's index of each body
     carriers: dict[int, Carrier] = field(default_factory=dict)
     fused: list[tuple[str, str]] = field(default_factory=list)
-    balls: dict[int, Array] = field(default_factory=dict)  # MuJoCo's ball joints -> axes (3, 3) of the hinges, outermost first
+    # MuJoCo's ball joints -> axes (3, 3) of the hinges, outermost first
+    balls: dict[int, Array] = field(default_factory=dict)
 
 
 def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
-    """The character of a compiled model: links welded together become one body, masses are kept exactly."""
+    """The character of a compiled model: links welded together become one body, masses are kept
+    exactly."""
     model, notes = source.model, list(dropped)
     _check_numbers(source)
     tree = Tree()
@@ -44,23 +47,41 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
         for b in _body_order(source):
             _add_body(tree, source, b, notes)
     if tree.fused:
-        notes.append(f"links welded to their parents are fused into them: {', '.join(f'{a} into {b}' for a, b in tree.fused)}")
+        notes.append(
+            "links welded to their parents are fused into them: "
+            f"{', '.join(f'{a} into {b}' for a, b in tree.fused)}"
+        )
     base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
     with named(source.file):
         bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
-        plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=configuration(tree, source, model.qpos0))
+        plain = Character(
+            source.name,
+            bodies,
+            base=base,
+            chart=tree.chart,
+            default_pose=configuration(tree, source, model.qpos0),
+        )
     if plain.nx == 0:
-        raise RobotFileError(f"{source.file}: has no joints and nothing moves; base='floating' makes its body free")
+        raise RobotFileError(
+            f"{source.file}: has no joints and nothing moves; base='floating' makes its body free"
+        )
     check_mass_matrix(plain, source.file)
     with named(source.file):
         contacts = contact_spheres(plain, source, tree.carriers, notes)
-        character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source))
+        character = replace(
+            plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source)
+        )
     return replace(character, pairs=self_collision_pairs(character))
 
 
 def _check_numbers(source: RobotFile) -> None:
-    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before anything is made of them."""
-    fields = {"body": ("pos", "quat", "ipos", "mass", "inertia"), "jnt": ("pos", "axis"), "geom": ("pos", "quat", "size")}
+    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before
+    anything is made of them."""
+    fields = {
+        "body": ("pos", "quat", "ipos", "mass", "inertia"),
+        "jnt": ("pos", "axis"),
+        "geom": ("pos", "quat", "size"),
+    }
     for kind, names in fields.items():
         for name in names:
             values = getattr(source.model, f"{kind}_{name}")
@@ -73,14 +94,23 @@ def _check_numbers(source: RobotFile) -> None:
                 element = {"jnt": "joint"}.get(kind, kind)
                 which = f"{element} {name_of(source.model, element, index)!r}"
                 if kind == "geom":
-                    which += f" of body {name_of(source.model, 'body', int(source.model.geom_bodyid[index]))!r}"
-                words = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}.get(name, name)
-                what = f"{words} has the entry {values[index, column]}, must be finite and at most {LARGEST:.0e}"
+                    which += (
+                        " of body "
+                        f"{name_of(source.model, 'body', int(source.model.geom_bodyid[index]))!r}"
+                    )
+                words = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}.get(
+                    name, name
+                )
+                what = (
+                    f"{words} has the entry {values[index, column]}, must be finite and at most "
+                    f"{LARGEST:.0e}"
+                )
                 raise RobotFileError(f"{source.file}: {which}: {what}")
 
 
 def _body_order(source: RobotFile) -> list[int]:
-    """MuJoCo's bodies that belong to the robot, parents first, the floating tree before all others."""
+    """MuJoCo's bodies that belong to the robot, parents first, the floating tree before all
+    others."""
     model = source.model
     kept = [b for b in range(1, model.nbody) if b not in source.left_out]
     if source.free_body is None:
@@ -96,7 +126,8 @@ def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
     name = name_of(model, "body", b)
     welded = model.body_jntnum[b] == 0 and b != source.free_body
     if parent is not None:
-        position, rotation = parent.position + parent.rotation @ position, parent.rotation @ rotation
+        position = parent.position + parent.rotation @ position
+        rotation = parent.rotation @ rotation
         if welded:
             tree.carriers[b] = Carrier(parent.body, rotation, position)
             tree.fused.append((name, tree.bodies[parent.body].name))
@@ -104,19 +135,29 @@ def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
     elif welded and not _holds_anything(model, b):
         return
     if b == source.free_body:
-        joints, position, rotation = _free_joints(model, b, tree.chart, notes), np.zeros(3), np.eye(3)
+        joints = _free_joints(model, b, tree.chart, notes)
+        position = np.zeros(3)
+        rotation = np.eye(3)
     else:
-        joints = tuple(joint for j in _joints_of(model, b) for joint in _joints(tree, source, j, notes))
+        joints = tuple(
+            joint for j in _joints_of(model, b) for joint in _joints(tree, source, j, notes)
+        )
     tree.carriers[b] = Carrier(len(tree.bodies), np.eye(3), np.zeros(3))
-    tree.bodies.append(Body(name, -1 if parent is None else parent.body, joints, position, rotation))
+    tree.bodies.append(
+        Body(name, -1 if parent is None else parent.body, joints, position, rotation)
+    )
     tree.source.append(b)
 
 
 def _holds_anything(model: Any, b: int) -> bool:
-    """Whether a body fixed to the world has mass or carries something that moves; marks and decoration do not."""
+    """Whether a body fixed to the world has mass or carries something that moves; marks and
+    decoration do not."""
     if model.body_subtreemass[b] > 0.0:
         return True
-    return any(model.body_jntnum[c] > 0 and model.body_rootid[c] == model.body_rootid[b] for c in range(b, model.nbody))
+    return any(
+        model.body_jntnum[c] > 0 and model.body_rootid[c] == model.body_rootid[b]
+        for c in range(b, model.nbody)
+    )
 
 
 def _joints_of(model: Any, b: int) -> range:
@@ -132,12 +173,19 @@ def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Jo
     first = model.body_dofadr[b]
     armature, damping = model.dof_armature[first : first + 6], model.dof_damping[first : first + 6]
     if armature[3:].any() or damping[3:].any():
-        notes.append(f"armature and damping of the free joint of {name_of(model, 'body', b)}: taken about yaw, pitch and roll")
-    return tuple(replace(j, armature=float(a), damping=float(d)) for j, a, d in zip(joints, armature, damping, strict=True))
+        notes.append(
+            f"armature and damping of the free joint of {name_of(model, 'body', b)}: taken about "
+            "yaw, pitch and roll"
+        )
+    return tuple(
+        replace(j, armature=float(a), damping=float(d))
+        for j, a, d in zip(joints, armature, damping, strict=True)
+    )
 
 
 def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
-    """``prefix``, with an underscore in front for as long as the file has joints of the names that come of it."""
+    """``prefix``, with an underscore in front for as long as the file has joints of the names that
+    come of it."""
     taken = {name_of(model, "joint", j) for j in range(model.njnt)}
     while any(prefix + ending in taken for ending in endings):
         prefix = f"_{prefix}"
@@ -145,7 +193,8 @@ def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
 
 
 def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
-    """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball, nothing for a removed free one."""
+    """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball,
+    nothing for a removed free one."""
     mujoco, model = import_mujoco(), source.model
     kind, name, dof = model.jnt_type[j], name_of(model, "joint", j), model.jnt_dofadr[j]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -190,7 +239,11 @@ def _driven(motor: Motor) -> dict[str, Any]:
 
 
 def _ball_note(model: Any, j: int, name: str, ball: BallMotors) -> str:
-    extra = [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"] if model.jnt_limited[j] else []
+    extra = (
+        [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"]
+        if model.jnt_limited[j]
+        else []
+    )
     dof = model.jnt_dofadr[j]
     if model.dof_armature[dof] or model.dof_damping[dof] or model.jnt_stiffness[j]:
         extra.append("armature, damping and spring act about each hinge")
@@ -210,7 +263,11 @@ def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
             R = carrier.rotation
             parts.append(Inertial(own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
     mass = sum(part.mass for part in parts)
-    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass if mass > 0.0 else np.zeros(3)
+    com = (
+        sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
+        if mass > 0.0
+        else np.zeros(3)
+    )
     inertia = np.zeros((3, 3))
     for part in parts:
         r = part.com - com
@@ -233,7 +290,9 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
                     x += [*qpos[address : address + 3], *chart_angles(turn, tree.chart)]
             elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
                 frame = tree.balls[j][::-1]  # (3, 3) rows x', y', z'
-                x += chart_angles(frame @ rotation_of(qpos[address : address + 4]) @ frame.T, BALL_CHART)
+                x += chart_angles(
+                    frame @ rotation_of(qpos[address : address + 4]) @ frame.T, BALL_CHART
+                )
             else:
                 x.append(qpos[address])
     return np.array(x, dtype=float)
@@ -241,18 +300,32 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
 
 def _keyframes(tree: Tree, source: RobotFile) -> dict[str, Array]:
     model = source.model
-    return {name_of(model, "key", k): configuration(tree, source, model.key_qpos[k]) for k in range(model.nkey)}
+    return {
+        name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
+        for k in range(model.nkey)
+    }
 
 
 def _least_singular_chart(rotation: Array) -> Chart:
-    """zyx, unless the base stands so close to its singular pitch (60° and more) that zxy is better."""
-    pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])  # sines of the middle angles of zyx and of zxy
+    """zyx, unless the base stands so close to its singular pitch (60° and more) that zxy is
+    better."""
+    # sines of the middle angles of zyx and of zxy
+    pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])
     return "zxy" if pitch > 0.87 and roll < pitch else "zyx"
 
 
 def chart_angles(rotation: Array, chart: str) -> list[float]:
-    """The three angles (rad) of the chart's hinges, outermost first, that turn by ``rotation`` (3, 3)."""
+    """The three angles (rad) of the chart's hinges, outermost first, that turn by ``rotation`` (3,
+    3)."""
     R = rotation
     if chart == "zyx":
-        return [math.atan2(R[1, 0], R[0, 0]), math.asin(-np.clip(R[2, 0], -1.0, 1.0)), math.atan2(R[2, 1], R[2, 2])]
-    return [math.atan2(-R[0, 1], R[1, 1]), math.asin(np.clip(R[2, 1], -1.0, 1.0)), math.atan2(-R[2, 0], R[2, 2])]
+        return [
+            math.atan2(R[1, 0], R[0, 0]),
+            math.asin(-np.clip(R[2, 0], -1.0, 1.0)),
+            math.atan2(R[2, 1], R[2, 2]),
+        ]
+    return [
+        math.atan2(-R[0, 1], R[1, 1]),
+        math.asin(np.clip(R[2, 1], -1.0, 1.0)),
+        math.atan2(-R[2, 0], R[2, 2]),
+    ]

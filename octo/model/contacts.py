@@ -1,4 +1,5 @@
-"""Collision geoms of a compiled robot file -> contact spheres and self-collision pairs, as few as will do."""
+"""Collision geoms of a compiled robot file -> contact spheres and self-collision pairs, as few as
+will do."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ MOST_SPHERES = 8  # of a body; a first moving body that needs more becomes a box
 AT_END = 0.9  # a geom whose reach is this part of its limb's is at its end
 SMALL = 0.35  # a mesh at the end whose size is at most this part of the limb's reach is a ball
 COMPACT = 2.0  # if its longest side is at most this often its shortest
-SHARED = 0.25  # a sphere that never leaves one of another body by more than this part of its radius is not needed
+# a sphere that never leaves one of another body by more than this part of its radius is not needed
+SHARED = 0.25
 PAIR_CLEARANCE = 0.005  # m between the spheres of a pair in the default pose
 PAIR_RADIUS = 0.005  # m; smaller spheres are corners, no use against each other
 
@@ -43,9 +45,11 @@ class Shape:
 def contact_spheres(
     character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
 ) -> tuple[ContactSphere, ...]:
-    """The spheres of every moving body: those at the ends of the limbs first, the lowest of these before the others.
+    """The spheres of every moving body: those at the ends of the limbs first, the lowest of these
+    before the others.
 
-    A geom at the end of a limb, and the geoms of the base, keep their form; every other geom becomes a rod or a ball.
+    A geom at the end of a limb, and the geoms of the base, keep their form; every other geom
+    becomes a rod or a ball.
     """
     ground = _ground(character, source, carriers, notes)
     moving = [b for b, path in enumerate(character.path) if path]
@@ -72,14 +76,19 @@ def _boxed(own: list[Shape]) -> list[Shape]:
     """The shapes of the trunk, or one box around them where they are many."""
     if not own:
         return own
-    centers, radii = np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
+    centers = np.concatenate([s.centers for s in own])
+    radii = np.concatenate([s.radii for s in own])
     if len(radii) <= MOST_SPHERES:
         return own
-    return [replace(own[0], centers=corners, radii=skins) for corners, skins in [shapes.bounding_box(centers, radii)]]
+    return [
+        replace(own[0], centers=corners, radii=skins)
+        for corners, skins in [shapes.bounding_box(centers, radii)]
+    ]
 
 
 def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) -> list[Shape]:
-    """The shapes of body ``b`` with all that cannot be a foot or a hand reduced to rods and balls."""
+    """The shapes of body ``b`` with all that cannot be a foot or a hand reduced to rods and
+    balls."""
     if not own:
         return own
     anchor = _anchor(character, b)
@@ -90,7 +99,9 @@ def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) ->
         if at_end and reach[id(shape)] >= AT_END * farthest:
             if shape.kind == "mesh" and len(shape.radii) > 1 and _compact(shape.centers, farthest):
                 outward = shape.centers.mean(axis=0) - anchor
-                shape = shape.with_spheres(shapes.end_ball(shape.centers, outward / np.linalg.norm(outward)))
+                shape = shape.with_spheres(
+                    shapes.end_ball(shape.centers, outward / np.linalg.norm(outward))
+                )
         elif len(shape.radii) > 2:
             shape = shape.with_spheres(shape.rod)
         result.append(shape)
@@ -102,7 +113,9 @@ def _compact(vertices: Array, reach: float) -> bool:
     return bool(np.linalg.norm(sides) <= SMALL * reach and sides.max() <= COMPACT * sides.min())
 
 
-def _ground(character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]) -> list[int]:
+def _ground(
+    character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
+) -> list[int]:
     """Geoms of the world that collide; they are noted, the terrain is the problem's own."""
     model, mujoco = source.model, import_mujoco()
     parents = {body.parent for body in character.bodies}
@@ -111,13 +124,16 @@ def _ground(character: Character, source: RobotFile, carriers: Mapping[int, Carr
         b = int(model.geom_bodyid[g])
         carrier = carriers.get(b)
         of_world = b == 0 or (carrier is None and model.body_weldid[b] == 0)
-        alone = carrier is not None and not character.path[carrier.body] and carrier.body not in parents
+        alone = (
+            carrier is not None and not character.path[carrier.body] and carrier.body not in parents
+        )
         if (of_world or alone) and _collidable(model, g):
             ground.append(g)
     if ground:
         kinds = sorted({_kind(mujoco, model, g) for g in ground})
         notes.append(
-            f"{len(ground)} geoms of the world ({', '.join(kinds)}): the terrain is the problem's, a plane unless said otherwise"
+            f"{len(ground)} geoms of the world ({', '.join(kinds)}): the terrain is the "
+            "problem's, a plane unless said otherwise"
         )
     return ground
 
@@ -133,12 +149,15 @@ def _paired(model: Any, g: int) -> list[int]:
 
 
 def _collides(model: Any, g: int, ground: list[int], floating: bool) -> bool:
-    """Whether geom ``g`` touches the ground of the file; in a file without one, whether it could touch anything."""
+    """Whether geom ``g`` touches the ground of the file; in a file without one, whether it could
+    touch anything."""
     if not ground:
         return _collidable(model, g)
     partners = set(_paired(model, g))
     types, affinities = model.geom_contype, model.geom_conaffinity
-    return any(h in partners or types[g] & affinities[h] or types[h] & affinities[g] for h in ground)
+    return any(
+        h in partners or types[g] & affinities[h] or types[h] & affinities[g] for h in ground
+    )
 
 
 def _kind(mujoco: Any, model: Any, g: int) -> str:
@@ -178,7 +197,8 @@ def _hull_vertices(model: Any, mesh: int) -> Array:
     graph = model.mesh_graphadr[mesh]
     if graph < 0:
         return vertices
-    on_hull = model.mesh_graph[graph]  # layout: number of vertices, of faces, edge addresses, vertex numbers, ...
+    # layout: number of vertices, of faces, edge addresses, vertex numbers, ...
+    on_hull = model.mesh_graph[graph]
     return vertices[model.mesh_graph[graph + 2 + on_hull : graph + 2 + 2 * on_hull]]
 
 
@@ -186,21 +206,30 @@ def _pruned(own: list[Shape], touches: bool) -> list[ContactSphere]:
     """The spheres of one body that make up its hull."""
     if not own:
         return []
-    centers, radii = np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
+    centers = np.concatenate([s.centers for s in own])
+    radii = np.concatenate([s.radii for s in own])
     names = [shape.name for shape in own for _ in shape.radii]
-    size = float(np.linalg.norm((centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)))
+    size = float(
+        np.linalg.norm(
+            (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
+        )
+    )
     chosen = shapes.prune(centers, radii, TOLERANCE * size, MOST_SPHERES)
-    return [ContactSphere(names[k], own[0].body, centers[k], float(radii[k]), touches) for k in chosen]
+    return [
+        ContactSphere(names[k], own[0].body, centers[k], float(radii[k]), touches) for k in chosen
+    ]
 
 
 def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[ContactSphere]:
-    """Drop a sphere that stays inside, or in the place of, one of another body: two links that share a knee."""
+    """Drop a sphere that stays inside, or in the place of, one of another body: two links that
+    share a knee."""
     if not spheres:
         return []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (4, character.nx))
     centers = _centers(character, spheres, poses)  # (4, k, 3) m
     radii = np.array([sphere.radius for sphere in spheres])
-    away = np.linalg.norm(centers[:, :, None] - centers[:, None], axis=-1).max(axis=0)  # (k, k) m, over the poses
+    # (k, k) m, over the poses
+    away = np.linalg.norm(centers[:, :, None] - centers[:, None], axis=-1).max(axis=0)
     inside = away <= (1.0 + SHARED) * radii[None, :] - radii[:, None]
     dropped: set[int] = set()
     # Later bodies are further out: the outer link keeps the sphere of a joint that two links share.
@@ -241,14 +270,20 @@ def _sphere_reach(character: Character, sphere: ContactSphere) -> float:
     return _reach(sphere.position[None], np.array([sphere.radius]), _anchor(character, sphere.body))
 
 
-def _ordered(character: Character, spheres: list[ContactSphere], ends: list[int]) -> list[ContactSphere]:
+def _ordered(
+    character: Character, spheres: list[ContactSphere], ends: list[int]
+) -> list[ContactSphere]:
     """The ends of limbs first, those that stand lowest in the default pose before the others."""
     height = _centers(character, spheres, default_pose(character))[:, 2]
-    lowest = {b: min(h for h, s in zip(height, spheres, strict=True) if s.body == b) for b in {s.body for s in spheres}}
+    lowest = {
+        b: min(h for h, s in zip(height, spheres, strict=True) if s.body == b)
+        for b in {s.body for s in spheres}
+    }
 
     def key(sphere: ContactSphere) -> tuple[bool, float, int, float]:
         end = sphere.body in ends
-        step = round(lowest[sphere.body] / 0.05) if end else 0  # left and right differ by rounding only
+        # left and right differ by rounding only
+        step = round(lowest[sphere.body] / 0.05) if end else 0
         return not end, step, sphere.body, -_sphere_reach(character, sphere) if end else 0.0
 
     return sorted(spheres, key=key)
@@ -261,17 +296,24 @@ def _unique_names(spheres: list[ContactSphere]) -> list[ContactSphere]:
     numbered = []
     for sphere in spheres:
         seen[sphere.name] = seen.get(sphere.name, 0) + 1
-        name = sphere.name if names.count(sphere.name) == 1 else f"{sphere.name}_{seen[sphere.name]}"
-        numbered.append(ContactSphere(name, sphere.body, sphere.position, sphere.radius, sphere.touches_terrain))
+        name = (
+            sphere.name if names.count(sphere.name) == 1 else f"{sphere.name}_{seen[sphere.name]}"
+        )
+        numbered.append(
+            ContactSphere(name, sphere.body, sphere.position, sphere.radius, sphere.touches_terrain)
+        )
     return numbered
 
 
 def self_collision_pairs(character: Character) -> tuple[tuple[int, int], ...]:
-    """The ends of the limbs against each other, each against its two nearest; none touches in the default pose."""
+    """The ends of the limbs against each other, each against its two nearest; none touches in the
+    default pose."""
     tips = {}
     for b in end_bodies(character):
         reach = {
-            k: _sphere_reach(character, s) for k, s in enumerate(character.contacts) if s.body == b and s.radius >= PAIR_RADIUS
+            k: _sphere_reach(character, s)
+            for k, s in enumerate(character.contacts)
+            if s.body == b and s.radius >= PAIR_RADIUS
         }
         if reach:
             tips[b] = [k for k, value in reach.items() if value >= AT_END * max(reach.values())]

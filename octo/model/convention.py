@@ -1,7 +1,8 @@
-"""Configurations and velocities as a robot reports them, and as octo's chart has them, in microseconds.
+"""Configurations and velocities as a robot reports them, and as octo's chart has them, in
+microseconds.
 
-Of the angles that give one rotation those nearest to the configuration before are taken, so that a base may turn for
-ever, and fall through the chart's singularity.
+Of the angles that give one rotation those nearest to the configuration before are taken, so that a
+base may turn for ever, and fall through the chart's singularity.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ DAMPING = 1e-4  # of the chart's rates there
 
 
 class Convention:
-    """q (nq,), v (nv,) of one robot in the form of MuJoCo or of Pinocchio; a fixed base has none of the first seven.
+    """q (nq,), v (nv,) of one robot in the form of MuJoCo or of Pinocchio; a fixed base has none of
+    the first seven.
 
-    mujoco: base position (m), quaternion (w, x, y, z), velocity (m/s, world), angular velocity (rad/s, body axes).
-    pinocchio: base position, quaternion (x, y, z, w), velocity and angular velocity, both in body axes.
-    Then each joint's coordinate in the order of the character's tree: the form of ``Solution.to_mujoco`` where there is no ball
-    joint (here a ball joint is three hinges).
+    mujoco: base position (m), quaternion (w, x, y, z), velocity (m/s, world), angular velocity
+    (rad/s, body axes). pinocchio: base position, quaternion (x, y, z, w), velocity and angular
+    velocity, both in body axes. Then each joint's coordinate in the order of the character's tree:
+    the form of ``Solution.to_mujoco`` where there is no ball joint (here a ball joint is three
+    hinges).
     """
 
     def __init__(self, robot: Character, name: str = "mujoco"):
@@ -33,13 +36,20 @@ class Convention:
         self.nq, self.nv = robot.nx + self.floating, robot.nx
         base = robot.bodies[robot.base_body]
         first = robot.base_coordinate
-        self._p, self._r, self._joints = slice(first, first + 3), slice(first + 3, first + 6), slice(first + 6, None)
-        self._before, self.quaternion, self._after = slice(0, first), slice(first + 3, first + 7), slice(first + 7, None)
+        self._p = slice(first, first + 3)
+        self._r = slice(first + 3, first + 6)
+        self._joints = slice(first + 6, None)
+        self._before = slice(0, first)
+        self.quaternion = slice(first + 3, first + 7)
+        self._after = slice(first + 7, None)
         self._origin, self._frame, self.chart = base.position, base.rotation, robot.chart
-        self.actuated_q = robot.actuated + np.where(robot.actuated >= first + 6, int(self.floating), 0)
+        self.actuated_q = robot.actuated + np.where(
+            robot.actuated >= first + 6, int(self.floating), 0
+        )
 
     def to_octo(self, q: Array, v: Array, dt: float, near: Array) -> tuple[Array, Array]:
-        """x_0 (nx,) in the chart nearest to ``near`` (nx,), and x_{-1} = x_0 − dt·v_0, where the velocity came from."""
+        """x_0 (nx,) in the chart nearest to ``near`` (nx,), and x_{-1} = x_0 − dt·v_0, where the
+        velocity came from."""
         if not self.floating:
             return q.copy(), q - dt * v
         x = np.concatenate((q[self._before], near[self._p], near[self._r], q[self._after]))
@@ -59,12 +69,15 @@ class Convention:
         return rotation_of(quaternion if self.real_first else quaternion[[3, 0, 1, 2]])
 
     def rates(self, x: Array, v: Array) -> Array:
-        """(nx,) rates of the chart at x (nx,) for v (nv,); where the chart is singular the smallest that fit best."""
+        """(nx,) rates of the chart at x (nx,) for v (nv,); where the chart is singular the smallest
+        that fit best."""
         if not self.floating:
             return v.copy()
         rate, turn = v.copy(), rotation_of_angles(x[self._r], self.chart)
         rate[self._p] = self._frame.T @ v[self._p] if self.real_first else turn @ v[self._p]
-        rate[self._r] = np.linalg.lstsq(body_axes(x[self._r], self.chart), v[self._r], rcond=1e-9)[0]
+        rate[self._r] = np.linalg.lstsq(body_axes(x[self._r], self.chart), v[self._r], rcond=1e-9)[
+            0
+        ]
         return rate
 
     def of_mujoco(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -94,33 +107,44 @@ class Convention:
         """Place (3,) m and rotation (3, 3) of a floating base; of a fixed one, the world's."""
         if not self.floating:
             return np.zeros(3), np.eye(3)
-        return self._origin + self._frame @ x[self._p], self._frame @ rotation_of_angles(x[self._r], self.chart)
+        return self._origin + self._frame @ x[self._p], self._frame @ rotation_of_angles(
+            x[self._r], self.chart
+        )
 
     def tangent(self, x: Array) -> Array:
-        """(nx, nv) the rates of the chart for a velocity in this convention; damped where the chart is singular."""
+        """(nx, nv) the rates of the chart for a velocity in this convention; damped where the chart
+        is singular."""
         matrix = np.eye(self.nv)
         if self.floating:
             axes = body_axes(x[self._r], self.chart)
-            matrix[self._r, self._r] = np.linalg.solve(axes.T @ axes + DAMPING**2 * np.eye(3), axes.T)
+            matrix[self._r, self._r] = np.linalg.solve(
+                axes.T @ axes + DAMPING**2 * np.eye(3), axes.T
+            )
             turn = rotation_of_angles(x[self._r], self.chart)
             matrix[self._p, self._p] = self._frame.T if self.real_first else turn
         return matrix
 
 
 def from_chart(character: Character, x: Array, rate: Array | None = None) -> tuple[Array, Array]:
-    """q (nq,) and v (nv,) in MuJoCo's form of x (nx,) rad and m and ẋ ``rate`` (nx,), by default at rest."""
+    """q (nq,) and v (nv,) in MuJoCo's form of x (nx,) rad and m and ẋ ``rate`` (nx,), by default at
+    rest."""
     x = numbers("x", x, (character.nx,))
     rate = np.zeros(character.nx) if rate is None else numbers("rate", rate, (character.nx,))
     return Convention(character).from_octo(x, rate)
 
 
-def to_chart(character: Character, q: Array, v: Array, near: Array | None = None) -> tuple[Array, Array]:
+def to_chart(
+    character: Character, q: Array, v: Array, near: Array | None = None
+) -> tuple[Array, Array]:
     """x (nx,) and ẋ (nx,) of q (nq,) and v (nv,) in MuJoCo's form.
 
-    Of the base's angles that say the same rotation, those nearest to ``near`` (nx,) are taken: a turning or falling base
-    then has no jumps. At the chart's singularity ẋ is the smallest that fits best.
+    Of the base's angles that say the same rotation, those nearest to ``near`` (nx,) are taken: a
+    turning or falling base then has no jumps. At the chart's singularity ẋ is the smallest that
+    fits best.
     """
     convention = Convention(character)
     q, v = numbers("q", q, (convention.nq,)), numbers("v", v, (convention.nv,))
-    x = convention.to_octo(q, v, 0.0, np.zeros(character.nx) if near is None else np.asarray(near, dtype=float))[0]
+    x = convention.to_octo(
+        q, v, 0.0, np.zeros(character.nx) if near is None else np.asarray(near, dtype=float)
+    )[0]
     return x, convention.rates(x, v)

@@ -12,9 +12,16 @@ from octo.model.character import Array, Character, Joint
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 
 UNITS = {
-    "length": "m", "mass": "kg", "inertia": "kg m²", "hinge": "rad", "slide": "m", "speed of a hinge": "rad/s",
-    "speed of a slide": "m/s", "torque of a hinge": "N m", "force of a slide": "N",
-}  # fmt: skip
+    "length": "m",
+    "mass": "kg",
+    "inertia": "kg m²",
+    "hinge": "rad",
+    "slide": "m",
+    "speed of a hinge": "rad/s",
+    "speed of a slide": "m/s",
+    "torque of a hinge": "N m",
+    "force of a slide": "N",
+}
 SHOWN = 4  # meshes named in one sentence
 
 
@@ -24,13 +31,15 @@ class Text(str):
     def __repr__(self) -> str:
         return str(self)
 
+
 def describe(character: Character) -> dict[str, Any]:
     """What a character is, as plain lists, names and numbers; None where there is no limit.
 
-    Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo does not model; the
-    base; ``height`` (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre of mass, both in
-    the default pose; ``joints`` in the order of the coordinates; ``links``: mass, centre of mass (m, body axes) and
-    inertia (3, 3) about it; ``poses`` by name; ``units``.
+    Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo
+    does not model; the base; ``height`` (m) of the base over the lowest contact and ``inertia`` (3,
+    3) kg m² about the centre of mass, both in the default pose; ``joints`` in the order of the
+    coordinates; ``links``: mass, centre of mass (m, body axes) and inertia (3, 3) about it;
+    ``poses`` by name; ``units``.
     """
     instance("character", character, Character, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
@@ -63,10 +72,18 @@ def describe(character: Character) -> dict[str, Any]:
             for joint in body.joints
         ],
         "links": [
-            {"name": body.name, "mass": body.mass, "com": body.com.tolist(), "inertia": body.inertia.tolist()}
+            {
+                "name": body.name,
+                "mass": body.mass,
+                "com": body.com.tolist(),
+                "inertia": body.inertia.tolist(),
+            }
             for body in character.bodies
         ],
-        "poses": {"default": pose.tolist(), **{name: np.asarray(values).tolist() for name, values in character.poses.items()}},
+        "poses": {
+            "default": pose.tolist(),
+            **{name: np.asarray(values).tolist() for name, values in character.poses.items()},
+        },
         "units": UNITS,
     }
 
@@ -78,7 +95,9 @@ def lost_shapes(character: Character) -> str:
     if not lost:
         return ""
     more = f"; and {len(lost) - SHOWN} more, octo info lists all" if len(lost) > SHOWN else ""
-    return f"collision meshes are left out and nothing touches there: {'; '.join(lost[:SHOWN])}{more}"
+    return (
+        f"collision meshes are left out and nothing touches there: {'; '.join(lost[:SHOWN])}{more}"
+    )
 
 
 def summary(character: Character) -> Text:
@@ -87,7 +106,9 @@ def summary(character: Character) -> Text:
     height = default_height(character)
     instance("character", character, Character, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
-    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose)))
+    moments = ", ".join(
+        f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose))
+    )
     counted = {
         "bodies": [body.name for body in character.bodies],
         "contacts": names,
@@ -97,11 +118,13 @@ def summary(character: Character) -> Text:
     }
     lines = [
         f"name      {character.name}",
-        f"base      {character.base}" + (f", angles {character.chart}" if character.base == "floating" else ""),
+        f"base      {character.base}"
+        + (f", angles {character.chart}" if character.base == "floating" else ""),
         f"nx        {character.nx}",
         f"nu        {character.nu}",
         f"mass      {character.mass:.6g} kg",
-        f"height    {'no contact' if height is None else f'{height:.4g} m'}, of the base over the lowest contact, default pose",
+        f"height    {'no contact' if height is None else f'{height:.4g} m'}, of the base over "
+        "the lowest contact, default pose",
         f"inertia   ({moments}) kg m², principal, about the centre of mass, default pose",
         *(f"{key:10s}{_counted(values, key == 'dropped')}" for key, values in counted.items()),
     ]
@@ -116,7 +139,8 @@ def default_pose(character: Character) -> Array:
 
 
 def default_height(character: Character) -> float | None:
-    """m, of the base's origin over the lowest point of a contact in the default pose; None without contacts."""
+    """m, of the base's origin over the lowest point of a contact in the default pose; None without
+    contacts."""
     spheres = character.terrain_contacts
     if not spheres:
         return None
@@ -133,7 +157,9 @@ def whole_inertia(character: Character, x: Array) -> Array:
     for b in np.flatnonzero(character.own):
         body, rotation, origin = character.bodies[b], rotations[b], origins[b]
         arm = origin + rotation @ body.com - middle
-        total += rotation @ body.inertia @ rotation.T + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        total += rotation @ body.inertia @ rotation.T + body.mass * (
+            arm @ arm * np.eye(3) - np.outer(arm, arm)
+        )
     return total
 
 
@@ -142,7 +168,11 @@ def _finite(value: float) -> float | None:
 
 
 def _counted(names: list[str], one_a_line: bool) -> str:
-    return f"{len(names)}: {(f'{chr(10)}          ' if one_a_line else ', ').join(names)}" if names else "none"
+    return (
+        f"{len(names)}: {(f'{chr(10)}          ' if one_a_line else ', ').join(names)}"
+        if names
+        else "none"
+    )
 
 
 def _joint_rows(character: Character, poses: dict[str, Array]) -> list[str]:
@@ -152,10 +182,16 @@ def _joint_rows(character: Character, poses: dict[str, Array]) -> list[str]:
     head = f"{'joint':{wide}s}  {'unit':5s}{'lower':>9s}{'upper':>9s}{'speed':>9s}{'torque':>9s}"
     rows = [head + "".join(f"{name[:9]:>10s}" for name in shown)]
     for j, joint in enumerate(character.joints):
-        row = f"{joint.name:{wide}s}  {_unit(joint):5s}{_limit(joint.lower)}{_limit(joint.upper)}{_limit(joint.velocity_limit)}"
+        row = (
+            f"{joint.name:{wide}s}  "
+            f"{_unit(joint):5s}{_limit(joint.lower)}{_limit(joint.upper)}{_limit(joint.velocity_limit)}"
+        )
         row += _limit(joint.torque_limit) if joint.actuated else f"{'free':>9s}"
         rows.append(row + "".join(f"{poses[name][j] + 0.0:10.4g}" for name in shown))
-    rows.append("lower, upper: rad (m of a slide); speed: rad/s (m/s); torque: N m (N), 'free' is not actuated; – is no limit")
+    rows.append(
+        "lower, upper: rad (m of a slide); speed: rad/s (m/s); torque: N m (N), 'free' is "
+        "not actuated; – is no limit"
+    )
     return rows
 
 
@@ -166,7 +202,9 @@ def _body_rows(character: Character) -> list[str]:
         place = " ".join(f"{value:10.3g}" for value in body.com + 0.0)
         moments = " ".join(f"{value:9.3g}" for value in np.linalg.eigvalsh(body.inertia))
         rows.append(f"{body.name:{wide}s}{body.mass:9.4g}  {place}  {moments}")
-    rows.append("mass: kg; centre of mass: m, in the body's axes; inertia: kg m², about the centre of mass")
+    rows.append(
+        "mass: kg; centre of mass: m, in the body's axes; inertia: kg m², about the centre of mass"
+    )
     return rows
 
 

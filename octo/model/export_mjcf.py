@@ -1,4 +1,5 @@
-"""A character as an MJCF that MuJoCo compiles: the way back from :mod:`octo.model.mjcf`, and the plant's model."""
+"""A character as an MJCF that MuJoCo compiles: the way back from :mod:`octo.model.mjcf`, and the
+plant's model."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ NARROWEST = 1e-6  # rad or m: MuJoCo takes an empty range for none
 LEAST_MASS = 1e-12  # kg, kg m²: MuJoCo refuses massless bodies that move; octo does not
 LEAST_RADIUS = 1e-5  # m: MuJoCo refuses spheres without a size
 LEAST_TORQUE = 1e-9  # N m or N: MuJoCo refuses an empty control range
-ROLLING = "0.005 0.0001"  # MuJoCo's default torsional and rolling friction, unused by its default condim 3
+# MuJoCo's default torsional and rolling friction, unused by its default condim 3
+ROLLING = "0.005 0.0001"
 
 
 def export_mjcf(
@@ -36,10 +38,11 @@ def export_mjcf(
 ) -> None:
     """Write ``character`` as an MJCF file.
 
-    The tree, masses, inertias, joints (armature, damping, springs, limits, references) and keyframes (``default`` and the
-    character's poses) are octo's. A floating base becomes a free joint. Every actuated joint gets a torque motor, in the
-    order of u: its control is u/gear, and its range the torque limit. Contact spheres become geoms without mass that
-    collide with the ground, and with each other only where the character has a pair; contact is MuJoCo's own.
+    The tree, masses, inertias, joints (armature, damping, springs, limits, references) and
+    keyframes (``default`` and the character's poses) are octo's. A floating base becomes a free
+    joint. Every actuated joint gets a torque motor, in the order of u: its control is u/gear, and
+    its range the torque limit. Contact spheres become geoms without mass that collide with the
+    ground, and with each other only where the character has a pair; contact is MuJoCo's own.
 
     Parameters
     ----------
@@ -49,11 +52,13 @@ def export_mjcf(
 
     Raises
     ------
-    ModelError: what MJCF cannot say: unequal armature or damping of a free base, an inertia that no mass distribution
-        has. OutputError: the file cannot be written.
+    ModelError: what MJCF cannot say: unequal armature or damping of a free base, an inertia that no
+        mass distribution has. OutputError: the file cannot be written.
     """
     target = ending("path", path, (".xml", ".mjcf"))
-    text = mjcf_text(character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity)
+    text = mjcf_text(
+        character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity
+    )
     with replacing(target) as beside:
         beside.write_text(text, encoding="utf-8")
 
@@ -67,7 +72,8 @@ def mjcf_text(
     gravity: Iterable[float] = (0.0, 0.0, -9.81),
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
-    """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes (3,) m of boxes on it."""
+    """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes
+    (3,) m of boxes on it."""
     instance("character", character, Character, "a Character: what octo.load gives")
     if terrain is not None:
         instance("terrain", terrain, Plane, "an octo.Plane")
@@ -85,10 +91,17 @@ def mjcf_text(
         elements.append(_add_body(parent, character, b))
     for contact in character.contacts:
         SubElement(
-            elements[contact.body], "geom", name=contact.name, type="sphere", size=_text(max(contact.radius, LEAST_RADIUS)),
-            pos=_text(contact.position), mass="0", contype="0", conaffinity=str(int(contact.touches_terrain)),
+            elements[contact.body],
+            "geom",
+            name=contact.name,
+            type="sphere",
+            size=_text(max(contact.radius, LEAST_RADIUS)),
+            pos=_text(contact.position),
+            mass="0",
+            contype="0",
+            conaffinity=str(int(contact.touches_terrain)),
             friction=f"{friction:.10g} {ROLLING}",
-        )  # fmt: skip
+        )
     _add_pairs(top, character, friction)
     motors = SubElement(top, "actuator")
     for j in character.actuated:
@@ -99,7 +112,8 @@ def mjcf_text(
 
 
 def plane_rotation(terrain: Plane) -> Array:
-    """(3, 3): the plane's axes in the world; its z axis is the normal, its x axis lies over the world's x axis."""
+    """(3, 3): the plane's axes in the world; its z axis is the normal, its x axis lies over the
+    world's x axis."""
     p = terrain.parameters
     normal = np.array([p["normal_x"], p["normal_y"], p["normal_z"]])
     along = np.array([1.0, 0.0, -normal[0] / normal[2]])
@@ -112,16 +126,31 @@ def free_base(character: Character) -> bool:
     return character.base == "floating"
 
 
-def _add_ground(world: Element, terrain: Plane, friction: str, bumps: Iterable[tuple[Array, Array]]) -> None:
+def _add_ground(
+    world: Element, terrain: Plane, friction: str, bumps: Iterable[tuple[Array, Array]]
+) -> None:
     rotation, origin = plane_rotation(terrain), np.array([0.0, 0.0, terrain.height])
     turn, place = _text(quaternions(rotation[None])[0]), _text(origin)
     common = {"contype": "1", "conaffinity": "0", "friction": friction}
     SubElement(
-        world, "geom", {"name": "ground", "type": "plane", "pos": place, "quat": turn, "size": "0 0 0.1", **common}
+        world,
+        "geom",
+        {
+            "name": "ground",
+            "type": "plane",
+            "pos": place,
+            "quat": turn,
+            "size": "0 0 0.1",
+            **common,
+        },
     )
     for center, half in bumps:
         place = _text(origin + rotation @ center)
-        SubElement(world, "geom", {"type": "box", "pos": place, "quat": turn, "size": _text(half), **common})
+        SubElement(
+            world,
+            "geom",
+            {"type": "box", "pos": place, "quat": turn, "size": _text(half), **common},
+        )
 
 
 def _add_body(parent: Element, character: Character, b: int) -> Element:
@@ -129,11 +158,20 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
     floats = free_base(character) and b == character.base_body
     position, rotation, joints = body.position, body.rotation, body.joints
     if floats:
-        pose = character.default_pose if character.default_pose is not None else np.zeros(character.nx)
+        pose = (
+            character.default_pose if character.default_pose is not None else np.zeros(character.nx)
+        )
         rotations, origins = body_poses(character, pose)
         position, rotation = origins[b], rotations[b]
-    name = body.name if body.name != "world" else "_world"  # MuJoCo's own name of what does not move
-    element = SubElement(parent, "body", name=name, pos=_text(position), quat=_text(quaternions(np.asarray(rotation)[None])[0]))
+    # MuJoCo's own name of what does not move
+    name = body.name if body.name != "world" else "_world"
+    element = SubElement(
+        parent,
+        "body",
+        name=name,
+        pos=_text(position),
+        quat=_text(quaternions(np.asarray(rotation)[None])[0]),
+    )
     if floats:
         _add_free_joint(element, body)
         joints = joints[6:]
@@ -149,17 +187,27 @@ def _add_free_joint(element: Element, body: Body) -> None:
     for name in ("armature", "damping"):
         found = {float(getattr(joint, name)) for joint in six}
         if len(found) > 1:
-            raise ModelError(f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has one number for all")
+            raise ModelError(
+                f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has "
+                "one "
+                "number for all"
+            )
         values[name] = _text(found.pop())
     SubElement(element, "joint", {"name": f"{body.name}_free", "type": "free", **values})
 
 
 def _add_joint(element: Element, joint: Joint) -> None:
     values = {
-        "name": joint.name, "type": joint.kind, "axis": _text(joint.axis), "pos": _text(joint.anchor),
-        "ref": _text(joint.reference), "armature": _text(joint.armature), "damping": _text(joint.damping),
-        "stiffness": _text(joint.stiffness), "springref": _text(joint.rest),
-    }  # fmt: skip
+        "name": joint.name,
+        "type": joint.kind,
+        "axis": _text(joint.axis),
+        "pos": _text(joint.anchor),
+        "ref": _text(joint.reference),
+        "armature": _text(joint.armature),
+        "damping": _text(joint.damping),
+        "stiffness": _text(joint.stiffness),
+        "springref": _text(joint.rest),
+    }
     if joint.limited:
         lower, upper = max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)
         apart = NARROWEST if upper - lower < NARROWEST else 0.0
@@ -170,15 +218,26 @@ def _add_joint(element: Element, joint: Joint) -> None:
 def _add_inertial(element: Element, body: Body) -> None:
     mass, inertia = body.mass, np.asarray(body.inertia)
     moments = np.linalg.eigvalsh(inertia)
-    if moments[0] < -LEAST_MASS or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS:
+    if (
+        moments[0] < -LEAST_MASS
+        or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS
+    ):
         raise ModelError(
-            f"body {body.name!r}: principal moments {_text(moments)} kg m² are of no mass distribution (the largest must be at "
+            f"body {body.name!r}: principal moments {_text(moments)} kg m² are of no mass "
+            "distribution (the largest must be at "
             f"most the sum of the others): MuJoCo does not compile it"
         )
     lift = max(0.0, LEAST_MASS - float(moments[0]))
-    lift += 0.5 * max(0.0, float(moments[2] - moments[1] - moments[0]) - lift)  # rounding of a thin rod, within 1e-6
+    # rounding of a thin rod, within 1e-6
+    lift += 0.5 * max(0.0, float(moments[2] - moments[1] - moments[0]) - lift)
     full = (inertia + lift * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    SubElement(element, "inertial", pos=_text(body.com), mass=_text(max(mass, LEAST_MASS)), fullinertia=_text(full))
+    SubElement(
+        element,
+        "inertial",
+        pos=_text(body.com),
+        mass=_text(max(mass, LEAST_MASS)),
+        fullinertia=_text(full),
+    )
 
 
 def _add_pairs(top: Element, character: Character, friction: float) -> None:
@@ -187,7 +246,15 @@ def _add_pairs(top: Element, character: Character, friction: float) -> None:
     contact = SubElement(top, "contact")
     for first, second in character.pairs:
         names = {"geom1": character.contacts[first].name, "geom2": character.contacts[second].name}
-        SubElement(contact, "pair", {**names, "condim": "3", "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001"})
+        SubElement(
+            contact,
+            "pair",
+            {
+                **names,
+                "condim": "3",
+                "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001",
+            },
+        )
 
 
 def _add_motor(motors: Element, joint: Joint) -> None:
@@ -207,7 +274,12 @@ def _add_keys(top: Element, character: Character) -> None:
     keys = SubElement(top, "keyframe")
     order = depth_first(character)
     for name, pose in found.items():
-        SubElement(keys, "key", name=name, qpos=_text(_qpos(character, np.asarray(pose, dtype=float), order)))
+        SubElement(
+            keys,
+            "key",
+            name=name,
+            qpos=_text(_qpos(character, np.asarray(pose, dtype=float), order)),
+        )
 
 
 def depth_first(character: Character) -> list[int]:

@@ -15,8 +15,14 @@ FLAGS = ("gravity", "spring", "damper", "contact", "limit", "actuation")
 
 
 def left_out_features(model: Any, left_out: frozenset[int]) -> list[str]:
-    """Sentences about what of the robot's part of ``model`` octo leaves out; ``left_out``: bodies that are not the robot's."""
-    return [*_joint_features(model, left_out), *_actuator_features(model), *_ties(model), *_world_features(model)]
+    """Sentences about what of the robot's part of ``model`` octo leaves out; ``left_out``: bodies
+    that are not the robot's."""
+    return [
+        *_joint_features(model, left_out),
+        *_actuator_features(model),
+        *_ties(model),
+        *_world_features(model),
+    ]
 
 
 def _listed(what: str, names: Iterable[str]) -> list[str]:
@@ -31,14 +37,21 @@ def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
     def named(condition: Any) -> list[str]:
         return [name_of(model, "joint", j) for j in joints if condition(j, model.jnt_dofadr[j])]
 
-    sentences = _listed("dry friction (frictionloss) of joints", named(lambda j, d: model.dof_frictionloss[d] > 0.0))
-    sentences += _listed("springs that are not linear", named(lambda j, d: model.jnt_stiffnesspoly[j].any()))
-    sentences += _listed("damping that is not linear", named(lambda j, d: model.dof_dampingpoly[d].any()))
+    sentences = _listed(
+        "dry friction (frictionloss) of joints", named(lambda j, d: model.dof_frictionloss[d] > 0.0)
+    )
+    sentences += _listed(
+        "springs that are not linear", named(lambda j, d: model.jnt_stiffnesspoly[j].any())
+    )
+    sentences += _listed(
+        "damping that is not linear", named(lambda j, d: model.dof_dampingpoly[d].any())
+    )
     sentences += _listed("plastic springs", named(lambda j, d: model.jnt_plasticadr[j] >= 0))
     heavy = [name_of(model, "body", b) for b in bodies if model.body_gravcomp[b] != 0.0]
     sentences += _listed("gravity compensation of bodies", heavy)
     return sentences + _listed(
-        "mocap bodies stand still", [name_of(model, "body", b) for b in bodies if model.body_mocapid[b] >= 0]
+        "mocap bodies stand still",
+        [name_of(model, "body", b) for b in bodies if model.body_mocapid[b] >= 0],
     )
 
 
@@ -54,7 +67,10 @@ def _actuator_features(model: Any) -> list[str]:
             continue
         j = int(model.actuator_trnid[a, 0])
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-            sentences.append(f"actuator {name} on the free joint of {name_of(model, 'body', int(model.jnt_bodyid[j]))}")
+            sentences.append(
+                f"actuator {name} on the free joint of "
+                f"{name_of(model, 'body', int(model.jnt_bodyid[j]))}"
+            )
             continue
         if not model.actuator_gear[a, : gears(model, j)].any():
             idle.append(name)
@@ -66,13 +82,18 @@ def _actuator_features(model: Any) -> list[str]:
         if _one_sided(model, a):
             one_sided.append(name)
     sentences += _listed("gear is zero of actuators, which then drive nothing", idle)
-    sentences += _listed("control laws (servo, activation, muscle), u is the torque at the joint, of actuators", laws)
-    sentences += _listed("ranges that are not symmetric, the larger side counts, of actuators", one_sided)
+    sentences += _listed(
+        "control laws (servo, activation, muscle), u is the torque at the joint, of actuators", laws
+    )
+    sentences += _listed(
+        "ranges that are not symmetric, the larger side counts, of actuators", one_sided
+    )
     for j, names in owners.items():
         if len(names) > 1:
             joint = name_of(model, "joint", j)
             sentences.append(
-                f"joint {joint} has {len(names)} actuators ({', '.join(names)}): one torque, with the sum of their limits"
+                f"joint {joint} has {len(names)} actuators ({', '.join(names)}): one torque, "
+                "with the sum of their limits"
             )
     return sentences
 
@@ -95,27 +116,44 @@ def _ties(model: Any) -> list[str]:
     for t in range(model.ntendon):
         fields = ("limited", "stiffness", "damping", "armature", "frictionloss")
         acts = [field for field in fields if getattr(model, f"tendon_{field}")[t]]
-        sentences.append(f"tendon {name_of(model, 'tendon', t)}{': ' if acts else ''}{', '.join(acts)}")
+        sentences.append(
+            f"tendon {name_of(model, 'tendon', t)}{': ' if acts else ''}{', '.join(acts)}"
+        )
     return sentences
 
 
 def _world_features(model: Any) -> list[str]:
     option, sentences = model.opt, []
     if option.density or option.viscosity or np.any(option.wind):
-        sentences.append(f"fluid (density {option.density:g} kg/m³, viscosity {option.viscosity:g} Pa s, wind)")
+        sentences.append(
+            f"fluid (density {option.density:g} kg/m³, viscosity {option.viscosity:g} Pa s, wind)"
+        )
     if not np.allclose(option.gravity, (0.0, 0.0, -9.81), atol=0.02):
         gravity = ", ".join(f"{value:g}" for value in option.gravity)
-        sentences.append(f"gravity ({gravity}) m/s²: gravity is a parameter of the problem, 9.81 down unless said otherwise")
+        sentences.append(
+            f"gravity ({gravity}) m/s²: gravity is a parameter of the problem, 9.81 down unless "
+            "said otherwise"
+        )
     bits = import_mujoco().mjtDisableBit
     sentences += _listed(
-        "flags that switch off", [flag for flag in FLAGS if option.disableflags & int(getattr(bits, f"mjDSBL_{flag.upper()}"))]
+        "flags that switch off",
+        [
+            flag
+            for flag in FLAGS
+            if option.disableflags & int(getattr(bits, f"mjDSBL_{flag.upper()}"))
+        ],
     )
     if model.nflex and model.flex_rigid.all():
         sentences.append(f"{model.nflex} rigid flex bodies: their shapes touch nothing")
     if model.nplugin:
         sentences.append(f"{model.nplugin} plugins")
     if model.npair or {float(friction) for friction in model.geom_friction[:, 0]} - {1.0}:
-        sentences.append("contact parameters of geoms (friction, solref, margin): the contact law is the problem's")
+        sentences.append(
+            "contact parameters of geoms (friction, solref, margin): the contact law is the "
+            "problem's"
+        )
     if model.nexclude:
-        sentences.append(f"{model.nexclude} contact exclusions: self-collision pairs are chosen by octo")
+        sentences.append(
+            f"{model.nexclude} contact exclusions: self-collision pairs are chosen by octo"
+        )
     return sentences

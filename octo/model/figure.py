@@ -1,7 +1,9 @@
-"""What a character looks like: one closed surface per body, guessed from its contact spheres, its inertia and its joints.
+"""What a character looks like: one closed surface per body, guessed from its contact spheres, its
+inertia and its joints.
 
-A Character has no visual meshes. A body with two or more spheres is their convex hull; another one is the capsule or the
-rounded box of its mass and inertia (for a capsule of the gallery that is the capsule itself); rods join them to their joints.
+A Character has no visual meshes. A body with two or more spheres is their convex hull; another one
+is the capsule or the rounded box of its mass and inertia (for a capsule of the gallery that is the
+capsule itself); rods join them to their joints.
 """
 
 from __future__ import annotations
@@ -46,7 +48,8 @@ class Solid:
         return float(self.radii.min())
 
     def nearest(self, point: Array) -> Array:
-        """The point (3,) of the polygon of centres that is about nearest to ``point``: over its edges."""
+        """The point (3,) of the polygon of centres that is about nearest to ``point``: over its
+        edges."""
         best, least = self.centers[0], np.inf
         for a in self.centers:
             for b in self.centers:
@@ -60,14 +63,19 @@ class Solid:
 
 
 def surfaces(character: Character, fineness: int = 2) -> list[Surface | None]:
-    """One surface per body, None where there is nothing to draw. A ball has 10·4^fineness + 2 vertices, a thick one more."""
+    """One surface per body, None where there is nothing to draw. A ball has 10·4^fineness + 2
+    vertices, a thick one more."""
     scale = size(character)
     thin = THINNEST * scale
     cores = [_core(character, b, scale) for b in range(len(character.bodies))]
     out: list[Surface | None] = []
     for b, core in enumerate(cores):
         solids = [*([core] if core else []), *_rods(character, b, cores, thin)]
-        out.append(_joined([hull(s, fineness + (s.radius > THICK * scale)) for s in solids]) if solids else None)
+        out.append(
+            _joined([hull(s, fineness + (s.radius > THICK * scale)) for s in solids])
+            if solids
+            else None
+        )
     return out
 
 
@@ -75,7 +83,9 @@ def size(character: Character) -> float:
     """m, the largest extent of joints and spheres in the default pose."""
     pose = character.default_pose if character.default_pose is not None else np.zeros(character.nx)
     moving = [b for b, body in enumerate(character.bodies) if character.path[b] or body.parent < 0]
-    points = np.concatenate([body_poses(character, pose)[1][moving], sphere_centers(character, pose)])
+    points = np.concatenate(
+        [body_poses(character, pose)[1][moving], sphere_centers(character, pose)]
+    )
     radius = max((contact.radius for contact in character.contacts), default=0.0)
     return float(max(np.ptp(points, axis=0).max() + 2 * radius, 0.05))
 
@@ -99,14 +109,18 @@ def hull(solid: Solid, fineness: int = 2) -> Surface:
 
 @lru_cache
 def unit_sphere(fineness: int) -> Array:
-    """Vertices (v, 3) of an icosahedron whose triangles are quartered ``fineness`` times, on the unit sphere."""
+    """Vertices (v, 3) of an icosahedron whose triangles are quartered ``fineness`` times, on the
+    unit sphere."""
     golden = (1.0 + 5.0**0.5) / 2.0
     corner = [(0.0, s, t * golden) for s in (-1.0, 1.0) for t in (-1.0, 1.0)]
     points = np.array([np.roll(c, k) for c in corner for k in range(3)])
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     for _ in range(fineness):
         faces = ConvexHull(points).simplices
-        edges = np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]]), axis=1), axis=0)
+        edges = np.unique(
+            np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]]), axis=1),
+            axis=0,
+        )
         middle = points[edges].sum(axis=1)
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
     return cast(Array, points)
@@ -114,7 +128,9 @@ def unit_sphere(fineness: int) -> Array:
 
 def _core(character: Character, b: int, scale: float) -> Solid | None:
     """The body without its rods; ``scale`` is the size of the character."""
-    spheres = [contact for contact in character.contacts if contact.body == b and contact.radius > 0.0]
+    spheres = [
+        contact for contact in character.contacts if contact.body == b and contact.radius > 0.0
+    ]
     if len(spheres) >= 2:
         return Solid(np.array([s.position for s in spheres]), np.array([s.radius for s in spheres]))
     core = _of_inertia(character.bodies[b], _reach(character, b, scale))
@@ -124,7 +140,8 @@ def _core(character: Character, b: int, scale: float) -> Solid | None:
 
 
 def _reach(character: Character, b: int, scale: float) -> float:
-    """m, how far a body may stretch from its centre of mass: robot files give some links the inertia of far larger ones."""
+    """m, how far a body may stretch from its centre of mass: robot files give some links the
+    inertia of far larger ones."""
     body = character.bodies[b]
     if body.parent < 0:
         return np.inf
@@ -134,10 +151,12 @@ def _reach(character: Character, b: int, scale: float) -> float:
 
 
 def _of_inertia(body: Body, reach: float) -> Solid | None:
-    """The capsule or rounded box that has the body's mass and inertia, at most ``reach`` long; None without a mass."""
+    """The capsule or rounded box that has the body's mass and inertia, at most ``reach`` long; None
+    without a mass."""
     if body.mass <= 0.0:
         return None
-    moments, axes = np.linalg.eigh(body.inertia / body.mass)  # m², ascending: the first axis is the longest
+    # m², ascending: the first axis is the longest
+    moments, axes = np.linalg.eigh(body.inertia / body.mass)
     if not moments[0] > 1e-9:
         return None
     if moments[1] >= SLENDER * moments[2]:
@@ -145,33 +164,40 @@ def _of_inertia(body: Body, reach: float) -> Solid | None:
         ends = body.com + np.outer([-0.5, 0.5], min(length, 2.0 * reach) * axes[:, 0])
         return Solid(ends, np.full(2, min(radius, reach)))
     squares = 1.5 * (moments.sum() - 2.0 * moments)
-    half = np.minimum(np.sqrt(np.maximum(squares, 1e-3 * squares.max())), reach)  # m, half edges along the axes
+    # m, half edges along the axes
+    half = np.minimum(np.sqrt(np.maximum(squares, 1e-3 * squares.max())), reach)
     radius = 0.5 * float(half.min())
     signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     return Solid(body.com + (signs * (half - radius)) @ axes.T, np.full(8, radius))
 
 
 def _capsule_of(along: float, across: float) -> tuple[float, float]:
-    """Radius and length between the ends (m) of the solid capsule with these moments per mass (m²)."""
+    """Radius and length between the ends (m) of the solid capsule with these moments per mass
+    (m²)."""
 
     def moments(ratio: float) -> tuple[float, float]:
         cylinder, balls = ratio, 4.0 / 3.0  # volumes over π radius³
         total = cylinder + balls
         about_axis = (cylinder / 2 + balls * 0.4) / total
-        about_other = (cylinder * (0.25 + ratio**2 / 12) + balls * (0.4 + ratio**2 / 4 + 0.375 * ratio)) / total
+        about_other = (
+            cylinder * (0.25 + ratio**2 / 12) + balls * (0.4 + ratio**2 / 4 + 0.375 * ratio)
+        ) / total
         return about_axis, about_other
 
     def excess(ratio: float) -> float:
         own, other = moments(ratio)
         return other / own - across / along
 
-    ratio = 0.0 if excess(0.0) >= 0.0 else float(brentq(excess, 0.0, 1e3)) if excess(1e3) > 0.0 else 1e3
+    ratio = (
+        0.0 if excess(0.0) >= 0.0 else float(brentq(excess, 0.0, 1e3)) if excess(1e3) > 0.0 else 1e3
+    )
     radius = float(np.sqrt(along / moments(ratio)[0]))
     return radius, ratio * radius
 
 
 def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) -> list[Solid]:
-    """From the body's joint, its children's joints and its lone sphere to its core; nothing where they touch already."""
+    """From the body's joint, its children's joints and its lone sphere to its core; nothing where
+    they touch already."""
     body, core = character.bodies[b], cores[b]
     ends: list[tuple[Array, float]] = []
     if body.joints and body.parent >= 0:
@@ -182,7 +208,11 @@ def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) 
             anchors = [joint.anchor for joint in child.joints if joint.kind == "hinge"]
             place = child.position + child.rotation @ anchors[0] if anchors else child.position
             ends.append((place, _radius(cores[c], thin)))
-    ends += [(contact.position, max(contact.radius, thin)) for contact in character.contacts if contact.body == b]
+    ends += [
+        (contact.position, max(contact.radius, thin))
+        for contact in character.contacts
+        if contact.body == b
+    ]
     rods = []
     for place, other in ends:
         nearest = core.nearest(place) if core is not None else np.zeros(3)

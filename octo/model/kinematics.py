@@ -1,4 +1,5 @@
-"""Where the bodies of a character are, in NumPy: pictures, starts and tests (the optimiser uses CasADi's form)."""
+"""Where the bodies of a character are, in NumPy: pictures, starts and tests (the optimiser uses
+CasADi's form)."""
 
 from __future__ import annotations
 
@@ -48,7 +49,8 @@ def body_poses(character: Character, x: NDArray) -> tuple[Array, Array]:
 
 
 def axis_rotation(axis: NDArray, angle: NDArray) -> Array:
-    """Rotation matrices (..., 3, 3) about a unit ``axis`` (3,) by ``angle`` (...) rad (Rodrigues' formula)."""
+    """Rotation matrices (..., 3, 3) about a unit ``axis`` (3,) by ``angle`` (...) rad (Rodrigues'
+    formula)."""
     a = np.asarray(axis, dtype=float)
     cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
     angle = np.asarray(angle, dtype=float)[..., None, None]
@@ -68,4 +70,7 @@ def center_of_mass(character: Character, x: NDArray) -> Array:
     rotation, origin = body_poses(character, x)
     mass = character.masses
     com = np.array([body.com for body in character.bodies])
-    return np.einsum("b,...bi->...i", mass, origin + np.einsum("...bij,bj->...bi", rotation, com)) / mass.sum()
+    return (
+        np.einsum("b,...bi->...i", mass, origin + np.einsum("...bij,bj->...bi", rotation, com))
+        / mass.sum()
+    )

@@ -6,7 +6,14 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from octo.errors import RobotFileError, UnknownNameError, UnsupportedFeatureError, UsageError, ValueRangeError, said
+from octo.errors import (
+    RobotFileError,
+    UnknownNameError,
+    UnsupportedFeatureError,
+    UsageError,
+    ValueRangeError,
+    said,
+)
 from octo.files import is_file
 from octo.model import xml_file
 from octo.model.character import Character
@@ -29,12 +36,16 @@ def load(path: str | os.PathLike[str], base: Base = "auto") -> Character:
     if not isinstance(base, str) or base not in BASES:
         raise ValueRangeError(f"base is {said(base)}, must be one of {', '.join(BASES)}")
     if not isinstance(path, (str, os.PathLike)):
-        raise UsageError(f"path is {said(path)}, must be a robot file's path or a name of the gallery")
+        raise UsageError(
+            f"path is {said(path)}, must be a robot file's path or a name of the gallery"
+        )
     name, file = os.fspath(path), Path(path)
     if name in CHARACTERS:
         character = CHARACTERS[name]()
         if base not in ("auto", character.base):
-            raise ValueRangeError(f"character {name!r}: base is {said(base)}, must be auto or {character.base}")
+            raise ValueRangeError(
+                f"character {name!r}: base is {said(base)}, must be auto or {character.base}"
+            )
         return character
     if not is_file(file):
         if not file.suffix and len(file.parts) == 1:
@@ -46,8 +57,12 @@ def load(path: str | os.PathLike[str], base: Base = "auto") -> Character:
 def _dialect(file: Path) -> str:
     """The top element of a robot file: "robot" (URDF) or "mujoco" (MJCF)."""
     if file.suffix == ".xacro":
-        raise UnsupportedFeatureError(f"{file.name}: xacro macros are not expanded, must be a URDF or MJCF file")
+        raise UnsupportedFeatureError(
+            f"{file.name}: xacro macros are not expanded, must be a URDF or MJCF file"
+        )
     top = xml_file.top_of(file)
     if top not in ("robot", "mujoco"):
-        raise RobotFileError(f"{file.name}: top element is <{top}>, must be <robot> (URDF) or <mujoco> (MJCF)")
+        raise RobotFileError(
+            f"{file.name}: top element is <{top}>, must be <robot> (URDF) or <mujoco> (MJCF)"
+        )
     return top

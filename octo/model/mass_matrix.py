@@ -8,11 +8,14 @@ from octo.errors import ModelError
 from octo.model.character import Array, Character
 from octo.model.kinematics import axis_rotation, body_poses
 
-SMALLEST = 1e-9  # of the eigenvalues of the mass matrix scaled to a unit diagonal; the robot files at hand have 1e-4 and more
+# of the eigenvalues of the mass matrix scaled to a unit diagonal; the robot files at hand have 1e-4
+# and more
+SMALLEST = 1e-9
 
 
 def joint_twists(character: Character, x: Array) -> Array:
-    """(nx, 6): angular velocity and velocity (m) of the point at the world's origin, per unit speed of each joint."""
+    """(nx, 6): angular velocity and velocity (m) of the point at the world's origin, per unit speed
+    of each joint."""
     rotation, origin = body_poses(character, x)
     twists = np.zeros((character.nx, 6))
     for b, body in enumerate(character.bodies):
@@ -51,7 +54,8 @@ def mass_matrix(character: Character, x: Array) -> Array:
 
 
 def check_mass_matrix(character: Character, file: str) -> None:
-    """Refuse a character some of whose motions move no inertia: its forward dynamics would have no solution.
+    """Refuse a character some of whose motions move no inertia: its forward dynamics would have no
+    solution.
 
     Several poses are looked at: in a single one hinges may be in line (a shoulder in gimbal lock).
     """
@@ -64,9 +68,14 @@ def check_mass_matrix(character: Character, file: str) -> None:
             best, motion = values[0], vectors[:, 0] / scale
     if not best > SMALLEST:
         share = np.abs(motion) / np.abs(motion).max()
-        involved = [joint.name for joint, part in zip(character.joints, share, strict=True) if part > 0.1]
-        of_base = character.base == "floating" and not set(involved).isdisjoint(joint.name for joint in character.joints[:6])
+        involved = [
+            joint.name for joint, part in zip(character.joints, share, strict=True) if part > 0.1
+        ]
+        of_base = character.base == "floating" and not set(involved).isdisjoint(
+            joint.name for joint in character.joints[:6]
+        )
         hint = "; base='fixed' takes the base away" if of_base else ""
         raise ModelError(
-            f"{file}: joints {', '.join(involved)}: a motion of theirs has no inertia ({best:.0e}), every one must{hint}"
+            f"{file}: joints {', '.join(involved)}: a motion of theirs has no inertia "
+            f"({best:.0e}), every one must{hint}"
         )

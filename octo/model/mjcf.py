@@ -1,4 +1,5 @@
-"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves out."""
+"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves
+out."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
 
 
 def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
-    """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give no mass."""
+    """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give
+    no mass."""
     mujoco = import_mujoco()
     try:
         with quiet_compiler():
@@ -45,19 +47,25 @@ def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
             _drop_missing_meshes(path, spec, notes)
             return spec, spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}") from None
+        raise RobotFileError(
+            f"{path.name}: MuJoCo does not compile it: {one_line(error)}"
+        ) from None
 
 
 def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     folder = Path(spec.modelfiledir) / spec.meshdir
     missing = {
-        mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()
+        mesh.name or Path(mesh.file).stem: mesh
+        for mesh in spec.meshes
+        if mesh.file and not (folder / mesh.file).is_file()
     }
     bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
             mesh = Path(missing[geom.meshname].file).name
-            what = f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
+            what = (
+                f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
+            )
             raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
         if geom.contype or geom.conaffinity:
             bare.setdefault(geom.meshname, []).append(geom.parent.name or "without a name")
@@ -69,11 +77,13 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
 
 
 def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, frozenset[int]]:
-    """The body that floats (None: none does) and the bodies that are not the robot, which are left out.
+    """The body that floats (None: none does) and the bodies that are not the robot, which are left
+    out.
 
-    Of several trees the robot is the one with most actuators, then most degrees of freedom. What has no joints is fixed to the
-    world and is world: tables, targets, mocap bodies. Beside a robot that floats so is what hangs on the world by joints of its
-    own, as a door; beside one that stands on the world itself such trees are kept, but count as the robot's mass only where they
+    Of several trees the robot is the one with most actuators, then most degrees of freedom. What
+    has no joints is fixed to the world and is world: tables, targets, mocap bodies. Beside a robot
+    that floats so is what hangs on the world by joints of its own, as a door; beside one that
+    stands on the world itself such trees are kept, but count as the robot's mass only where they
     are driven. Nodes of deformable bodies and further floating trees are always left out.
     """
     mujoco = import_mujoco()
@@ -85,10 +95,16 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
     for a in range(model.nactuator):
         if drives_joint(model, a):
             driven[model.jnt_bodyid[model.actuator_trnid[a, 0]]] += 1
-    robot = max(trees, key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root))
+    robot = max(
+        trees,
+        key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root),
+    )
 
     def floats(root: int) -> bool:
-        return bool(model.body_jntnum[root]) and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
+        return (
+            bool(model.body_jntnum[root])
+            and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
+        )
 
     others, standing, robot_bodies = set(soft), [], trees[robot]
     moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
@@ -103,24 +119,37 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
         elif still and mass > 0.0:
             notes.append(f"body {which} is fixed to the world: it is world, not robot")
         elif not still and floats(robot):
-            notes.append(f"body {which} hangs on the world by joints of its own: octo models the floating tree alone")
+            notes.append(
+                f"body {which} hangs on the world by joints of its own: octo models the floating "
+                "tree alone"
+            )
         elif not still and driven[robot_bodies].any() and not driven[members].any():
-            notes.append(f"body {which} hangs on the world and nothing drives it: it moves, but its mass is not the robot's")
+            notes.append(
+                f"body {which} hangs on the world and nothing drives it: it moves, but its mass is "
+                "not the robot's"
+            )
         elif not still:
             standing.append(which)
         if still or floats(root) or floats(robot):
             others.update(members)
     if standing:
-        notes.append(f"several trees stand on the world and all are the robot's, also those of bodies {', '.join(standing)}")
+        notes.append(
+            "several trees stand on the world and all are the robot's, also those of bodies "
+            f"{', '.join(standing)}"
+        )
     return robot if floats(robot) else None, frozenset(others)
 
 
-def _without_soft_bodies(path: Path, model: Any, trees: dict[int, list[int]], notes: list[str]) -> set[int]:
-    """Take the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid shape.
+def _without_soft_bodies(
+    path: Path, model: Any, trees: dict[int, list[int]], notes: list[str]
+) -> set[int]:
+    """Take the nodes of deformable bodies (flex) out of ``trees``; a flex in one body is a rigid
+    shape.
 
     Raises
     ------
-    UnsupportedFeatureError: a deformable body is all that moves, or is tied to something else that does.
+    UnsupportedFeatureError: a deformable body is all that moves, or is tied to something else that
+        does.
     """
     soft: set[int] = set()
     for f in range(model.nflex):
@@ -132,27 +161,41 @@ def _without_soft_bodies(path: Path, model: Any, trees: dict[int, list[int]], no
             rest = [b for b in trees.get(root, []) if b not in nodes]
             moving = [b for b in rest if model.body_dofnum[b]]
             if moving:
-                what = f"deformable body (flex) {name!r} moves with body {name_of(model, 'body', moving[0])!r}"
-                raise UnsupportedFeatureError(f"{path.name}: {what}; octo models rigid bodies, take it out")
+                what = (
+                    f"deformable body (flex) {name!r} moves with body "
+                    f"{name_of(model, 'body', moving[0])!r}"
+                )
+                raise UnsupportedFeatureError(
+                    f"{path.name}: {what}; octo models rigid bodies, take it out"
+                )
             trees[root] = rest
-        notes.append(f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies")
+        notes.append(
+            f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies"
+        )
         soft.update(nodes)
     for root in [root for root, members in trees.items() if not members]:
         del trees[root]
     if soft and not any(model.body_dofnum[members].any() for members in trees.values()):
-        raise UnsupportedFeatureError(f"{path.name}: all that moves is a deformable body (flex); octo models rigid bodies")
+        raise UnsupportedFeatureError(
+            f"{path.name}: all that moves is a deformable body (flex); octo models rigid bodies"
+        )
     return soft
 
 
 def _flex_bodies(model: Any, f: int) -> set[int]:
     """Bodies that carry the vertices or the nodes of flex ``f``."""
-    vertices = model.flex_vertbodyid[model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]]
-    nodes = model.flex_nodebodyid[model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]]
+    vertices = model.flex_vertbodyid[
+        model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]
+    ]
+    nodes = model.flex_nodebodyid[
+        model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]
+    ]
     return {int(b) for b in (*vertices, *nodes) if b > 0}
 
 
 def _is_node(model: Any, b: int) -> bool:
-    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is of a body that has more."""
+    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is
+    of a body that has more."""
     joints = model.jnt_type[model.body_jntadr[b] : model.body_jntadr[b] + model.body_jntnum[b]]
     slide = import_mujoco().mjtJoint.mjJNT_SLIDE
     return bool(len(joints) and (joints == slide).all() and not model.body_geomnum[b])
@@ -161,15 +204,21 @@ def _is_node(model: Any, b: int) -> bool:
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:
     """The one body of the world that carries the robot and has no joints of its own."""
     roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b not in others]
-    moving = [b for b in roots if any(model.body_jntnum[c] for c in range(b, model.nbody) if model.body_rootid[c] == b)]
+    moving = [
+        b
+        for b in roots
+        if any(model.body_jntnum[c] for c in range(b, model.nbody) if model.body_rootid[c] == b)
+    ]
     candidates = moving or [b for b in roots if model.body_subtreemass[b] > 0.0]
     names = ", ".join(name_of(model, "body", b) for b in candidates)
     if len(candidates) != 1:
         raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': {len(candidates)} bodies of the world could float ({names})"
+            f"{file}: base is 'floating', must be 'auto' or 'fixed': {len(candidates)} bodies of "
+            f"the world could float ({names})"
         )
     if model.body_jntnum[candidates[0]]:
         raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': body {names} has joints to the world of its own"
+            f"{file}: base is 'floating', must be 'auto' or 'fixed': body {names} has joints to "
+            "the world of its own"
         )
     return candidates[0]

@@ -1,4 +1,5 @@
-"""Rotation matrices as quaternions and back, and the turn from each to the next as a rotation vector."""
+"""Rotation matrices as quaternions and back, and the turn from each to the next as a rotation
+vector."""
 
 from __future__ import annotations
 
@@ -16,9 +17,26 @@ def quaternions(rotation: Array) -> Array:
     R, S = rotation, rotation + rotation.transpose(0, 2, 1)
     wx, wy, wz = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
     table = np.stack(  # 4·(product of the row's and the column's entry)
-        [squares[:, 0], wx, wy, wz, wx, squares[:, 1], S[:, 0, 1], S[:, 0, 2], wy, S[:, 0, 1], squares[:, 2], S[:, 1, 2],
-         wz, S[:, 0, 2], S[:, 1, 2], squares[:, 3]], axis=1,
-    ).reshape(-1, 4, 4)  # fmt: skip
+        [
+            squares[:, 0],
+            wx,
+            wy,
+            wz,
+            wx,
+            squares[:, 1],
+            S[:, 0, 1],
+            S[:, 0, 2],
+            wy,
+            S[:, 0, 1],
+            squares[:, 2],
+            S[:, 1, 2],
+            wz,
+            S[:, 0, 2],
+            S[:, 1, 2],
+            squares[:, 3],
+        ],
+        axis=1,
+    ).reshape(-1, 4, 4)
     out = table[np.arange(len(table)), np.argmax(squares, axis=1)]
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     sign = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))
@@ -28,12 +46,15 @@ def quaternions(rotation: Array) -> Array:
 
 def rotation_of(quaternion: Array) -> Array:
     """Rotation matrix (3, 3) of a quaternion (4,), real part first, of any length but zero."""
-    w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()  # Python's own numbers: a third of the time
-    return np.array([
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ])  # fmt: skip
+    # Python's own numbers: a third of the time
+    w, x, y, z = (quaternion / np.linalg.norm(quaternion)).tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
 
 
 def turning(rotation: Array) -> Array:
@@ -42,4 +63,6 @@ def turning(rotation: Array) -> Array:
     relative *= np.where(relative[:, :1] < 0.0, -1.0, 1.0)
     sine = np.linalg.norm(relative[:, 1:], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, relative[:, :1])
-    return np.asarray(relative[:, 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0))
+    return np.asarray(
+        relative[:, 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
+    )

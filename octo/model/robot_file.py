@@ -1,4 +1,5 @@
-"""A robot file as MuJoCo compiled it, with what only the file says; the one place that imports MuJoCo for the importers."""
+"""A robot file as MuJoCo compiled it, with what only the file says; the one place that imports
+MuJoCo for the importers."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class RobotFile:
     inertials: by body, where the file itself (a URDF) says them: MuJoCo cannot compile all of them.
     effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
     velocity: rad/s or m/s by joint, where the file itself (a URDF) limits it.
-    ranges: lower and upper limit, rad or m, by joint, where the file itself (a URDF) says them; MuJoCo knows no half a range.
+    ranges: lower and upper limit, rad or m, by joint, where the file itself (a URDF) says them;
+        MuJoCo knows no half a range.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
     """
 
@@ -78,7 +80,8 @@ def import_mujoco(what: str = "reading robot files") -> Any:
 
 @contextmanager
 def quiet_compiler() -> Iterator[None]:
-    """MuJoCo's compiler without its warnings, which it also writes to a file in the working directory."""
+    """MuJoCo's compiler without its warnings, which it also writes to a file in the working
+    directory."""
     mujoco = import_mujoco()
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
@@ -106,7 +109,8 @@ def one_line(error: Exception) -> str:
 
 
 def name_of(model: Any, kind: str, index: int) -> str:
-    """The file's name of an element, or its kind and number, with underscores before it where another has that name."""
+    """The file's name of an element, or its kind and number, with underscores before it where
+    another has that name."""
     mujoco = import_mujoco()
     element = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
     name = mujoco.mj_id2name(model, element, index) or f"{kind}{index}"

@@ -1,7 +1,8 @@
 """Collision shapes -> spheres whose common hull is the shape or lies just inside it.
 
-Every function returns centres (k, 3) m in the shape's own frame and radii (k,) m. A flat-sided shape is a set of small
-spheres set into its corners, so that its faces stay where they are and a corner is a smooth contact.
+Every function returns centres (k, 3) m in the shape's own frame and radii (k,) m. A flat-sided
+shape is a set of small spheres set into its corners, so that its faces stay where they are and a
+corner is a smooth contact.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from octo.model.character import Array
 
 Spheres = tuple[Array, Array]
 SKIN = 0.2  # radius of a corner sphere, as a part of the shape's smallest half size
-FLAT = 1.0 / 3.0  # a side this much thinner than the next one is rounded completely: its corners merge in pairs
+# a side this much thinner than the next one is rounded completely: its corners merge in pairs
+FLAT = 1.0 / 3.0
 CIRCLE_POINTS = 8
-BALL_TOLERANCE = 0.1  # a mesh whose hull is this close to a ball, as a part of its radius, is one sphere
+# a mesh whose hull is this close to a ball, as a part of its radius, is one sphere
+BALL_TOLERANCE = 0.1
 
 
 def sphere(radius: float) -> Spheres:
@@ -33,7 +36,8 @@ def ellipsoid(half: Array) -> Spheres:
     """Two spheres on every axis that touch the surface at its ends and stay inside."""
     centers, radii = [], []
     for axis in range(3):
-        # The smallest radius of curvature at the end of the axis bounds a sphere that touches there from inside.
+        # The smallest radius of curvature at the end of the axis bounds a sphere that touches there
+        # from inside.
         radius = min(min(half) ** 2 / half[axis], min(half))
         for sign in (1.0, -1.0):
             center = np.zeros(3)
@@ -44,7 +48,8 @@ def ellipsoid(half: Array) -> Spheres:
 
 
 def box(half: Array) -> Spheres:
-    """Eight spheres in the corners; in a plate they are as thick as the plate, so that only four differ."""
+    """Eight spheres in the corners; in a plate they are as thick as the plate, so that only four
+    differ."""
     small, middle, _ = np.sort(half)
     radius = small if small <= FLAT * middle else SKIN * small
     corners = np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (half - radius)
@@ -73,14 +78,17 @@ def hull(vertices: Array) -> Spheres:
         distance = np.linalg.norm(vertices - center, axis=1)
         radius = float(distance.mean())
         # A shallow cap fits a large ball as well: the vertices must surround the centre.
-        around = np.all(vertices.min(axis=0) < center - 0.7 * radius) and np.all(vertices.max(axis=0) > center + 0.7 * radius)
+        around = np.all(vertices.min(axis=0) < center - 0.7 * radius) and np.all(
+            vertices.max(axis=0) > center + 0.7 * radius
+        )
         if around and np.abs(distance - radius).max() <= BALL_TOLERANCE * radius:
             return center[None], np.array([radius])
     return vertices, np.zeros(len(vertices))
 
 
 def rod(centers: Array, radii: Array) -> Spheres:
-    """Two spheres along the longest side of the box around a set of spheres, or one where it is about as thick as long.
+    """Two spheres along the longest side of the box around a set of spheres, or one where it is
+    about as thick as long.
 
     The frame must be the shape's own: MuJoCo turns a mesh to its principal axes.
     """
@@ -91,7 +99,9 @@ def rod(centers: Array, radii: Array) -> Spheres:
     reach = float(half[longest]) - radius
     if reach <= 0.25 * radius:
         return middle[None], np.array([float(half.mean())])
-    return np.array([middle + reach * np.eye(3)[longest], middle - reach * np.eye(3)[longest]]), np.full(2, radius)
+    return np.array(
+        [middle + reach * np.eye(3)[longest], middle - reach * np.eye(3)[longest]]
+    ), np.full(2, radius)
 
 
 def bounding_box(centers: Array, radii: Array) -> Spheres:
@@ -102,7 +112,8 @@ def bounding_box(centers: Array, radii: Array) -> Spheres:
 
 
 def end_ball(vertices: Array, outward: Array) -> Spheres:
-    """One sphere in the end of a compact hull: as thick as the hull, reaching as far in the direction ``outward``."""
+    """One sphere in the end of a compact hull: as thick as the hull, reaching as far in the
+    direction ``outward``."""
     top, bottom = vertices.max(axis=0), vertices.min(axis=0)
     radius = float(np.median(top - bottom)) / 2.0
     center = (top + bottom) / 2.0
@@ -111,13 +122,16 @@ def end_ball(vertices: Array, outward: Array) -> Spheres:
 
 
 def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int]:
-    """The spheres that matter: a greedy choice whose hull is the hull of all but for ``tolerance`` (m).
+    """The spheres that matter: a greedy choice whose hull is the hull of all but for ``tolerance``
+    (m).
 
-    The height of a set of spheres in the direction d is max(d·c + r). Starting from the extremes along the axes, the
-    sphere that closes the largest gap in height over all directions is added, until the gap is below ``tolerance`` or
-    ``most`` spheres are chosen. Inner, doubled and nearly doubled spheres are never chosen.
+    The height of a set of spheres in the direction d is max(d·c + r). Starting from the extremes
+    along the axes, the sphere that closes the largest gap in height over all directions is added,
+    until the gap is below ``tolerance`` or ``most`` spheres are chosen. Inner, doubled and nearly
+    doubled spheres are never chosen.
     """
-    heights = np.round(centers @ _DIRECTIONS.T + radii[:, None], 7)  # (k, directions) m; rounded: mirror images tie
+    # (k, directions) m; rounded: mirror images tie
+    heights = np.round(centers @ _DIRECTIONS.T + radii[:, None], 7)
     chosen: list[int] = []
     reached = np.full(heights.shape[1], -math.inf)
     goal = heights.max(axis=0)
@@ -133,14 +147,26 @@ def prune(centers: Array, radii: Array, tolerance: float, most: int) -> list[int
 
 
 def _sphere_directions(count: int) -> Array:
-    """Unit vectors (6 + 8 count, 3): down, up and the other axes, then ``count`` in every octant, mirror images of each
-    other so that a symmetric shape stays symmetric."""
+    """Unit vectors (6 + 8 count, 3): down, up and the other axes, then ``count`` in every octant,
+    mirror images of each other so that a symmetric shape stays symmetric."""
     k = np.arange(8 * count) + 0.5
-    z, turn = 1.0 - 2.0 * k / (8 * count), math.pi * (1.0 + math.sqrt(5.0)) * k  # Fibonacci's spiral
-    spiral = np.column_stack([np.cos(turn) * np.sqrt(1.0 - z**2), np.sin(turn) * np.sqrt(1.0 - z**2), z])
+    # Fibonacci's spiral
+    z, turn = 1.0 - 2.0 * k / (8 * count), math.pi * (1.0 + math.sqrt(5.0)) * k
+    spiral = np.column_stack(
+        [np.cos(turn) * np.sqrt(1.0 - z**2), np.sin(turn) * np.sqrt(1.0 - z**2), z]
+    )
     octant = spiral[(spiral > 0.0).all(axis=1)]
     mirrored = [octant * signs for signs in itertools.product((1.0, -1.0), repeat=3)]
-    axes = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    axes = np.array(
+        [
+            [0.0, 0.0, -1.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, -1.0, 0.0],
+        ]
+    )
     return np.concatenate([axes, *mirrored])
 
 

@@ -1,4 +1,5 @@
-"""A character as plain lists and numbers and back, for files (JSON has no arrays and no infinity)."""
+"""A character as plain lists and numbers and back, for files (JSON has no arrays and no
+infinity)."""
 
 from __future__ import annotations
 
@@ -15,9 +16,15 @@ from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.character import Body, Character, ContactSphere, Joint
 
 SHAPES = {
-    "axis": (3,), "anchor": (3,), "position": (3,), "rotation": (3, 3), "com": (3,), "inertia": (3, 3),
-}  # fmt: skip
-KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, float)}  # of the words of annotations
+    "axis": (3,),
+    "anchor": (3,),
+    "position": (3,),
+    "rotation": (3, 3),
+    "com": (3,),
+    "inertia": (3, 3),
+}
+# of the words of annotations
+KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, float)}
 
 
 def to_plain(value: Any) -> Any:
@@ -36,7 +43,8 @@ def to_plain(value: Any) -> Any:
 
 
 def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
-    """A dataclass of plain fields, each of the type that it is declared with; ``given`` ones are taken as they are."""
+    """A dataclass of plain fields, each of the type that it is declared with; ``given`` ones are
+    taken as they are."""
     values = dict(given)
     declared = {f.name: str(f.type) for f in dataclasses.fields(kind)}
     for name, value in plain.items():
@@ -49,9 +57,13 @@ def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
             continue
         word = declared[name].split("[")[0]
         infinite = word == "float" and value in ("inf", "-inf")
-        fits = isinstance(value, KINDS.get(word, str)) and isinstance(value, bool) == (word == "bool")
+        fits = isinstance(value, KINDS.get(word, str)) and isinstance(value, bool) == (
+            word == "bool"
+        )
         if not (fits or infinite):
-            raise ValueRangeError(f"{name} is of type {type(value).__name__}, must be of type {word}")
+            raise ValueRangeError(
+                f"{name} is of type {type(value).__name__}, must be of type {word}"
+            )
         values[name] = float(value) if word == "float" else value
     return kind(**values)
 
@@ -64,18 +76,23 @@ def from_plain(plain: dict[str, Any]) -> Character:
     OctoError: a field is missing, unknown, of another type or out of what a character allows.
     """
     bodies = [
-        _make(Body, body, joints=tuple(_make(Joint, joint) for joint in _list("joints", body))) for body in _list("bodies", plain)
+        _make(Body, body, joints=tuple(_make(Joint, joint) for joint in _list("joints", body)))
+        for body in _list("bodies", plain)
     ]
     contacts = tuple(_make(ContactSphere, contact) for contact in _list("contacts", plain))
     pairs = tuple((whole("pair", a, 0), whole("pair", b, 0)) for a, b in _list("pairs", plain))
     size = (sum(len(body.joints) for body in bodies),)
     pose, poses = plain.get("default_pose"), plain.get("poses") or {}
     return _make(
-        Character, plain, bodies=tuple(bodies), contacts=contacts, pairs=pairs,
+        Character,
+        plain,
+        bodies=tuple(bodies),
+        contacts=contacts,
+        pairs=pairs,
         default_pose=None if pose is None else numbers("default_pose", pose, size),
         poses={str(name): numbers(f"pose {name}", values, size) for name, values in poses.items()},
         dropped=tuple(str(sentence) for sentence in plain.get("dropped", ())),
-    )  # fmt: skip
+    )
 
 
 def _list(name: str, plain: Any) -> list[Any]:
@@ -89,15 +106,20 @@ def file_of(path: str | os.PathLike[str], name: str) -> Path:
 
     Raises
     ------
-    RobotFileError: a folder has no such file; says what octo's files in it are. Or it is no path at all.
+    RobotFileError: a folder has no such file; says what octo's files in it are. Or it is no path at
+        all.
     """
     try:
         given = Path(path)
     except TypeError:
         raise RobotFileError(f"path is {said(path)}, must be that of a file or a folder") from None
-    if not os.path.isdir(given):  # which, unlike Path.is_dir, is false also of names that are too long
+    # which, unlike Path.is_dir, is false also of names that are too long
+    if not os.path.isdir(given):
         return given
     if not os.path.isfile(given / name):
         others = sorted(entry.name for entry in given.glob("*.npz"))
-        raise RobotFileError(f"folder {given} holds no {name}; of this kind it has {', '.join(others[:5]) or 'nothing'}")
+        raise RobotFileError(
+            f"folder {given} holds no {name}; of this kind it has "
+            f"{', '.join(others[:5]) or 'nothing'}"
+        )
     return given / name

@@ -1,7 +1,7 @@
 """The ground as a signed distance φ(P), positive above it: a plane, or any CasADi expression.
 
-The outward normal of Eq. 6 is ∇φ, normalised. Terrain parameters are run-time parameters: changing them
-recompiles nothing.
+The outward normal of Eq. 6 is ∇φ, normalised. Terrain parameters are run-time parameters: changing
+them recompiles nothing.
 """
 
 from __future__ import annotations
@@ -34,17 +34,32 @@ class Plane:
         for name in ("slope", "direction", "height"):
             number(f"terrain {name}", getattr(self, name))
         if not abs(self.slope) < np.pi / 2:
-            raise ValueRangeError(f"terrain slope is {self.slope} rad, must be between -π/2 and π/2")
+            raise ValueRangeError(
+                f"terrain slope is {self.slope} rad, must be between -π/2 and π/2"
+            )
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        normal = (-np.sin(self.slope) * np.cos(self.direction), -np.sin(self.slope) * np.sin(self.direction), np.cos(self.slope))
-        return {"normal_x": normal[0], "normal_y": normal[1], "normal_z": normal[2], "height": self.height}
+        normal = (
+            -np.sin(self.slope) * np.cos(self.direction),
+            -np.sin(self.slope) * np.sin(self.direction),
+            np.cos(self.slope),
+        )
+        return {
+            "normal_x": normal[0],
+            "normal_y": normal[1],
+            "normal_z": normal[2],
+            "height": self.height,
+        }
 
     @staticmethod
     def distance(point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         """Signed distance of ``point`` (3,) m."""
-        return p["normal_x"] * point[0] + p["normal_y"] * point[1] + p["normal_z"] * (point[2] - p["height"])
+        return (
+            p["normal_x"] * point[0]
+            + p["normal_y"] * point[1]
+            + p["normal_z"] * (point[2] - p["height"])
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +68,9 @@ class Terrain:
 
     Parameters
     ----------
-    expression: ``expression(point, p) -> SX``, with ``point`` (3,) in metres and ``p`` the named parameters below.
-        It must be twice continuously differentiable with a gradient of length near one close to the surface.
+    expression: ``expression(point, p) -> SX``, with ``point`` (3,) in metres and ``p`` the named
+        parameters below. It must be twice continuously differentiable with a gradient of length
+        near one close to the surface.
     parameters: names and default values of the run-time parameters.
     """
 
@@ -63,9 +79,16 @@ class Terrain:
 
     def __post_init__(self) -> None:
         if not callable(self.expression):
-            raise ProblemError(f"terrain is {said(self.expression)}, must be a function (point, p) of CasADi symbols")
+            raise ProblemError(
+                f"terrain is {said(self.expression)}, must be a function (point, p) of CasADi "
+                "symbols"
+            )
         values = instance("terrain parameters", self.parameters, Mapping, "numbers by name")
-        object.__setattr__(self, "parameters", {name: number(f"terrain {name}", value) for name, value in values.items()})
+        object.__setattr__(
+            self,
+            "parameters",
+            {name: number(f"terrain {name}", value) for name, value in values.items()},
+        )
 
     def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self.expression(point, p)
@@ -74,7 +97,11 @@ class Terrain:
 def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str, float]) -> Array:
     """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
     point = ca.SX.sym("point", 3)
-    phi = ca.Function("phi", [point], [ca.SX(terrain.distance(point, {name: ca.SX(value) for name, value in values.items()}))])
+    phi = ca.Function(
+        "phi",
+        [point],
+        [ca.SX(terrain.distance(point, {name: ca.SX(value) for name, value in values.items()}))],
+    )
     return np.asarray(phi(points.T), dtype=float).reshape(len(points))
 
 
@@ -82,6 +109,7 @@ def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca
     """Outward unit normal ∇φ/|∇φ| (3,) at ``point``."""
     if isinstance(terrain, Plane):
         return ca.vertcat(p["normal_x"], p["normal_y"], p["normal_z"])
-    free = ca.SX.sym("point", 3)  # the point itself may be an expression, which CasADi cannot differentiate by
+    # the point itself may be an expression, which CasADi cannot differentiate by
+    free = ca.SX.sym("point", 3)
     gradient = ca.substitute(ca.gradient(terrain.distance(free, p), free), free, point)
     return gradient / ca.norm_2(gradient)

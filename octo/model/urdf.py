@@ -1,5 +1,5 @@
-"""URDF files: checked and prepared as an XML tree, then compiled by MuJoCo, which by itself would fuse the root link to
-the world, invent masses, and stop at meshes it cannot read."""
+"""URDF files: checked and prepared as an XML tree, then compiled by MuJoCo, which by itself would
+fuse the root link to the world, invent masses, and stop at meshes it cannot read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from octo.model.urdf_limits import take_limits
 from octo.model.urdf_unknown import check_elements
 
 READABLE_MESHES = (".stl", ".obj", ".msh")
-STAND_IN = 1e-10  # kg or kg m², for what MuJoCo refuses to compile; the character gets what the file says
+# kg or kg m², for what MuJoCo refuses to compile; the character gets what the file says
+STAND_IN = 1e-10
 
 
 @dataclass
@@ -35,14 +36,18 @@ class Prepared:
     name: str
     tree: ElementTree.Element
     root: str  # link that hangs on the world
-    meshes: dict[str, bytes] = field(default_factory=dict)  # contents by name inside the prepared file
-    mesh_names: dict[tuple[Path, str], str] = field(default_factory=dict)  # (file, scale) -> that name
-    mesh_files: dict[str, str] = field(default_factory=dict)  # name inside the prepared file -> as written
+    # contents by name inside the prepared file
+    meshes: dict[str, bytes] = field(default_factory=dict)
+    # (file, scale) -> that name
+    mesh_names: dict[tuple[Path, str], str] = field(default_factory=dict)
+    # name inside the prepared file -> as written
+    mesh_files: dict[str, str] = field(default_factory=dict)
     inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
     efforts: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
     velocities: dict[str, float] = field(default_factory=dict)  # rad/s or m/s, by joint
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)  # rad or m, by joint
-    unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # (mesh as written, reason) -> links
+    # (mesh as written, reason) -> links
+    unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
 
 
@@ -53,10 +58,18 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
     source = RobotFile(
-        model, prepared.name, path.name, free, prepared.inertials, prepared.efforts, prepared.velocities, prepared.ranges
+        model,
+        prepared.name,
+        path.name,
+        free,
+        prepared.inertials,
+        prepared.efforts,
+        prepared.velocities,
+        prepared.ranges,
     )
     meshes = [
-        f"collision mesh {mesh} of links {', '.join(links)}: {reason}" for (mesh, reason), links in prepared.unusable.items()
+        f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
+        for (mesh, reason), links in prepared.unusable.items()
     ]
     return character_of(source, [*prepared.dropped, *meshes])
 
@@ -69,7 +82,9 @@ def prepare(path: Path) -> Prepared:
     file = path.name
     unknown = check_elements(file, tree)
     elements.check_names(file, tree)
-    prepared = Prepared(path, tree.get("name") or path.stem, tree, elements.find_root(file, tree), dropped=unknown)
+    prepared = Prepared(
+        path, tree.get("name") or path.stem, tree, elements.find_root(file, tree), dropped=unknown
+    )
     for link in tree.findall("link"):
         elements.check_shapes(file, link)
     for joint in tree.findall("joint"):
@@ -92,7 +107,8 @@ def prepare(path: Path) -> Prepared:
 
 
 def compile_prepared(prepared: Prepared) -> Any:
-    """MuJoCo's model of a prepared URDF on a fixed base; a mesh that does not compile is dropped by name."""
+    """MuJoCo's model of a prepared URDF on a fixed base; a mesh that does not compile is dropped by
+    name."""
     try:
         return make_spec(prepared).compile()
     except ValueError:
@@ -101,7 +117,9 @@ def compile_prepared(prepared: Prepared) -> Any:
     try:
         return make_spec(prepared).compile()
     except ValueError as error:
-        raise RobotFileError(f"{prepared.path.name}: MuJoCo does not compile it: {one_line(error)}") from None
+        raise RobotFileError(
+            f"{prepared.path.name}: MuJoCo does not compile it: {one_line(error)}"
+        ) from None
 
 
 def make_spec(prepared: Prepared) -> Any:
@@ -112,7 +130,8 @@ def make_spec(prepared: Prepared) -> Any:
     for geom in spec.geoms:
         geom.density = 0.0
     for mesh in spec.meshes:
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a volume is not needed: open surfaces are common
+        # a volume is not needed: open surfaces are common
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for body in spec.bodies:
         inertial = prepared.inertials.get(body.name)
         if inertial is not None:
@@ -121,7 +140,8 @@ def make_spec(prepared: Prepared) -> Any:
 
 
 def _give_inertial(body: Any, inertial: Inertial) -> None:
-    """Set mass, centre and inertia of an MjSpec body; a ball's where MuJoCo would refuse the file's."""
+    """Set mass, centre and inertia of an MjSpec body; a ball's where MuJoCo would refuse the
+    file's."""
     small, middle, large = np.linalg.eigvalsh(inertial.inertia)
     legal = inertial.mass > 0.0 and small > STAND_IN and small + middle >= large
     body.explicitinertial, body.mass, body.ipos = True, max(inertial.mass, STAND_IN), inertial.com
@@ -130,7 +150,8 @@ def _give_inertial(body: Any, inertial: Inertial) -> None:
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia
         body.fullinertia = [xx, yy, zz, xy, xz, yz]
     else:
-        body.fullinertia, body.inertia = [math.nan, 0.0, 0.0, 0.0, 0.0, 0.0], np.full(3, max(middle, STAND_IN))
+        body.fullinertia = [math.nan, 0.0, 0.0, 0.0, 0.0, 0.0]
+        body.inertia = np.full(3, max(middle, STAND_IN))
 
 
 def _unreadable(meshes: Mapping[str, bytes]) -> dict[str, str]:
@@ -157,7 +178,9 @@ def _drop_mesh(prepared: Prepared, name: str, reason: str) -> None:
             mesh = collision.find("geometry/mesh")
             if mesh is not None and mesh.get("filename") == name:
                 link.remove(collision)
-                prepared.unusable.setdefault((prepared.mesh_files[name], reason), []).append(str(link.get("name")))
+                prepared.unusable.setdefault((prepared.mesh_files[name], reason), []).append(
+                    str(link.get("name"))
+                )
 
 
 def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None:
@@ -168,17 +191,24 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
     siblings = [other for other in tree.findall("joint") if elements.ends(other)[0] == parent]
     bare = link.find("inertial") is None and link.find("collision") is None
     if parent != prepared.root or siblings != [joint] or not bare:
-        message = "a floating joint may only hang on a root link without mass, collision geometry and other joints"
+        message = (
+            "a floating joint may only hang on a root link without mass, collision geometry and "
+            "other joints"
+        )
         raise UnsupportedFeatureError(f"{file}: joint {joint.get('name')!r} is floating; {message}")
     prepared.root = child
     tree.remove(link)
     tree.remove(joint)
     if joint.find("origin") is not None:
-        prepared.dropped.append(f"origin of the floating joint {joint.get('name')}: the base starts at the world's origin")
+        prepared.dropped.append(
+            f"origin of the floating joint {joint.get('name')}: the base starts at the world's "
+            "origin"
+        )
 
 
 def _collect_geometry(prepared: Prepared) -> None:
-    """Remove visuals; give every readable collision mesh a flat name of its own, note the others."""
+    """Remove visuals; give every readable collision mesh a flat name of its own, note the
+    others."""
     for link in prepared.tree.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
@@ -199,20 +229,27 @@ def _take_mesh(prepared: Prepared, link: str, mesh: ElementTree.Element) -> bool
     written = mesh.get("filename", "")
     found = find_mesh(written, prepared.path)
     suffix = Path(written).suffix.lower()
-    reason = f"octo reads {', '.join(READABLE_MESHES)}" if suffix not in READABLE_MESHES else "the file is missing"
+    reason = (
+        f"octo reads {', '.join(READABLE_MESHES)}"
+        if suffix not in READABLE_MESHES
+        else "the file is missing"
+    )
     if suffix not in READABLE_MESHES or found is None:
         prepared.unusable.setdefault((written, reason), []).append(link)
         return False
     key = (found, mesh.get("scale", ""))
     if key not in prepared.mesh_names:
         name = f"mesh_{len(prepared.meshes)}{suffix}"
-        prepared.mesh_names[key], prepared.mesh_files[name], prepared.meshes[name] = name, written, found.read_bytes()
+        prepared.mesh_names[key] = name
+        prepared.mesh_files[name] = written
+        prepared.meshes[name] = found.read_bytes()
     mesh.set("filename", prepared.mesh_names[key])
     return True
 
 
 def find_mesh(written: str, urdf: Path) -> Path | None:
-    """The file that ``written`` in ``urdf`` means: package://, file:// or a path beside the URDF; None when missing."""
+    """The file that ``written`` in ``urdf`` means: package://, file:// or a path beside the URDF;
+    None when missing."""
     here = urdf.resolve().parent
     scheme, separator, inside = written.partition("://")
     if scheme not in ("package", "model") or not separator:
@@ -221,7 +258,8 @@ def find_mesh(written: str, urdf: Path) -> Path | None:
         rest = inside.partition("/")[2]
         folders = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
         candidates = [folder / inside for folder in (*here.parents, here, *folders)]
-        # A package folder is often renamed when it is copied: the rest of the path still says where the mesh is.
+        # A package folder is often renamed when it is copied: the rest of the path still says where
+        # the mesh is.
         candidates += [folder / rest for folder in (here, *here.parents[:3], *folders)]
     return next((candidate for candidate in candidates if is_file(candidate)), None)
 

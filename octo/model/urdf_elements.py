@@ -1,4 +1,5 @@
-"""The elements of a URDF, read and checked: names, the tree, masses, joints. Errors name file, element and value."""
+"""The elements of a URDF, read and checked: names, the tree, masses, joints. Errors name file,
+element and value."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from octo.model.robot_file import Inertial
 from octo.model.xml_file import line_of
 
 DEEPEST = 1000  # links in a row: MuJoCo's limit is near, and its time grows with the square
-SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}  # attributes of one number
+# attributes of one number
+SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 VECTORS = {"box": ("size",), "mesh": ("scale",)}  # of three
 MOVABLE = ("revolute", "continuous", "prismatic")
 ALLOWED = "allowed are revolute, continuous, prismatic, fixed and, at the root, floating"
@@ -50,18 +52,28 @@ def line_in(element: Element, child: str) -> int:
     return line_of(element if found is None else found)
 
 
-def numbers(file: str, what: str, element: Element, child: str, key: str, default: str = "0 0 0") -> Array:
+def numbers(
+    file: str, what: str, element: Element, child: str, key: str, default: str = "0 0 0"
+) -> Array:
     """Three numbers (3,) of an attribute of a child."""
     words = attribute(element, child, key, default).split()
     if len(words) != 3:
-        raise RobotFileError(f"{file}: {what} {key} is {' '.join(words)!r}, must be three numbers{on(line_in(element, child))}")
+        raise RobotFileError(
+            f"{file}: {what} {key} is {' '.join(words)!r}, must be three "
+            f"numbers{on(line_in(element, child))}"
+        )
     try:
         return np.array([number(file, f"{what} {key}", word) for word in words])
     except RobotFileError:
         if any("," in word for word in words):
-            all_three = f"{what} {key} is {' '.join(words)!r}, must be three numbers with spaces between them"
+            all_three = (
+                f"{what} {key} is {' '.join(words)!r}, must be three numbers with "
+                "spaces between them"
+            )
             raise RobotFileError(f"{file}: {all_three}{on(line_in(element, child))}") from None
-        return np.array([number(file, f"{what} {key}", word, line_in(element, child)) for word in words])
+        return np.array(
+            [number(file, f"{what} {key}", word, line_in(element, child)) for word in words]
+        )
 
 
 def ends(joint: Element) -> tuple[str, str]:
@@ -75,9 +87,13 @@ def check_names(file: str, tree: Element) -> None:
         for element in tree.findall(tag):
             name = element.get("name")
             if not name:
-                raise RobotFileError(f"{file}: a <{tag}> has no name, every one must{on(line_of(element))}")
+                raise RobotFileError(
+                    f"{file}: a <{tag}> has no name, every one must{on(line_of(element))}"
+                )
             if names[name] > 1:
-                raise RobotFileError(f"{file}: {tag} name {name!r} occurs {names[name]} times, names must differ")
+                raise RobotFileError(
+                    f"{file}: {tag} name {name!r} occurs {names[name]} times, names must differ"
+                )
     if not tree.findall("link"):
         raise RobotFileError(f"{file}: has no <link>, must have one at least")
 
@@ -90,16 +106,22 @@ def find_root(file: str, tree: Element) -> str:
         for end in ("parent", "child"):
             link = attribute(joint, end, "link", "")
             if link not in links:
-                what = f"joint {joint.get('name')!r}: {end} link is {link!r}, must be a link of the file"
+                what = (
+                    f"joint {joint.get('name')!r}: {end} link is {link!r}, must be a "
+                    "link of the file"
+                )
                 raise RobotFileError(f"{file}: {what}{on(line_in(joint, end))}")
         parent, child = ends(joint)
         if child in parents:
-            raise UnsupportedFeatureError(f"{file}: link {child!r} is the child of two joints; closed loops are not modelled")
+            raise UnsupportedFeatureError(
+                f"{file}: link {child!r} is the child of two joints; closed loops are not modelled"
+            )
         parents[child] = parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(
-            f"{file}: {len(roots)} links have no parent ({', '.join(roots) or 'all are in a loop'}), exactly one must"
+            f"{file}: {len(roots)} links have no parent "
+            f"({', '.join(roots) or 'all are in a loop'}), exactly one must"
         )
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
@@ -109,10 +131,14 @@ def find_root(file: str, tree: Element) -> str:
         reached += [(child, depth + 1) for child in children.get(link, ())]
     if len(reached) != len(links):
         looped = ", ".join(links.keys() - {link for link, _ in reached})
-        raise UnsupportedFeatureError(f"{file}: links {looped} form a loop; closed loops are not modelled")
+        raise UnsupportedFeatureError(
+            f"{file}: links {looped} form a loop; closed loops are not modelled"
+        )
     link, depth = reached[-1]
     if depth > DEEPEST:
-        raise UnsupportedFeatureError(f"{file}: link {link!r} hangs on {depth - 1} others in a row, at most {DEEPEST - 1} may")
+        raise UnsupportedFeatureError(
+            f"{file}: link {link!r} hangs on {depth - 1} others in a row, at most {DEEPEST - 1} may"
+        )
     return roots[0]
 
 
@@ -122,13 +148,26 @@ def check_joint(file: str, joint: Element) -> None:
     if kind == "planar":
         raise UnsupportedFeatureError(f"{file}: joint {name!r} is planar; {ALLOWED}")
     if kind not in (*MOVABLE, "fixed", "floating"):
-        raise RobotFileError(f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}{on(line_of(joint))}")
+        raise RobotFileError(
+            f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}{on(line_of(joint))}"
+        )
     for key in ("xyz", "rpy"):
         numbers(file, f"joint {name!r}: origin", joint, "origin", key)
     for key in ("damping", "friction"):
-        number(file, f"joint {name!r}: {key}", attribute(joint, "dynamics", key, "0"), line_in(joint, "dynamics"))
-    if kind in MOVABLE and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any():
-        raise RobotFileError(f"{file}: joint {name!r}: axis is 0 0 0, must have a direction{on(line_in(joint, 'axis'))}")
+        number(
+            file,
+            f"joint {name!r}: {key}",
+            attribute(joint, "dynamics", key, "0"),
+            line_in(joint, "dynamics"),
+        )
+    if (
+        kind in MOVABLE
+        and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any()
+    ):
+        raise RobotFileError(
+            f"{file}: joint {name!r}: axis is 0 0 0, must have a "
+            f"direction{on(line_in(joint, 'axis'))}"
+        )
 
 
 def check_shapes(file: str, link: Element) -> None:
@@ -139,7 +178,9 @@ def check_shapes(file: str, link: Element) -> None:
             numbers(file, f"{what} origin", collision, "origin", key)
         for shape in collision.findall("geometry/*"):
             for key in SIZES.get(str(shape.tag), ()):
-                number(file, f"{what}: {key} of its {shape.tag}", shape.get(key, "nan"), line_of(shape))
+                number(
+                    file, f"{what}: {key} of its {shape.tag}", shape.get(key, "nan"), line_of(shape)
+                )
             for key in set(VECTORS.get(str(shape.tag), ())) & shape.attrib.keys():
                 holder = Element("shape")
                 holder.append(shape)
@@ -157,7 +198,10 @@ def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, In
         if small < -slack or small + middle < large - slack:
             unphysical.append(f"{name} ({small:.2g}, {middle:.2g}, {large:.2g} kg m²)")
     if unphysical:
-        dropped.append(f"principal inertias that no rigid body has are used as written: {', '.join(unphysical)}")
+        dropped.append(
+            "principal inertias that no rigid body has are used as written: "
+            f"{', '.join(unphysical)}"
+        )
     total = sum(inertial.mass for inertial in inertials.values())
     if total <= 0.0:
         raise RobotFileError(f"{file}: total mass is {total} kg, must be positive")
@@ -165,19 +209,31 @@ def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, In
 
 
 def _inertial(file: str, link: str, element: Element | None) -> Inertial:
-    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without <inertial>."""
+    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without
+    <inertial>."""
     if element is None:
         return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
-    mass = number(file, f"link {link!r}: mass", attribute(element, "mass", "value"), line_in(element, "mass"))
+    mass = number(
+        file, f"link {link!r}: mass", attribute(element, "mass", "value"), line_in(element, "mass")
+    )
     if mass < 0.0:
-        raise RobotFileError(f"{file}: link {link!r}: mass is {mass} kg, must not be negative{on(line_in(element, 'mass'))}")
-    com, angles = (numbers(file, f"link {link!r}: inertial origin", element, "origin", key) for key in ("xyz", "rpy"))
+        raise RobotFileError(
+            f"{file}: link {link!r}: mass is {mass} kg, must not be "
+            f"negative{on(line_in(element, 'mass'))}"
+        )
+    com, angles = (
+        numbers(file, f"link {link!r}: inertial origin", element, "origin", key)
+        for key in ("xyz", "rpy")
+    )
     keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     line = line_in(element, "inertia")
     xx, yy, zz, xy, xz, yz = (
-        number(file, f"link {link!r}: inertia {k}", attribute(element, "inertia", k, "0"), line) for k in keys
+        number(file, f"link {link!r}: inertia {k}", attribute(element, "inertia", k, "0"), line)
+        for k in keys
     )
-    roll, pitch, yaw = (axis_rotation(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True))
+    roll, pitch, yaw = (
+        axis_rotation(axis, angle) for axis, angle in zip(np.eye(3), angles, strict=True)
+    )
     turn = yaw @ pitch @ roll
     return Inertial(mass, com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
@@ -186,7 +242,8 @@ def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]
     """Every movable joint must carry some mass."""
     parent_joint = {ends(joint)[1]: joint for joint in tree.findall("joint")}
     carried = {link: inertial.mass for link, inertial in inertials.items()}
-    waiting = Counter(ends(joint)[0] for joint in parent_joint.values())  # children that have not been added to a link
+    # children that have not been added to a link
+    waiting = Counter(ends(joint)[0] for joint in parent_joint.values())
     done = [link for link in carried if not waiting[link]]
     for link in done:  # which grows meanwhile: leaves first
         if link in parent_joint:
@@ -201,14 +258,21 @@ def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]
 
 
 def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
-    """Note and remove what joints say and octo does not model, one sentence for each kind of thing."""
+    """Note and remove what joints say and octo does not model, one sentence for each kind of
+    thing."""
     rubbing, guarded = [], []
     for joint in tree.findall("joint"):
         name, mimic, dynamics = str(joint.get("name")), joint.find("mimic"), joint.find("dynamics")
         if mimic is not None and joint.get("type") in MOVABLE:
-            tie = f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
+            tie = (
+                f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
+            )
             dropped.append(f"mimic joint {name}: it moves on its own, {name} = {tie} is lost")
-        if dynamics is not None and number(file, f"joint {name!r}: friction", dynamics.attrib.pop("friction", "0")) != 0.0:
+        if (
+            dynamics is not None
+            and number(file, f"joint {name!r}: friction", dynamics.attrib.pop("friction", "0"))
+            != 0.0
+        ):
             rubbing.append(name)
         if joint.find("safety_controller") is not None:
             guarded.append(name)

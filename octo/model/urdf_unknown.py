@@ -90,7 +90,10 @@ def _is_part(element: Element) -> bool:
 def _unknown(tree: Element) -> list[str]:
     """One sentence about all unknown elements."""
     found: Counter[tuple[str, str]] = Counter()
-    for parent in [tree, *(inner for child in tree if child.tag in PARTS for inner in child.iter())]:
+    for parent in [
+        tree,
+        *(inner for child in tree if child.tag in PARTS for inner in child.iter()),
+    ]:
         known = KNOWN.get(str(parent.tag), SHAPES if parent.tag == "geometry" else None)
         for child in parent:
             if known is not None and isinstance(child.tag, str) and child.tag not in known:

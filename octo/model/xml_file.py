@@ -1,4 +1,5 @@
-"""A robot file as a tree of elements that know their line: whatever is wrong with its text is one sentence."""
+"""A robot file as a tree of elements that know their line: whatever is wrong with its text is one
+sentence."""
 
 from __future__ import annotations
 
@@ -10,7 +11,9 @@ from xml.parsers import expat
 from octo.errors import RobotFileError
 
 DEEPEST = 200  # elements in one another: what walks through a tree calls itself for each
-DEEPEST_BODIES = 1000  # the same of an MJCF, in which bodies are in one another: MuJoCo's limit is near, and its time grows
+# the same of an MJCF, in which bodies are in one another: MuJoCo's limit is near, and its time
+# grows
+DEEPEST_BODIES = 1000
 
 
 class Element(ElementTree.Element):
@@ -60,13 +63,18 @@ def _read(path: Path, deepest: int) -> ElementTree.Element:
         if not deepest:
             raise _Enough
         if len(opened) > deepest:
-            raise RobotFileError(f"{path.name}: elements are nested deeper than {deepest} (line {parser.CurrentLineNumber})")
+            raise RobotFileError(
+                f"{path.name}: elements are nested deeper than {deepest} (line "
+                f"{parser.CurrentLineNumber})"
+            )
 
     def end(tag: str) -> None:
         tree.end(_named(tag))
         opened.pop()
 
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = begin, end, tree.data
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = tree.data
     try:
         with path.open("rb") as stream:
             parser.ParseFile(stream)
@@ -77,13 +85,16 @@ def _read(path: Path, deepest: int) -> ElementTree.Element:
         hint = "; macros of xacro must be expanded" if "unbound prefix" in str(error) else ""
         raise RobotFileError(f"{path.name}: not well-formed XML: {error}{hint}") from None
     except (ValueError, LookupError) as error:  # of Python's codecs
-        raise RobotFileError(f"{path.name}: its encoding cannot be read, must be UTF-8: {error}") from None
+        raise RobotFileError(
+            f"{path.name}: its encoding cannot be read, must be UTF-8: {error}"
+        ) from None
     except OSError as error:
         raise RobotFileError(f"{path.name}: cannot be read: {error.strerror}") from None
 
 
 def text_of(tree: ElementTree.Element) -> str:
-    """The text of a tree in which every element is on the line that it has in its file, for what else will name lines."""
+    """The text of a tree in which every element is on the line that it has in its file, for what
+    else will name lines."""
     line = 1
 
     def blank(element: ElementTree.Element) -> str:

@@ -1,4 +1,5 @@
-"""Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop around both."""
+"""Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop
+around both."""
 
 from octo.model.convention import Convention
 from octo.mpc.animation import animate

@@ -1,4 +1,5 @@
-"""A long motion by short horizons: each is solved, its first steps are kept, the rest starts the next."""
+"""A long motion by short horizons: each is solved, its first steps are kept, the rest starts the
+next."""
 
 from __future__ import annotations
 
@@ -31,22 +32,25 @@ def animate(
     seed: int = 0,
     options: SqpOptions | None = None,
 ) -> Solution:
-    """A motion of ``seconds`` in which each step was planned over the problem's horizon from where the one before led.
+    """A motion of ``seconds`` in which each step was planned over the problem's horizon from where
+    the one before led.
 
     Parameters
     ----------
     problem: its N steps are the horizon, in the basis "nodes"; its start is the motion's.
-    advance: steps of each plan that are kept. iterations: of each plan (the first has more). seed: of the first start's noise.
+    advance: steps of each plan that are kept. iterations: of each plan (the first has more). seed:
+        of the first start's noise.
     options: of the solver; by default exact curvature, ‖C‖∞ ≤ 1e-5 mg.
 
     Returns
-    -------
-    The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are those of all plans together,
-    ``history`` has one row a plan. Converged if no plan left more than 1e-2 mg.
+    ------- The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are
+    those of all plans together, ``history`` has one row a plan. Converged if no plan left more than
+    1e-2 mg.
 
     Raises
     ------
-    ProblemError: the basis is not nodes, or a term or the start has values of its own for each step.
+    ProblemError: the basis is not nodes, or a term or the start has values of its own for each
+        step.
     """
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
@@ -90,9 +94,13 @@ def _limited(options: SqpOptions, iterations: int) -> SqpOptions:
 
 
 def _whole(
-    problem: Problem, like: CompiledProblem, nodes: Array, rows: list[tuple[float, ...]], done: tuple[float, int],
+    problem: Problem,
+    like: CompiledProblem,
+    nodes: Array,
+    rows: list[tuple[float, ...]],
+    done: tuple[float, int],
     spent: tuple[float, float, float],
-) -> Solution:  # fmt: skip
+) -> Solution:
     """The motion as one problem of all its steps, which nobody solved as a whole."""
     worst, counted = done
     setup, seconds, processor = spent
@@ -101,8 +109,13 @@ def _whole(
     at = compiled.evaluate(compiled.unknowns(nodes[None]))
     table = np.array(rows, dtype=float)
     return Solution(
-        **measured(compiled, at, 0), multipliers=np.zeros((compiled.K, compiled.ma)),
-        status=Status.ACCEPTABLE if worst <= LEFT * problem.weight else Status.ITERATION_LIMIT, iterations=counted,
-        factorizations=counted, history={name: table[:, k] for k, name in enumerate(HISTORY)}, seconds=seconds,
-        setup_seconds=setup, processor_seconds=processor,
-    )  # fmt: skip
+        **measured(compiled, at, 0),
+        multipliers=np.zeros((compiled.K, compiled.ma)),
+        status=Status.ACCEPTABLE if worst <= LEFT * problem.weight else Status.ITERATION_LIMIT,
+        iterations=counted,
+        factorizations=counted,
+        history={name: table[:, k] for k, name in enumerate(HISTORY)},
+        seconds=seconds,
+        setup_seconds=setup,
+        processor_seconds=processor,
+    )

@@ -19,10 +19,16 @@ class CommandStatus(Enum):
     SOLVED = "solved: the plan starts at this measurement"
     LATE = "late: the plan had run out before this measurement came; the new one starts at it"
     BUDGET = "the budget ran out before one iteration was done: the plan before continues, shifted"
-    INVALID = "the measurement is not finite, out of all bounds, or has another shape: the plan before continues, shifted"
+    INVALID = (
+        "the measurement is not finite, out of all bounds, or has another shape: the plan "
+        "before continues, shifted"
+    )
     STALE = "the measurement is no newer than the one before: the plan before continues, shifted"
     FAILED = "the step could not be computed: the plan before continues, shifted"
-    DIVERGED = "the step leads to a motion that is not finite or breaks the laws of physics: the plan before continues, shifted"
+    DIVERGED = (
+        "the step leads to a motion that is not finite or breaks the laws of physics: the "
+        "plan before continues, shifted"
+    )
 
     @property
     def label(self) -> str:
@@ -41,9 +47,12 @@ class Command:
 
     Attributes
     ----------
-    u: (nu,) N m or N, inside the torque limits. x (nq,), v (nv,): where the plan is one tick later, convention's form.
-    valid_until: s, when the plan ends. seconds: of the call; prepare: s, of what could be done before the measurement.
-    iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the plan.
+    u: (nu,) N m or N, inside the torque limits. x (nq,), v (nv,): where the plan is one tick later,
+        convention's form.
+    valid_until: s, when the plan ends. seconds: of the call; prepare: s, of what could be done
+        before the measurement.
+    iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
+        plan.
     violation: ‖C‖∞ of the plan in parts of the weight.
     """
 
@@ -73,8 +82,10 @@ class Command:
 
     @cached_property
     def K(self) -> Array:
-        """(nu, 2nv) du/d(error of place, error of velocity), from the factorisation of the plan's last iteration.
+        """(nu, 2nv) du/d(error of place, error of velocity), from the factorisation of the plan's
+        last iteration.
 
-        The error of place is the measured minus the planned configuration in the tangent space of the convention.
+        The error of place is the measured minus the planned configuration in the tangent space of
+        the convention.
         """
         return self._gains()

@@ -1,4 +1,5 @@
-"""One plan a measurement: real-time iteration over a receding horizon (§7 of the paper; Diehl, Bock and Schlöder 2005)."""
+"""One plan a measurement: real-time iteration over a receding horizon (§7 of the paper; Diehl, Bock
+and Schlöder 2005)."""
 
 from __future__ import annotations
 
@@ -36,9 +37,13 @@ SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
 WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
-FROZEN = 0.02  # rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of it or less
+# rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of
+# it or less
+FROZEN = 0.02
 FINE = 3  # readings of which no velocity repeats: these sensors do not count in steps
-SLACK = 1.0  # s, that a measurement may be older than the last one, or newer than the plan's end, by the same clock
+# s, that a measurement may be older than the last one, or newer than the plan's end, by the same
+# clock
+SLACK = 1.0
 
 
 class Controller:
@@ -49,17 +54,21 @@ class Controller:
     problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
-    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU. Without a C compiler a call takes
-        70 times as long.
-    convention: form of q and v, "mujoco" or "pinocchio" (see :class:`octo.model.convention.Convention`).
+    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
+        Without a C compiler a call takes 70 times as long.
+    convention: form of q and v, "mujoco" or "pinocchio" (see
+        :class:`octo.model.convention.Convention`).
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
-    stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default 1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
-    guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration: it may change references.
-        Its ``reset()``, where it has one, is called at a reset of the controller.
+    stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default
+        1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
+    guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration:
+        it may change references. Its ``reset()``, where it has one, is called at a reset of the
+        controller.
 
     Raises
     ------
-    ProblemError, DeviceError, ValueRangeError, UnknownNameError: naming the argument and what is allowed. No call of
+    ProblemError, DeviceError, ValueRangeError, UnknownNameError: naming the argument and what is
+        allowed. No call of
     ``step``, ``prepare``, ``feedback`` or ``command`` raises, unless the guide does.
     """
 
@@ -81,11 +90,19 @@ class Controller:
         if not isinstance(problem, Problem):
             raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
         if guide is not None and not callable(guide):
-            raise ProblemError(f"guide is {said(guide)}, must be a function guide(controller, t, x)")
+            raise ProblemError(
+                f"guide is {said(guide)}, must be a function guide(controller, t, x)"
+            )
         if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
-            raise ProblemError("a controller needs a robot: user-written dynamics have no configuration to measure")
+            raise ProblemError(
+                "a controller needs a robot: user-written dynamics have no configuration to measure"
+            )
         if problem.basis_object.name != "nodes" or problem.end is not None:
-            found = "x_end is given" if problem.end is not None else f"basis is {problem.basis_object.name!r}"
+            found = (
+                "x_end is given"
+                if problem.end is not None
+                else f"basis is {problem.basis_object.name!r}"
+            )
             raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
         if problem.steps <= PAST:
             raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
@@ -98,17 +115,24 @@ class Controller:
         self.compiled.prepare()
         self._views: dict[tuple[str, str], Array] = {}
         names = problem.dynamics.layout.names
-        self.first_ground = float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0  # m
+        # m
+        self.first_ground = (
+            float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0
+        )
         fast = self.compiled.library is not None
         self._setting, self._reader = problem.setting, Reader(problem)
         self._scales = [term.scale(self._setting) for term in problem.costs]
-        self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(self.compiled, positive("sigma", sigma))
+        self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(
+            self.compiled, positive("sigma", sigma)
+        )
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
         kp = default_stiffness(problem) if stiffness is None else stiffness
         kp = gains("stiffness", kp, self.robot.nu)
-        kd = gains("damping", default_damping(problem, kp) if damping is None else damping, self.robot.nu)
+        kd = gains(
+            "damping", default_damping(problem, kp) if damping is None else damping, self.robot.nu
+        )
         self._grid = Grid(problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
@@ -125,10 +149,11 @@ class Controller:
         """(nu,) N m s/rad or N s/m of the low level, to be written in place."""
         return self._low.kd
 
-    # -- references, weights, parameters ------------------------------------------------------------------------------
+    # -- references, weights, parameters -----------------------------------------------------------
 
     def reference(self, label: str, name: str) -> Array:
-        """(N, size) of a term's references, to be written in place: the next plan follows it. Nothing is recompiled."""
+        """(N, size) of a term's references, to be written in place: the next plan follows it.
+        Nothing is recompiled."""
         view = self._views.get((label, name))
         if view is None:
             places = self._place(label)[1]
@@ -146,12 +171,15 @@ class Controller:
         return k, table.places[k]
 
     def update(self, label: str, **values: Any) -> None:
-        """Change a term's fields: ``update("BaseHeight", height=0.3, weight=40.0)``. Its scale stays that of the problem.
+        """Change a term's fields: ``update("BaseHeight", height=0.3, weight=40.0)``. Its scale
+        stays that of the problem.
 
         Raises
         ------
-        UnknownNameError: no such term or field. ProblemError: a field that is compiled into the controller, such as a body, a
-        function or contacts, or one that only scales E. ShapeError, ValueRangeError: what the term refuses.
+        UnknownNameError: no such term or field. ProblemError: a field that is compiled into the
+            controller, such as a body, a
+        function or contacts, or one that only scales E. ShapeError, ValueRangeError: what the term
+        refuses.
         """
         k, places = self._place(label)
         term, setting, q = self.problem.costs[k], self._setting, self.compiled.q[0]
@@ -160,14 +188,22 @@ class Controller:
             if name not in fields:
                 raise UnknownNameError(f"field of {label}", name, fields)
         changed = self._changed(k, values)
-        scratch = dataclasses.replace(self.compiled.functions.references, terms=(changed,), places=(places,))
+        scratch = dataclasses.replace(
+            self.compiled.functions.references, terms=(changed,), places=(places,)
+        )
         packed = scratch.pack([changed], setting)
         for place in places.values():
             q[:, place] = packed[:, place]
         if "weight" in values:
-            on = np.full(setting.steps, 1.0 / setting.steps) if term.steps == "all" else np.eye(setting.steps)[-1]
+            on = (
+                np.full(setting.steps, 1.0 / setting.steps)
+                if term.steps == "all"
+                else np.eye(setting.steps)[-1]
+            )
             q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
-        self.problem = self.problem.replace(costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]])
+        self.problem = self.problem.replace(
+            costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]]
+        )
 
     def _changed(self, k: int, values: Mapping[str, Any]) -> Cost:
         """A term with other numbers; what is more than a number is refused."""
@@ -178,26 +214,33 @@ class Controller:
             fixed = sorted(values)
         if fixed:
             raise ProblemError(
-                f"{term.label}.{' and '.join(fixed)} cannot be updated: it is compiled into the controller, make a new Controller"
+                f"{term.label}.{' and '.join(fixed)} cannot be updated: it is compiled into the "
+                "controller, make a new Controller"
             )
         for name, value in values.items():
             alone = dataclasses.replace(term, **{name: value})
-            if alone.scale(setting) != term.scale(setting) and same(alone.references(setting), term.references(setting)):
-                raise ProblemError(f"{term.label}.{name} cannot be updated: it only scales E, change weight")
+            if alone.scale(setting) != term.scale(setting) and same(
+                alone.references(setting), term.references(setting)
+            ):
+                raise ProblemError(
+                    f"{term.label}.{name} cannot be updated: it only scales E, change weight"
+                )
         return changed
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1, "contact.mu": 0.5}``; not dt."""
+        """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1,
+        "contact.mu": 0.5}``; not dt."""
         layout = self.problem.dynamics.layout
         if "dt" in values:
             raise ValueRangeError("parameter dt cannot change: the horizon was compiled for it")
         for name, value in values.items():
             self.compiled.p[0, layout.index(name)] = number(f"parameter {name}", value)
 
-    # -- the first plan -----------------------------------------------------------------------------------------------
+    # -- the first plan ----------------------------------------------------------------------------
 
     def reset(self, q: Array | None = None, v: Array | None = None, t: float = 0.0) -> None:
-        """Forget the plan; make a new one from q (nq,) and v (nv,), by default the problem's start at rest.
+        """Forget the plan; make a new one from q (nq,) and v (nv,), by default the problem's start
+        at rest.
 
         Raises
         ------
@@ -205,9 +248,12 @@ class Controller:
         """
         nodes, t = self.horizon.nodes, checked_time(t)
         if q is None:
-            x, before = self.problem.start, self.problem.start - self.dt * self.problem.start_velocity
+            x = self.problem.start
+            before = self.problem.start - self.dt * self.problem.start_velocity
         else:
-            place, speed = checked(q, np.zeros(self.convention.nv) if v is None else v, self.convention)
+            place, speed = checked(
+                q, np.zeros(self.convention.nv) if v is None else v, self.convention
+            )
             x, before = self.convention.to_octo(place, speed, self.dt, self.problem.start)
         nodes[:] = x
         nodes[0] = before
@@ -219,7 +265,9 @@ class Controller:
         self.horizon.evaluate()
         for _ in range(SETTLE):
             self._iteration.prepare()
-            good = (self._iteration.better() if self.iterations > 1 else self._iteration.whole()) and self._is_motion()
+            good = (
+                self._iteration.better() if self.iterations > 1 else self._iteration.whole()
+            ) and self._is_motion()
             self._iteration.learn(good)
             if not good or np.max(np.abs(self.horizon.step)) < 1e-3:
                 break
@@ -235,14 +283,17 @@ class Controller:
         self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
-        self._gain_nodes, self._gain = np.zeros((3, self.robot.nx)), np.zeros((self.robot.nx, 2 * self.robot.nx))
+        self._gain_nodes = np.zeros((3, self.robot.nx))
+        self._gain = np.zeros((self.robot.nx, 2 * self.robot.nx))
 
     def warm_start(self, solution: Solution, t: float = 0.0) -> None:
-        """Take a solution's motion and multipliers, from its start on, as the plan from time ``t`` on.
+        """Take a solution's motion and multipliers, from its start on, as the plan from time ``t``
+        on.
 
         Raises
         ------
-        ProblemError: no solution. ShapeError: of another robot, or shorter than the horizon. ValueRangeError: another dt.
+        ProblemError: no solution. ShapeError: of another robot, or shorter than the horizon.
+            ValueRangeError: another dt.
         """
         N, n, t = self.problem.steps, self.robot.nx, checked_time(t)
         if not isinstance(solution, Solution):
@@ -250,7 +301,9 @@ class Controller:
         if solution.x.shape[1] != n or solution.steps < N:
             raise ShapeError("solution.x", solution.x.shape, f"(at least {N + 2}, {n})")
         if abs(solution.dt - self.dt) > 1e-12:
-            raise ValueRangeError(f"solution.dt is {solution.dt} s, must be the controller's {self.dt} s")
+            raise ValueRangeError(
+                f"solution.dt is {solution.dt} s, must be the controller's {self.dt} s"
+            )
         self._forget(solution.x[1])
         self.horizon.nodes[:] = solution.x[: N + 2]
         if solution.multipliers.shape[1:] == self.horizon.lam.shape[1:]:
@@ -260,13 +313,15 @@ class Controller:
 
     @property
     def plan(self) -> Plan:
-        """The plan that commands are read from. It is never changed, the next one takes its place at once."""
+        """The plan that commands are read from. It is never changed, the next one takes its place
+        at once."""
         return self._plan
 
-    # -- one measurement ----------------------------------------------------------------------------------------------
+    # -- one measurement ---------------------------------------------------------------------------
 
     def step(self, t: float, q: Array, v: Array) -> Command:
-        """A new plan from the measurement q (nq,), v (nv,) at time t (s), and the command that starts it."""
+        """A new plan from the measurement q (nq,), v (nv,) at time t (s), and the command that
+        starts it."""
         began = time.perf_counter()
         t, q, v = time_of(t), measured(q, self.convention.nq), measured(v, self.convention.nv)
         status = self._refuse(t, q, v)
@@ -277,7 +332,8 @@ class Controller:
         return self._feedback(t, q, v, began, ahead, status)
 
     def prepare(self, t: float | None = None) -> None:
-        """What can be done before the measurement at time ``t`` (by default one tick after the last one) arrives."""
+        """What can be done before the measurement at time ``t`` (by default one tick after the last
+        one) arrives."""
         plan, t = self._plan, time_of(t)
         if not np.isfinite(t):
             t = self._last_time + self._tick if np.isfinite(self._last_time) else plan.time
@@ -310,7 +366,8 @@ class Controller:
             return CommandStatus.INVALID
         if self._frozen(t, q, v):
             return CommandStatus.STALE
-        ahead, behind = t > max(self._plan.end, self._last_time) + SLACK, t < self._last_time - SLACK
+        ahead = t > max(self._plan.end, self._last_time) + SLACK
+        behind = t < self._last_time - SLACK
         if np.isfinite(self._last_time) and (ahead or behind):
             follows = self._jump < t <= self._jump + SLACK
             self._jump = t
@@ -321,20 +378,30 @@ class Controller:
         return CommandStatus.STALE if t <= self._last_time else None
 
     def _frozen(self, t: float, q: Array, v: Array) -> bool:
-        """Whether a sensor has stopped: all readings are the last ones, though by their own velocity they should have changed.
+        """Whether a sensor has stopped: all readings are the last ones, though by their own
+        velocity they should have changed.
 
-        Equal readings alone are no fault where sensors count in steps: a robot that hardly moves then reads the same twice.
-        What such sensors are known by is that single velocities repeat, and they are given the time to move by FROZEN.
+        Equal readings alone are no fault where sensors count in steps: a robot that hardly moves
+        then reads the same twice. What such sensors are known by is that single velocities repeat,
+        and they are given the time to move by FROZEN.
         """
         if not ((q == self._last_q).all() and (v == self._last_v).all() and v.any()):
             return False
-        return (self._readings >= FINE and not self._in_steps) or float(np.abs(v).max()) * (t - self._since) > FROZEN
+        return (self._readings >= FINE and not self._in_steps) or float(np.abs(v).max()) * (
+            t - self._since
+        ) > FROZEN
 
-    def _feedback(self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None) -> Command:
+    def _feedback(
+        self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None
+    ) -> Command:
         done = 0
         if status is None:
             late = t > self._plan.end
-            self._tick = min(max(t - self._last_time, 1e-6), self.dt) if np.isfinite(self._last_time) else self.dt
+            self._tick = (
+                min(max(t - self._last_time, 1e-6), self.dt)
+                if np.isfinite(self._last_time)
+                else self.dt
+            )
             self._last_time = t
             repeated = v == self._last_v
             self._in_steps = self._in_steps or bool(repeated[v != 0.0].any())
@@ -345,14 +412,21 @@ class Controller:
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x
             status, done = self._improve(t, x, before, began)
-            self._failures = 0 if status is CommandStatus.SOLVED else self._failures + (status is not CommandStatus.BUDGET)
+            self._failures = (
+                0
+                if status is CommandStatus.SOLVED
+                else self._failures + (status is not CommandStatus.BUDGET)
+            )
             if status is CommandStatus.SOLVED and late:
                 status = CommandStatus.LATE
             self._prepared = np.nan
         return self._command(t, status, began, ahead, done)
 
-    def _improve(self, t: float, x: Array, before: Array, began: float) -> tuple[CommandStatus, int]:
-        """Iterations from the shifted plan with the measurement as its start, until the budget runs out."""
+    def _improve(
+        self, t: float, x: Array, before: Array, began: float
+    ) -> tuple[CommandStatus, int]:
+        """Iterations from the shifted plan with the measurement as its start, until the budget runs
+        out."""
         horizon, iteration, done = self.horizon, self._iteration, 0
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
@@ -381,10 +455,14 @@ class Controller:
 
     def _is_motion(self) -> bool:
         """Whether the horizon's nodes could be the plan."""
-        return bool(np.isfinite(self.horizon.energy)) and float(np.abs(self.horizon.C).max(initial=0.0)) <= WORST
+        return (
+            bool(np.isfinite(self.horizon.energy))
+            and float(np.abs(self.horizon.C).max(initial=0.0)) <= WORST
+        )
 
     def _take(self, t: float, solved: bool = True) -> None:
-        """Make the horizon's nodes the plan; ``solved``: they are what its last factorisation led to."""
+        """Make the horizon's nodes the plan; ``solved``: they are what its last factorisation led
+        to."""
         horizon = self.horizon
         u = horizon.fd[:, self.robot.actuated]
         if not np.isfinite(u).all():
@@ -397,21 +475,33 @@ class Controller:
             self._gain[:] = horizon.gain()
         self._plan = Plan(self._grid, t, horizon.nodes, self._limited(u))
 
-    # -- commands -----------------------------------------------------------------------------------------------------
+    # -- commands ----------------------------------------------------------------------------------
 
-    def _command(self, t: float, status: CommandStatus, began: float, ahead: float, done: int) -> Command:
+    def _command(
+        self, t: float, status: CommandStatus, began: float, ahead: float, done: int
+    ) -> Command:
         plan = self._plan
         when = t if np.isfinite(t) else plan.time
         u = plan.at(when)[2]
         x, rate, _ = plan.at(when + self._tick)
         gain, nodes = self._gain.copy(), self._gain_nodes.copy()
         return Command(
-            self._limited(u), plan.end, status, time.perf_counter() - began, ahead, done, self._worst, self._energy,
-            self._violation, lambda: self._gains(gain, nodes), lambda: self.convention.from_octo(x, rate),
-        )  # fmt: skip
+            self._limited(u),
+            plan.end,
+            status,
+            time.perf_counter() - began,
+            ahead,
+            done,
+            self._worst,
+            self._energy,
+            self._violation,
+            lambda: self._gains(gain, nodes),
+            lambda: self.convention.from_octo(x, rate),
+        )
 
     def _gains(self, gain: Array, nodes: Array) -> Array:
-        """du_0/d(x_0, x_{-1}) of the plan through nodes x_{-1}, x_0, x_1 (3, n), on the convention's tangent space."""
+        """du_0/d(x_0, x_{-1}) of the plan through nodes x_{-1}, x_0, x_1 (3, n), on the
+        convention's tangent space."""
         n, dynamics = self.robot.nx, self.problem.dynamics
         jac = dynamics.evaluate(nodes[None], self.compiled.p, order=1)[1]
         assert jac is not None
@@ -422,9 +512,11 @@ class Controller:
         return np.concatenate([(place + past) @ tangent, -self.dt * past @ tangent], axis=1)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and damper to the planned joints.
+        """u (nu,) of the low level at time t, in microseconds: planned torques and a spring and
+        damper to the planned joints.
 
-        May be called in another thread than the rest. A joint that is not measured follows the plan's torque.
+        May be called in another thread than the rest. A joint that is not measured follows the
+        plan's torque.
         """
         measurement = measured(q, self.convention.nq), measured(v, self.convention.nv)
         return self._low(self._plan, time_of(t), *measurement)

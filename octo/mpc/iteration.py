@@ -10,7 +10,8 @@ from octo.solver.receding_interpreted import InterpretedHorizon
 
 Array = NDArray[np.float64]
 CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
-HARDER, EASIER = 10.0, 3.0  # of sigma, after a step that could not be taken and after one that could
+# of sigma, after a step that could not be taken and after one that could
+HARDER, EASIER = 10.0, 3.0
 HARDEST = 1e3
 SHORTER = 5  # halvings of a step that does not improve the merit
 PENALTY = 2.0  # of the l1 norm of C, over its largest multiplier
@@ -21,10 +22,17 @@ class Iteration:
 
     Attributes
     ----------
-    sigma: the smallest regularisation weight; the horizon's own grows where steps fail and comes back where they do not.
+    sigma: the smallest regularisation weight; the horizon's own grows where steps fail and comes
+        back where they do not.
     """
 
-    def __init__(self, horizon: RecedingHorizon | InterpretedHorizon, hinge: NDArray[np.bool_], sigma: float, exact: bool):
+    def __init__(
+        self,
+        horizon: RecedingHorizon | InterpretedHorizon,
+        hinge: NDArray[np.bool_],
+        sigma: float,
+        exact: bool,
+    ):
         self.horizon, self.sigma, self.exact = horizon, sigma, exact
         self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
         self._before = np.empty_like(horizon.step)
@@ -53,7 +61,8 @@ class Iteration:
         return True
 
     def better(self) -> bool:
-        """Take the step, or the largest half, quarter … of it that lowers the merit; False where none does.
+        """Take the step, or the largest half, quarter … of it that lowers the merit; False where
+        none does.
 
         The nodes must be evaluated.
         """

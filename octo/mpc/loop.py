@@ -50,7 +50,8 @@ class Plant(Protocol):
 
 @dataclass(frozen=True)
 class Push:
-    """``force`` N on the base for ``seconds`` s from ``start`` s on, ``degrees`` from the heading (90 is to the left)."""
+    """``force`` N on the base for ``seconds`` s from ``start`` s on, ``degrees`` from the heading
+    (90 is to the left)."""
 
     force: float
     seconds: float = 0.2
@@ -72,7 +73,8 @@ class Push:
 
 @dataclass
 class Sensors:
-    """What the controller sees of the plant: noise in multiples of a robot's, the same for the same seed."""
+    """What the controller sees of the plant: noise in multiples of a robot's, the same for the same
+    seed."""
 
     robot: Character
     noise: float = 0.0
@@ -92,8 +94,10 @@ class Sensors:
         """New errors, one set a tick."""
         rng, k = self._rng, self.noise
         self._dq, self._dv = (k * size * rng.standard_normal(len(size)) for size in self._size)
-        self._place, self._turn = k * PLACE * rng.standard_normal(3), k * TURN * rng.standard_normal(3)
-        self._speed, self._spin = k * SPEED * rng.standard_normal(3), k * SPIN * rng.standard_normal(3)
+        self._place = k * PLACE * rng.standard_normal(3)
+        self._turn = k * TURN * rng.standard_normal(3)
+        self._speed = k * SPEED * rng.standard_normal(3)
+        self._spin = k * SPIN * rng.standard_normal(3)
 
     def read(self, q: Array, v: Array) -> tuple[Array, Array]:
         if self.noise == 0.0:
@@ -103,7 +107,12 @@ class Sensors:
         q, v, f = q.copy(), v.copy(), self._first
         w, x, y, z = q[f + 3 : f + 7]
         a, b, c = 0.5 * self._turn
-        q[f + 3 : f + 7] += (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+        q[f + 3 : f + 7] += (
+            -x * a - y * b - z * c,
+            w * a + y * c - z * b,
+            w * b + z * a - x * c,
+            w * c + x * b - y * a,
+        )
         q[f + 3 : f + 7] /= np.linalg.norm(q[f + 3 : f + 7])
         q[f : f + 3] += self._place
         v[f : f + 3] += self._speed
@@ -127,16 +136,20 @@ def run(
     seed: int = 0,
     each: Callable[[float, Controller], None] | None = None,
 ) -> Log:
-    """Close the loop for ``seconds``; falls (of a floating base) are counted, and the plant is put back once.
+    """Close the loop for ``seconds``; falls (of a floating base) are counted, and the plant is put
+    back once.
 
     Parameters
     ----------
     rate: Hz, of the controller's calls; a tick is a whole number of the plant's time steps.
-    realtime: the plant runs at the pace of the clock and the controller in its own thread, late where it is slow: a tick
-        with no command by its end is logged as one, and the plan before goes on. Otherwise the plant waits.
-    noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and the command from it; as
-        long after the start and after a fall the controller's first plan is followed, and no call is made.
-    each: called as ``each(t, controller)`` before every call of the controller, to change its references.
+    realtime: the plant runs at the pace of the clock and the controller in its own thread, late
+        where it is slow: a tick with no command by its end is logged as one, and the plan before
+        goes on. Otherwise the plant waits.
+    noise: of the sensors, 1 is that of a robot's estimator. delay: ticks between a measurement and
+        the command from it; as long after the start and after a fall the controller's first plan is
+        followed, and no call is made.
+    each: called as ``each(t, controller)`` before every call of the controller, to change its
+        references.
 
     Returns
     -------
@@ -144,7 +157,8 @@ def run(
 
     Raises
     ------
-    ValueRangeError: naming the argument. ProblemError: not a controller, a plant or a push; a push on a base that does not float.
+    ValueRangeError: naming the argument. ProblemError: not a controller, a plant or a push; a push
+        on a base that does not float.
     Once the loop runs only what a guide or ``each`` raises comes through.
     """
     _check_kinds(controller, plant, push, each)
@@ -153,15 +167,32 @@ def run(
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     if push is not None and plant.character.base != "floating":
-        raise ProblemError(f"push needs a floating base: the base of {plant.character.name!r} is fixed")
-    loop = _Loop(controller, plant, tick, count, Sensors(plant.character, noise, seed), delay, push, each, ticks)
+        raise ProblemError(
+            f"push needs a floating base: the base of {plant.character.name!r} is fixed"
+        )
+    loop = _Loop(
+        controller,
+        plant,
+        tick,
+        count,
+        Sensors(plant.character, noise, seed),
+        delay,
+        push,
+        each,
+        ticks,
+    )
     return loop.realtime() if realtime else loop.synchronous()
 
 
 def _check_kinds(controller: object, plant: object, push: object, each: object) -> None:
     for name, value, good, wanted in (
         ("controller", controller, isinstance(controller, Controller), "a Controller"),
-        ("plant", plant, hasattr(plant, "contacts"), "a MujocoPlant, a SimulatorPlant or their like"),
+        (
+            "plant",
+            plant,
+            hasattr(plant, "contacts"),
+            "a MujocoPlant, a SimulatorPlant or their like",
+        ),
         ("push", push, push is None or isinstance(push, Push), "a Push"),
         ("each", each, each is None or callable(each), "a function each(t, controller)"),
     ):
@@ -186,24 +217,41 @@ def timing(
     tick = 1.0 / positive("rate", rate, "Hz")
     count = round(min(tick / timestep, HUGE))
     if count < 1 or abs(count * timestep - tick) > 1e-9 * tick + 1e-12:
-        raise ValueRangeError(f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {timestep} s")
+        raise ValueRangeError(
+            f"rate is {rate} Hz, a tick must be a whole number of the plant's steps of {timestep} s"
+        )
     ticks = round(min(seconds / tick, HUGE))
     if ticks < 2:
         raise ValueRangeError(f"seconds is {seconds}, must be at least two ticks: {2.0 * tick:g}")
     if ticks > MOST_TICKS:
-        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {MOST_TICKS} ticks: {MOST_TICKS * tick:g}")
+        raise ValueRangeError(
+            f"seconds is {seconds:g}, must be at most {MOST_TICKS} ticks: {MOST_TICKS * tick:g}"
+        )
     if whole("delay", delay, 0) >= ticks:
-        raise ValueRangeError(f"delay is {delay} ticks, must be less than those of the motion: {ticks}")
+        raise ValueRangeError(
+            f"delay is {delay} ticks, must be less than those of the motion: {ticks}"
+        )
     if push is not None and push.start >= ticks * tick:
-        raise ValueRangeError(f"push begins at t = {push.start:g} s, seconds is {seconds:g}: it must end later than that")
+        raise ValueRangeError(
+            f"push begins at t = {push.start:g} s, seconds is {seconds:g}: it must end later than "
+            "that"
+        )
     return tick, count, ticks
 
 
 class _Loop:
     def __init__(
-        self, controller: Controller, plant: Plant, tick: float, count: int, sensors: Sensors, delay: int,
-        push: Push | None, each: Callable[[float, Controller], None] | None, ticks: int,
-    ):  # fmt: skip
+        self,
+        controller: Controller,
+        plant: Plant,
+        tick: float,
+        count: int,
+        sensors: Sensors,
+        delay: int,
+        push: Push | None,
+        each: Callable[[float, Controller], None] | None,
+        ticks: int,
+    ):
         self.controller, self.plant, self.tick, self.count = controller, plant, tick, count
         self.sensors, self.push, self.each = sensors, push, each
         self.queue: deque[tuple[float, Array, Array]] = deque(maxlen=delay + 1)
@@ -214,7 +262,8 @@ class _Loop:
         self.lock, self.stop, self.fresh = threading.Lock(), threading.Event(), threading.Event()
         self.latest: Command | None = None
         self.answered = -np.inf  # s, the time of the measurement of the last call
-        self.anew: tuple[float, Array, Array] | None = None  # a reset that the controller's thread has yet to do
+        # a reset that the controller's thread has yet to do
+        self.anew: tuple[float, Array, Array] | None = None
         self.error: BaseException | None = None
         self.ticks = ticks
         self.log = Log.empty(plant.character, tick, controller, ticks)
@@ -289,7 +338,8 @@ class _Loop:
         self.log.torque = u
 
     def _look(self, t: float) -> bool:
-        """Count a fall once, and put the plant back the first time: whether it was, and the controller must begin anew."""
+        """Count a fall once, and put the plant back the first time: whether it was, and the
+        controller must begin anew."""
         plant = self.plant
         if plant.character.base != "floating":
             return False
@@ -306,7 +356,8 @@ class _Loop:
         return True
 
     def realtime(self) -> Log:
-        """The plant at the clock's pace in this thread, the controller in its own; they share what the lock guards."""
+        """The plant at the clock's pace in this thread, the controller in its own; they share what
+        the lock guards."""
         self._begin()
         self._measure(0.0)
         first = self._arrived()
@@ -329,7 +380,8 @@ class _Loop:
         return self._end()
 
     def _pace(self, t: float, began: float) -> None:
-        """A tick: its measurement goes to the controller at its start, its command is what came by its end."""
+        """A tick: its measurement goes to the controller at its start, its command is what came by
+        its end."""
         self._wait(began + t)
         if t > 0.0:
             self._measure(t)
@@ -343,7 +395,10 @@ class _Loop:
         if self._look(t):
             with self.lock:
                 self.queue.clear()
-                self.anew = (t + 0.5 * self.tick, *self._seen(self.plant.q.copy(), self.plant.v.copy()))
+                self.anew = (
+                    t + 0.5 * self.tick,
+                    *self._seen(self.plant.q.copy(), self.plant.v.copy()),
+                )
             self.fresh.set()
 
     def _control(self) -> None:

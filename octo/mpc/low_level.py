@@ -25,7 +25,8 @@ LIGHT = 1.0  # of the damping that stops a free joint within that period; twice 
 
 
 def gains(field: str, value: Any, nu: int) -> Array:
-    """(nu,) of one number or as many; ValueRangeError, ShapeError where they are something else or negative."""
+    """(nu,) of one number or as many; ValueRangeError, ShapeError where they are something else or
+    negative."""
     array = numbers(field, value)
     if array.shape not in ((), (nu,)):
         raise ShapeError(field, array.shape, f"a number or ({nu},)")
@@ -45,20 +46,25 @@ def default_damping(problem: Problem, kp: float | Array) -> Array:
     assert robot is not None
     inverse = np.linalg.inv(mass_matrix(robot, problem.start))
     free = 1.0 / np.diag(inverse)[robot.actuated]  # kg m²
-    return np.minimum(SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / PERIOD)
+    return np.minimum(
+        SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / PERIOD
+    )
 
 
 class LowLevel:
-    """u = u_plan + kp (q_plan − q) + kd (v_plan − v), inside the limits; one call of compiled code, or NumPy without a compiler.
+    """u = u_plan + kp (q_plan − q) + kd (v_plan − v), inside the limits; one call of compiled code,
+    or NumPy without a compiler.
 
     Attributes
-    ----------
-    kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N): (nu,), each, to be written in place.
+    ---------- kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N): (nu,), each, to be
+    written in place.
     """
 
     def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):
         """``q_at`` (nu,): places of the actuated coordinates in q."""
-        library = native.load((importlib.resources.files(__package__) / "low_level.c").read_text(encoding="utf-8"))
+        library = native.load(
+            (importlib.resources.files(__package__) / "low_level.c").read_text(encoding="utf-8")
+        )
         self.kp, self.kd, self.limit = (np.array(k, dtype=float) for k in (kp, kd, limit))
         self._q_at, self._actuated = q_at, grid.actuated
         self._entry: Any = None
@@ -66,7 +72,8 @@ class LowLevel:
         pointers = (a.ctypes.data for a in (*self._places, self.kp, self.kd, self.limit))
         self._record = _Record(grid.rows, grid.steps, grid.n, grid.nu, grid.dt, *pointers)
         self._at = ctypes.addressof(self._record)
-        # Called with the interpreter's lock held: who gives it away in real time may wait 5 ms until the planner returns it.
+        # Called with the interpreter's lock held: who gives it away in real time may wait 5 ms
+        # until the planner returns it.
         if library is not None:
             self._entry = _ENTRY(("octo_low_level", library))
         self._out: Any = ctypes.c_double * grid.nu
@@ -84,7 +91,8 @@ class LowLevel:
         x, rate, planned = plan.at(t if np.isfinite(t) else plan.time)
         with np.errstate(over="ignore", invalid="ignore"):
             u = planned + self.kp * (x[j] - q[self._q_at]) + self.kd * (rate[j] - v[j])
-        u = np.where(np.isfinite(u), u, planned)  # a joint that is not measured follows the plan's torque
+        # a joint that is not measured follows the plan's torque
+        u = np.where(np.isfinite(u), u, planned)
         return np.asarray(np.minimum(np.maximum(u, -self.limit), self.limit))
 
 

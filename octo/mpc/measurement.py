@@ -42,7 +42,10 @@ def checked_time(t: Any) -> float:
     """s. Raises ValueRangeError where a clock cannot go on from there."""
     time = number("t", t)
     if abs(time) > LATEST:
-        raise ValueRangeError(f"t is {time:g} s, must be at most {LATEST:g} from zero: a tick later would be the same number")
+        raise ValueRangeError(
+            f"t is {time:g} s, must be at most {LATEST:g} from zero: a tick later would be the "
+            "same number"
+        )
     return time
 
 
@@ -50,7 +53,9 @@ def plausible(q: Array, v: Array, convention: Convention) -> bool:
     """Whether q (nq,) and v (nv,) are finite and something that a robot can be at."""
     if not (np.abs(q).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
         return False
-    return not convention.floating or bool(SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST)
+    return not convention.floating or bool(
+        SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST
+    )
 
 
 def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
@@ -65,7 +70,8 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
             raise ShapeError(name, arrays[-1].shape, (size,))
     if not plausible(arrays[0], arrays[1], convention):
         raise ValueRangeError(
-            f"q and v must be finite, at most {FARTHEST:g} and {FASTEST:g}, a quaternion from {SHORTEST:g} to {LONGEST:g} long"
+            f"q and v must be finite, at most {FARTHEST:g} and {FASTEST:g}, a quaternion from "
+            f"{SHORTEST:g} to {LONGEST:g} long"
         )
     return arrays[0], arrays[1]
 
@@ -74,7 +80,9 @@ def check_device(device: str) -> None:
     """Raises DeviceError for "cuda", UnknownNameError for what is no device."""
     check_device_name(device)
     if device == "cuda":
-        raise DeviceError("device is 'cuda': this version has no control loop on a GPU, use device 'cpu'")
+        raise DeviceError(
+            "device is 'cuda': this version has no control loop on a GPU, use device 'cpu'"
+        )
     if device == "auto":
         _say_cpu()
 

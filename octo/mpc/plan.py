@@ -1,4 +1,5 @@
-"""A planned motion with a time stamp, read at any time: nodes and torques in between are interpolated."""
+"""A planned motion with a time stamp, read at any time: nodes and torques in between are
+interpolated."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ FADING = 0.5  # of the joints' velocity, from one step beyond the plan's end to 
 
 
 class Grid:
-    """What all plans of a controller have in common: N ``steps`` of ``dt`` s of n coordinates, some of them actuated."""
+    """What all plans of a controller have in common: N ``steps`` of ``dt`` s of n coordinates, some
+    of them actuated."""
 
     def __init__(self, steps: int, dt: float, actuated: NDArray[np.intp], n: int):
         self.steps, self.dt, self.actuated, self.n, self.nu = steps, dt, actuated, n, len(actuated)
@@ -24,13 +26,15 @@ class Grid:
 
 
 class Plan:
-    """x_{-1} … x_N and u_0 … u_{N-1} from the time of x_0 on. A plan is never changed: whoever holds one reads one motion.
+    """x_{-1} … x_N and u_0 … u_{N-1} from the time of x_0 on. A plan is never changed: whoever
+    holds one reads one motion.
 
     Beyond its end the base keeps its velocity and the joints come to rest.
 
     Attributes
     ----------
-    time: s, of x_0. x: (2N+4, n), from x_{-1} on. u: (2N+4, nu) N m or N, from u_0 on; the last one is repeated.
+    time: s, of x_0. x: (2N+4, n), from x_{-1} on. u: (2N+4, nu) N m or N, from u_0 on; the last one
+        is repeated.
     address: of the block of numbers that low_level.c reads.
     """
 
@@ -42,14 +46,16 @@ class Plan:
         block = np.empty(1 + size + grid.rows * grid.nu)
         self.address = address(block)
         block[0] = time
-        self.x, self.u = block[1 : 1 + size].reshape(grid.rows, grid.n), block[1 + size :].reshape(grid.rows, grid.nu)
+        self.x = block[1 : 1 + size].reshape(grid.rows, grid.n)
+        self.u = block[1 + size :].reshape(grid.rows, grid.nu)
         self.x[: N + 2] = nodes
         np.multiply(grid.fading, nodes[-1] - nodes[-2], out=self.x[N + 2 :])
         self.x[N + 2 :] += nodes[-1]
         self.u[:N] = u
         self.u[N:] = u[-1]
         for array in (block, self.x, self.u):
-            array.setflags(write=False)  # .flags.writeable = …, like .ctypes, leaves a name in Python's cache every time
+            # .flags.writeable = …, like .ctypes, leaves a name in Python's cache every time
+            array.setflags(write=False)
 
     @property
     def end(self) -> float:

@@ -19,12 +19,17 @@ FOOT = 0.02  # m over the lowest contact up to which a contact is a foot
 
 
 def stance(robot: Character) -> Array:
-    """The default pose (nx,) over its feet, with straight legs bent to 0.76 of their length; the base comes down.
+    """The default pose (nx,) over its feet, with straight legs bent to 0.76 of their length; the
+    base comes down.
 
-    A leg is the chain of joints from the base to a body with a contact sphere near the ground. A robot without one, or
-    with its knees bent already, keeps its pose.
+    A leg is the chain of joints from the base to a body with a contact sphere near the ground. A
+    robot without one, or with its knees bent already, keeps its pose.
     """
-    default = np.zeros(robot.nx) if robot.default_pose is None else np.asarray(robot.default_pose, dtype=float)
+    default = (
+        np.zeros(robot.nx)
+        if robot.default_pose is None
+        else np.asarray(robot.default_pose, dtype=float)
+    )
     pose = over_the_feet(robot, inside_limits(robot, default))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose
@@ -47,13 +52,19 @@ def stance(robot: Character) -> Array:
 def bottoms(robot: Character, pose: Array) -> Array:
     """(c,) m, heights of the lowest points of the contacts that touch the terrain."""
     touching = list(robot.terrain_contacts)
-    return np.asarray(sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching])
+    return np.asarray(
+        sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
+    )
 
 
 def lowest_contacts(robot: Character, pose: Array, within: float) -> list[int]:
     """Contacts that touch the terrain and are less than ``within`` m over the lowest of them."""
     heights = bottoms(robot, pose)
-    return [k for k, height in zip(robot.terrain_contacts, heights, strict=True) if height < heights.min() + within]
+    return [
+        k
+        for k, height in zip(robot.terrain_contacts, heights, strict=True)
+        if height < heights.min() + within
+    ]
 
 
 def _chain(robot: Character, foot: int) -> list[int]:
@@ -67,7 +78,9 @@ def _chain(robot: Character, foot: int) -> list[int]:
 
 def _length(robot: Character, foot: int) -> float:
     """m, of the links from the hip to the foot, what they lie to the side left out."""
-    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]] + [robot.contacts[foot].position]
+    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]] + [
+        robot.contacts[foot].position
+    ]
     return float(sum(np.hypot(offset[0], offset[2]) for offset in offsets))
 
 

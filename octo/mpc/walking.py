@@ -1,4 +1,5 @@
-"""Walking on command: the problem that a controller solves, and the references that follow the command."""
+"""Walking on command: the problem that a controller solves, and the references that follow the
+command."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
 CONE = 0.75  # of the ground's friction, that is planned with
-NEAR = 0.1  # of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
+# of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
+NEAR = 0.1
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
@@ -28,59 +30,93 @@ ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
 LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
-def foot_law(robot: Character, length: float, feet: int, friction: float = 0.8, gravity: float = GRAVITY) -> Compliant:
-    """The soft contact that control plans with, for a robot with its base ``length`` (m) over the ground.
+def foot_law(
+    robot: Character, length: float, feet: int, friction: float = 0.8, gravity: float = GRAVITY
+) -> Compliant:
+    """The soft contact that control plans with, for a robot with its base ``length`` (m) over the
+    ground.
 
-    Three quarters of the ``friction`` are planned with, under a ``gravity`` in m/s². Its offset is what it sinks under the weight
-    on ``feet`` contacts, so that at rest hard feet carry what soft ones do.
+    Three quarters of the ``friction`` are planned with, under a ``gravity`` in m/s². Its offset is
+    what it sinks under the weight on ``feet`` contacts, so that at rest hard feet carry what soft
+    ones do.
     """
     speed = CREEP * float(np.sqrt(gravity * length))
     stiffness, sigma = robot.mass * gravity / (SINK * length), ONSET * length
     share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
     return Compliant(
-        stiffness=stiffness, sigma=sigma, dissipation_velocity=speed, offset=sigma * float(np.log(np.expm1(share))),
+        stiffness=stiffness,
+        sigma=sigma,
+        dissipation_velocity=speed,
+        offset=sigma * float(np.log(np.expm1(share))),
         friction=Coulomb(mu=CONE * friction, creep=speed),
-    )  # fmt: skip
+    )
 
 
 def walking_problem(
-    robot: Character, steps: int = 25, dt: float = 0.04, *, friction: float = 0.8, pose: Array | None = None, **described: Any
+    robot: Character,
+    steps: int = 25,
+    dt: float = 0.04,
+    *,
+    friction: float = 0.8,
+    pose: Array | None = None,
+    **described: Any,
 ) -> Problem:
     """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``.
 
-    The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs bent.
+    The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs
+    bent.
 
     Raises
     ------
-    ProblemError: the base does not float, or no sphere can touch the ground; what :class:`octo.Problem` refuses.
+    ProblemError: the base does not float, or no sphere can touch the ground; what
+        :class:`octo.Problem` refuses.
     """
     if not isinstance(robot, Character):
         raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
     for name in {"costs", "law", "x0"} & described.keys():
-        raise ProblemError(f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)")
+        raise ProblemError(
+            f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)"
+        )
     positive("friction", friction)
     if robot.base != "floating":
-        raise ProblemError(f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'")
+        raise ProblemError(
+            f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'"
+        )
     if not robot.terrain_contacts:
-        raise ProblemError(f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the ground")
+        raise ProblemError(
+            f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the "
+            "ground"
+        )
     held = stance(robot) if pose is None else numbers("pose", pose, (robot.nx,))
-    draft = Problem(robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described)
+    draft = Problem(
+        robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described
+    )
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
-    law = foot_law(robot, draft.length, len(lowest_contacts(robot, held, NEAR * draft.length)), friction, draft.gravity)
-    problem = Problem(robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described)
+    law = foot_law(
+        robot,
+        draft.length,
+        len(lowest_contacts(robot, held, NEAR * draft.length)),
+        friction,
+        draft.gravity,
+    )
+    problem = Problem(
+        robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described
+    )
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
 
 def _on_the_ground(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are read of it."""
+    """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are
+    read of it."""
     placed = pose.copy()
     placed[robot.base_coordinate + 2] -= float(bottoms(robot, pose).min())
     return placed
 
 
 class VelocityCommand:
-    """A guide for a controller of the locomotion preset: forward and sideways speed and turning, integrated on a leash.
+    """A guide for a controller of the locomotion preset: forward and sideways speed and turning,
+    integrated on a leash.
 
     Attributes
     ----------
@@ -89,12 +125,18 @@ class VelocityCommand:
     """
 
     def __init__(
-        self, velocity: Sequence[float] = (0.3, 0.0), yaw_rate: float = 0.0, acceleration: tuple[float, float] = ACCELERATION
+        self,
+        velocity: Sequence[float] = (0.3, 0.0),
+        yaw_rate: float = 0.0,
+        acceleration: tuple[float, float] = ACCELERATION,
     ):
         self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
         linear, turning = numbers("acceleration", acceleration, (2,)).tolist()
-        self.acceleration = (positive("acceleration", linear, "m/s²"), positive("acceleration", turning, "rad/s²"))
+        self.acceleration = (
+            positive("acceleration", linear, "m/s²"),
+            positive("acceleration", turning, "rad/s²"),
+        )
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
@@ -107,7 +149,8 @@ class VelocityCommand:
         N, dt = controller.problem.steps, controller.dt
         origin, rotation = controller.convention.base(x)
         ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
-        if not t >= self._time or t - self._time > 1.0:  # the first call, after a reset, or after a gap
+        # the first call, after a reset, or after a gap
+        if not t >= self._time or t - self._time > 1.0:
             self._place, self._yaw = origin[:2].copy(), ahead
             self._now, self._rate = np.zeros(2), 0.0
         else:
@@ -128,7 +171,8 @@ class VelocityCommand:
 
     @staticmethod
     def _follow_the_ground(controller: Controller, velocity: Array, target: Array) -> None:
-        """On a slope, height and vertical speed are those of the ground under the places (N, 2) that the command leads to."""
+        """On a slope, height and vertical speed are those of the ground under the places (N, 2)
+        that the command leads to."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
         if "terrain.normal_z" not in names:
             return

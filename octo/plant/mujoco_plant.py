@@ -1,4 +1,5 @@
-"""A robot in MuJoCo: its own contact, its own time step, with friction, payload and bumps that a plan does not know of."""
+"""A robot in MuJoCo: its own contact, its own time step, with friction, payload and bumps that a
+plan does not know of."""
 
 from __future__ import annotations
 
@@ -29,13 +30,16 @@ class MujocoPlant:
 
     Parameters
     ----------
-    terrain: the ground. friction: sliding coefficient of feet and ground. timestep: s. gravity: (3,) m/s².
+    terrain: the ground. friction: sliding coefficient of feet and ground. timestep: s. gravity:
+        (3,) m/s².
     payload: mass added to the base body, in parts of its mass; its inertia grows alike.
-    bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its origin); ``seed`` places them.
+    bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its
+        origin); ``seed`` places them.
 
-    Torques act until the next ``step``; the model's motors clip them to the robot's limits. State: ``q`` (nq,), ``v`` (nv,)
-    in MuJoCo's form and the order of the character's tree (see :mod:`octo.model.convention`), ``x``, ``rate`` (nx,) in octo's
-    chart. ``model`` and ``data`` are MuJoCo's own.
+    Torques act until the next ``step``; the model's motors clip them to the robot's limits. State:
+    ``q`` (nq,), ``v`` (nv,) in MuJoCo's form and the order of the character's tree (see
+    :mod:`octo.model.convention`), ``x``, ``rate`` (nx,) in octo's chart. ``model`` and ``data`` are
+    MuJoCo's own.
     """
 
     def __init__(
@@ -54,22 +58,36 @@ class MujocoPlant:
         self.character = character
         self.terrain = terrain or Plane()
         if not isinstance(self.terrain, Plane):
-            raise ProblemError(f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other ground here")
+            raise ProblemError(
+                f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other "
+                "ground "
+                "here"
+            )
         if not 0.0 <= number("friction", friction) <= STICKIEST:
-            raise ValueRangeError(f"friction is {friction}, must not be negative, and at most {STICKIEST:g}")
+            raise ValueRangeError(
+                f"friction is {friction}, must not be negative, and at most {STICKIEST:g}"
+            )
         if number("bumps", bumps) < 0.0:
             raise ValueRangeError(f"bumps is {bumps} m, must not be negative")
         self.timestep = positive("timestep", timestep, "s")
         text = mjcf_text(
-            loaded(character, payload), terrain=self.terrain, friction=friction, timestep=timestep,
-            gravity=numbers("gravity", gravity, (3,)), bumps=strewn(bumps, seed) if bumps > 0.0 else (),
-        )  # fmt: skip
+            loaded(character, payload),
+            terrain=self.terrain,
+            friction=friction,
+            timestep=timestep,
+            gravity=numbers("gravity", gravity, (3,)),
+            bumps=strewn(bumps, seed) if bumps > 0.0 else (),
+        )
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
         self._mujoco = mujoco
         self._set_places()
         self.push = np.zeros(3)  # (3,) N, world axes, on the centre of mass of the base body
-        start = np.zeros(character.nx) if character.default_pose is None else np.array(character.default_pose)
+        start = (
+            np.zeros(character.nx)
+            if character.default_pose is None
+            else np.array(character.default_pose)
+        )
         self._near = start  # the last x that was looked at
         self.reset(*from_chart(character, start))
 
@@ -92,9 +110,12 @@ class MujocoPlant:
         self._first = character.base_coordinate  # of q and v of a floating base
         self._base = int(model.body(base if base != "world" else "_world").id)
         self._gear = np.array([character.joints[j].gear or 1.0 for j in character.actuated])
-        self._contacts = {int(model.geom(character.contacts[k].name).id): c for c, k in enumerate(character.terrain_contacts)}
+        self._contacts = {
+            int(model.geom(character.contacts[k].name).id): c
+            for c, k in enumerate(character.terrain_contacts)
+        }
 
-    # -- state --------------------------------------------------------------------------------------------------------
+    # -- state -------------------------------------------------------------------------------------
 
     @property
     def nq(self) -> int:
@@ -150,10 +171,11 @@ class MujocoPlant:
         self.reset(*from_chart(self.character, x, rate))
         self._near = np.array(x, dtype=float)
 
-    # -- motion -------------------------------------------------------------------------------------------------------
+    # -- motion ------------------------------------------------------------------------------------
 
     def step(self, u: Array, seconds: float | None = None) -> None:
-        """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by default one)."""
+        """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by
+        default one)."""
         self.data.ctrl[:] = numbers("u", u, (self.character.nu,)) / self._gear
         self.data.xfrc_applied[self._base, :3] = self.push
         count = 1 if seconds is None else max(1, round(seconds / self.timestep))
@@ -164,19 +186,25 @@ class MujocoPlant:
         """(nu,) N m or N, what the motors gave in the last time step."""
         return np.asarray(self.data.actuator_force * self._gear)
 
-    # -- what it is like ----------------------------------------------------------------------------------------------
+    # -- what it is like ---------------------------------------------------------------------------
 
     @property
     def base_place(self) -> Array:
         """(3,) m, of the base body's origin."""
         free = self.character.base == "floating"
-        return np.array(self.q[self._first : self._first + 3] if free else self.data.xpos[self._base])
+        return np.array(
+            self.q[self._first : self._first + 3] if free else self.data.xpos[self._base]
+        )
 
     @property
     def base_rotation(self) -> Array:
         """(3, 3)."""
         free = self.character.base == "floating"
-        return rotation_of(self.q[self._first + 3 : self._first + 7]) if free else self.data.xmat[self._base].reshape(3, 3).copy()
+        return (
+            rotation_of(self.q[self._first + 3 : self._first + 7])
+            if free
+            else self.data.xmat[self._base].reshape(3, 3).copy()
+        )
 
     @property
     def height(self) -> float:
@@ -186,7 +214,8 @@ class MujocoPlant:
         return float(p["normal_x"] * x + p["normal_y"] * y + p["normal_z"] * (z - p["height"]))
 
     def feet(self, contacts: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Lowest points (k, 3) m of spheres (indices among those that touch the terrain), their Jacobians (k, 3, nv)."""
+        """Lowest points (k, 3) m of spheres (indices among those that touch the terrain), their
+        Jacobians (k, 3, nv)."""
         mujoco, model, data = self._mujoco, self.model, self.data
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -200,7 +229,8 @@ class MujocoPlant:
         return points, jacobians[..., self._v]
 
     def contacts(self) -> tuple[Array, Array]:
-        """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m; world axes."""
+        """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m;
+        world axes."""
         count = len(self._contacts)
         force, point = np.zeros((count, 3)), np.zeros((count, 3))
         for geom, c in self._contacts.items():
@@ -208,30 +238,39 @@ class MujocoPlant:
         six = np.zeros(6)
         for k in range(self.data.ncon):
             contact = self.data.contact[k]
-            first, second = (self._contacts.get(int(geom)) for geom in (contact.geom1, contact.geom2))
+            first, second = (
+                self._contacts.get(int(geom)) for geom in (contact.geom1, contact.geom2)
+            )
             if (first is None) == (second is None):
                 continue
             self._mujoco.mj_contactForce(self.model, self.data, k, six)
-            sphere, sign = (first, -1.0) if second is None else (second, 1.0)  # the force acts on the second geom
+            # the force acts on the second geom
+            sphere, sign = (first, -1.0) if second is None else (second, 1.0)
             force[sphere] += sign * contact.frame.reshape(3, 3).T @ six[:3]
             point[sphere] = contact.pos
         return force, point
 
 
 def loaded(character: Character, payload: float) -> Character:
-    """The character with ``payload`` times the base body's mass added to it, its inertia in proportion."""
+    """The character with ``payload`` times the base body's mass added to it, its inertia in
+    proportion."""
     if not isinstance(character, Character):
-        raise ProblemError(f"character is {said(character)}, must be a Character: what octo.load gives")
+        raise ProblemError(
+            f"character is {said(character)}, must be a Character: what octo.load gives"
+        )
     share = 1.0 + number("payload", payload)
     if share <= 0.0:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")
     base = character.bodies[character.base_body]
     heavier = replace(base, mass=share * base.mass, inertia=share * base.inertia)
-    return replace(character, bodies=tuple(heavier if body is base else body for body in character.bodies))
+    return replace(
+        character, bodies=tuple(heavier if body is base else body for body in character.bodies)
+    )
 
 
 def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
-    """Boxes up to ``height`` m: centres (3,) and half sides (3,) m in the axes of the ground's plane."""
+    """Boxes up to ``height`` m: centres (3,) and half sides (3,) m in the axes of the ground's
+    plane."""
     rng = np.random.default_rng(seed)
     boxes = []
     for x in np.arange(-BUMPS_WITHIN, BUMPS_WITHIN, BUMPS_EACH):
@@ -239,5 +278,7 @@ def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
             top, half = rng.uniform(0.2, 1.0) * height, rng.uniform(*BUMPS_HALF, 2)
             center = np.array([x, y]) + rng.uniform(0.0, BUMPS_EACH, 2)
             if np.max(np.abs(center) - half) > BUMPS_CLEAR:
-                boxes.append((np.array([*center, 0.5 * top - 0.01]), np.array([*half, 0.5 * top + 0.01])))
+                boxes.append(
+                    (np.array([*center, 0.5 * top - 0.01]), np.array([*half, 0.5 * top + 0.01]))
+                )
     return boxes

@@ -1,4 +1,5 @@
-"""A robot in octo's own implicit simulation, with the interface of :class:`octo.plant.MujocoPlant`."""
+"""A robot in octo's own implicit simulation, with the interface of
+:class:`octo.plant.MujocoPlant`."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ class SimulatorPlant:
     law, terrain: of the contact; octo's defaults. parameters: of the dynamics by name.
     timestep: s. payload: mass added to the base body, in parts of its mass.
 
-    Torques act until the next ``step`` and are clipped to the robot's limits. ``unsolved`` counts the steps in which no
+    Torques act until the next ``step`` and are clipped to the robot's limits. ``unsolved`` counts
+    the steps in which no
     solution was found: the best configuration is taken.
     """
 
@@ -44,9 +46,16 @@ class SimulatorPlant:
     ):
         self.dynamics = RobotDynamics(loaded(character, payload), law, terrain)
         self.character, self.timestep = character, positive("timestep", timestep, "s")
-        given = {} if parameters is None else instance("parameters", parameters, Mapping, "numbers by name")
+        given = (
+            {}
+            if parameters is None
+            else instance("parameters", parameters, Mapping, "numbers by name")
+        )
         known = self.dynamics.layout.names
-        values = {one_of("parameter", name, known): number(f"parameter {name}", value) for name, value in given.items()}
+        values = {
+            one_of("parameter", name, known): number(f"parameter {name}", value)
+            for name, value in given.items()
+        }
         self._p = self.dynamics.layout.pack(**{**values, "dt": self.timestep})
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
@@ -54,9 +63,15 @@ class SimulatorPlant:
         self.unsolved, self.time = 0, 0.0
         self._ground = symbolic_contacts(self.dynamics)
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
-        distance = self.dynamics.terrain.distance(point, section(self.dynamics.layout.view(p), "terrain."))
+        distance = self.dynamics.terrain.distance(
+            point, section(self.dynamics.layout.view(p), "terrain.")
+        )
         self._height = ca.Function("height", [point, p], [distance])
-        self.x = np.zeros(character.nx) if character.default_pose is None else np.array(character.default_pose, dtype=float)
+        self.x = (
+            np.zeros(character.nx)
+            if character.default_pose is None
+            else np.array(character.default_pose, dtype=float)
+        )
         self._before = self.x.copy()
 
     @property
@@ -95,17 +110,22 @@ class SimulatorPlant:
     def reset_chart(self, x: Array, rate: Array | None = None) -> None:
         """Time 0 at x (nx,) and its rate (nx,)."""
         self.x = numbers("x", x, (self.character.nx,)).copy()
-        self._before = self.x - self.timestep * (np.zeros_like(self.x) if rate is None else np.asarray(rate, dtype=float))
+        self._before = self.x - self.timestep * (
+            np.zeros_like(self.x) if rate is None else np.asarray(rate, dtype=float)
+        )
         self.push, self.time = np.zeros(3), 0.0
 
     def step(self, u: Array, seconds: float | None = None) -> None:
-        """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by default one)."""
+        """Hold the torques u (nu,) N m or N for ``seconds`` (a whole number of time steps; by
+        default one)."""
         u = numbers("u", u, (self.character.nu,))
         load = np.zeros(self.character.nx)
         load[self.character.actuated] = np.clip(u, -self._limit, self._limit)
         if self.character.base == "floating":
             first = self.character.base_coordinate
-            load[first : first + 3] = self.character.bodies[self.character.base_body].rotation.T @ self.push
+            load[first : first + 3] = (
+                self.character.bodies[self.character.base_body].rotation.T @ self.push
+            )
         for _ in range(1 if seconds is None else max(1, round(seconds / self.timestep))):
             x_next, left = self._stepper(self.x, self._before, load)
             self._before, self.x = self.x, x_next
@@ -113,7 +133,8 @@ class SimulatorPlant:
             self.time += self.timestep
 
     def contacts(self) -> tuple[Array, Array]:
-        """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m; world axes."""
+        """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m;
+        world axes."""
         force, point = self._ground(self.x, self._before, self._p)
         return np.asarray(force).T, np.asarray(point).T
 
@@ -123,6 +144,10 @@ def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
     n = dynamics.nx
     x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", dynamics.layout.size)
     view = dynamics.layout.view(p)
-    states = symbolic.contact_states(dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view)
+    states = symbolic.contact_states(
+        dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
+    )
     columns = [[state.force for state in states], [state.point for state in states]]
-    return ca.Function("contacts", [x_next, x, p], [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns])
+    return ca.Function(
+        "contacts", [x_next, x, p], [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
+    )

@@ -1,11 +1,13 @@
 """How unknowns make a trajectory (§5.1): a node is a stencil S over control variables.
 
-The unknowns are K *units* v_k of nc numbers. Node j of the trajectory (x_{-1} … x_N, stored at j + 1) is
+The unknowns are K *units* v_k of nc numbers. Node j of the trajectory (x_{-1} … x_N, stored at j +
+1) is
 
     x_j = constant_j + Σ_slots coefficient · v_unit[part·n : (part + 1)·n]
 
-and residual i is tested on row block k with the coefficients of its middle node i (C = Σ_i S_iᵀ U_/ FD_i), so that row
-block k touches the units k, k−1, k−2 only: A is block-lower-triangular with three blocks a row.
+and residual i is tested on row block k with the coefficients of its middle node i (C = Σ_i S_iᵀ U_/
+FD_i), so that row block k touches the units k, k−1, k−2 only: A is block-lower-triangular with
+three blocks a row.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ class Stencil:
     unit: (N+2, slots) unit each slot of a node takes part of, -1 where it takes none.
     part: (N+2, slots) which block of n numbers of that unit.
     coefficient: (N+2, slots).
-    test_row, test_part, test_coefficient: (N, tests) the rows a residual is summed into, -1 where none.
+    test_row, test_part, test_coefficient: (N, tests) the rows a residual is summed into, -1 where
+        none.
     """
 
     units: int
@@ -62,7 +65,9 @@ class Nodes:
         ones = np.ones((steps + 2, 1))
         row = np.arange(steps, dtype=np.int32)[:, None]
         zero = np.zeros((steps + 2, 1), dtype=np.int32)
-        return Stencil(steps, 1, unit, zero, ones * (unit >= 0), row, zero[:steps].copy(), np.ones((steps, 1)))
+        return Stencil(
+            steps, 1, unit, zero, ones * (unit >= 0), row, zero[:steps].copy(), np.ones((steps, 1))
+        )
 
     def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
         """(…, N+2, n) the part of the trajectory that no unknown moves."""
@@ -79,15 +84,19 @@ class Nodes:
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         """Units that a fixed last state (x_N, v_N) pins, with their values."""
         if steps < 3:
-            raise ProblemError(f"steps is {steps}: a fixed end state needs at least 3 steps in the nodes basis")
+            raise ProblemError(
+                f"steps is {steps}: a fixed end state needs at least 3 steps in the nodes basis"
+            )
         return {steps - 1: x_end, steps - 2: x_end - dt * v_end}
 
 
 @dataclass(frozen=True)
 class Hermite:
-    """Cubic Hermite segments: control c_k = (x_k, τ ẋ_k), τ = q·dt; pairs of controls give SBT(4(2n−|u|)).
+    """Cubic Hermite segments: control c_k = (x_k, τ ẋ_k), τ = q·dt; pairs of controls give
+    SBT(4(2n−|u|)).
 
-    Unit k is c_{k+1}; c_0 is given by (x_0, v_0). The last unit is a dummy that carries the test row of c_Z.
+    Unit k is c_{k+1}; c_0 is given by (x_0, v_0). The last unit is a dummy that carries the test
+    row of c_Z.
     """
 
     steps_per_segment: int = 10
@@ -99,7 +108,10 @@ class Hermite:
             raise ProblemError(f"steps_per_segment is {said(q)}, must be at least 2")
         if steps % q:
             near = max(q, q * round(steps / q))
-            raise ProblemError(f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for example {near})")
+            raise ProblemError(
+                f"steps is {steps}, must be a multiple of the Hermite segment of {q} steps (for "
+                f"example {near})"
+            )
 
     def units(self, steps: int) -> int:
         return steps // self.steps_per_segment + 1
@@ -160,20 +172,26 @@ class Hermite:
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         q = self.steps_per_segment
         if steps < 2 * q:
-            raise ProblemError(f"steps is {steps}: a fixed end state needs at least {2 * q} steps in the hermite basis")
+            raise ProblemError(
+                f"steps is {steps}: a fixed end state needs at least {2 * q} steps in the hermite "
+                "basis"
+            )
         return {steps // q - 1: np.concatenate([x_end, q * dt * v_end], axis=-1)}
 
 
 @dataclass(frozen=True)
 class Folded:
-    """The nodes of a cycle: all of x_1 … x_N are unknown, and x_{-1}, x_0 are x_{N−1}, x_N carried back by one stride.
+    """The nodes of a cycle: all of x_1 … x_N are unknown, and x_{-1}, x_0 are x_{N−1}, x_N carried
+    back by one stride.
 
-    A chain that closes on itself couples its first units with its last ones. Folded in the middle, units k and N−1−k side
-    by side, it is a chain again: each pair touches the two pairs before it and no others, so that every solver of open
-    chains, on every device, solves closed ones: SBT(4(2n−|u|)) of N/4 blocks. FD_i stands in the rows of the last pair that
-    it looks at: on the way out that of x_{i+1}, on the way back that of x_{i−1}. At the fold FD_F, F = ⌈N/2⌉, and of an even
-    N FD_{F+1} stand in the rows of a dummy, the last unit. The rows of the first pair stay empty; of an odd N half of the
-    pair at the fold is no node, and half of the dummy's rows stay empty too.
+    A chain that closes on itself couples its first units with its last ones. Folded in the middle,
+    units k and N−1−k side by side, it is a chain again: each pair touches the two pairs before it
+    and no others, so that every solver of open chains, on every device, solves closed ones:
+    SBT(4(2n−|u|)) of N/4 blocks. FD_i stands in the rows of the last pair that it looks at: on the
+    way out that of x_{i+1}, on the way back that of x_{i−1}. At the fold FD_F, F = ⌈N/2⌉, and of an
+    even N FD_{F+1} stand in the rows of a dummy, the last unit. The rows of the first pair stay
+    empty; of an odd N half of the pair at the fold is no node, and half of the dummy's rows stay
+    empty too.
     """
 
     name = "nodes"
@@ -210,7 +228,8 @@ class Folded:
         return unused
 
     def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
-        """(…, N+2, n) what carries x_N and x_{N−1} back by a stride, beside the matrix that it is done with."""
+        """(…, N+2, n) what carries x_N and x_{N−1} back by a stride, beside the matrix that it is
+        done with."""
         return Nodes().constant(steps, x0, x_previous)
 
     def fit(self, nodes: Array, dt: float) -> Array:
@@ -237,7 +256,9 @@ def basis_named(name: str | Basis) -> Basis:
     return table[one_of("basis", name, table)]
 
 
-def node_values(stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None) -> Array:
+def node_values(
+    stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None
+) -> Array:
     """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, parts·n): T_x = (S ⊗ I) T_c.
 
     carry (…, n, n): of a cycle, what the unknowns in x_{-1} and x_0 are multiplied with.

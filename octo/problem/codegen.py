@@ -1,7 +1,8 @@
-"""The costs as CasADi functions of one step and of one contact, and as the C text that assemble.c works from.
+"""The costs as CasADi functions of one step and of one contact, and as the C text that assemble.c
+works from.
 
-A step's residuals are a function of (x_next, x, x_prev, u, p, q); those over contacts are in contact_model.py. q (NQ)
-starts with one coefficient per term, then come the references.
+A step's residuals are a function of (x_next, x, x_prev, u, p, q); those over contacts are in
+contact_model.py. q (NQ) starts with one coefficient per term, then come the references.
 """
 
 from __future__ import annotations
@@ -59,32 +60,54 @@ class CostFunctions:
         return len(self.state_terms) + own
 
 
-def cost_functions(dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool) -> CostFunctions:
-    """Residuals and first derivatives of all terms; ``between_controls`` leaves those over neighbouring controls out."""
+def cost_functions(
+    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+) -> CostFunctions:
+    """Residuals and first derivatives of all terms; ``between_controls`` leaves those over
+    neighbouring controls out."""
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    function, jacobian, sparsity, rows = _state_functions(dynamics, references, p, q, between_controls)
-    return CostFunctions(references, function, jacobian, sparsity, rows, _contact_functions(dynamics, references, setting))
+    function, jacobian, sparsity, rows = _state_functions(
+        dynamics, references, p, q, between_controls
+    )
+    return CostFunctions(
+        references,
+        function,
+        jacobian,
+        sparsity,
+        rows,
+        _contact_functions(dynamics, references, setting),
+    )
 
 
-def _contact_functions(dynamics: Dynamics, references: References, setting: Setting) -> ContactFunctions | None:
+def _contact_functions(
+    dynamics: Dynamics, references: References, setting: Setting
+) -> ContactFunctions | None:
     chosen = [term for term in references.terms if isinstance(term, ContactCost)]
     if not chosen:
         return None
     if not isinstance(dynamics, RobotDynamics):
-        raise ProblemError(f"{chosen[0].label} is over contacts, which user-written dynamics do not have")
+        raise ProblemError(
+            f"{chosen[0].label} is over contacts, which user-written dynamics do not have"
+        )
     return contact_functions(dynamics, references, setting, touching(dynamics, setting))
 
 
 def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
     """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
     n = dynamics.nx
-    x_next, x, x_prev, u = (ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu)))
+    x_next, x, x_prev, u = (
+        ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu))
+    )
     robot = dynamics.character if isinstance(dynamics, RobotDynamics) else None
-    return [x_next, x, x_prev, u], StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot)
+    return [x_next, x, x_prev, u], StepSymbols(
+        x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot
+    )
 
 
-def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX, between_controls: bool) -> Any:
+def _state_functions(
+    dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX, between_controls: bool
+) -> Any:
     (x_next, x, x_prev, u), step = step_symbols(dynamics, p)
     residuals, rows = [ca.SX(0, 1)], []
     for k, term in enumerate(references.terms):
@@ -100,7 +123,11 @@ def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
     length = ca.Function("length", inputs, [r, nonzeros]).n_instructions()
     if length >= COSTLY:
-        check_length("terms of E", length, f"the longest is {_longest(residuals[1:], references, inputs)}, write it in fewer")
+        check_length(
+            "terms of E",
+            length,
+            f"the longest is {_longest(residuals[1:], references, inputs)}, write it in fewer",
+        )
     function = ca.Function("octo_state_cost", inputs, [r], {"cse": True})
     jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
     return function, jacobian, jac.sparsity(), tuple(rows)
@@ -108,7 +135,9 @@ def _state_functions(dynamics: Dynamics, references: References, p: ca.SX, q: ca
 
 def _longest(residuals: Sequence[ca.SX], references: References, inputs: Sequence[ca.SX]) -> str:
     """The label of the longest term over a step."""
-    sizes = [ca.Function("length", list(inputs), [residual]).n_instructions() for residual in residuals]
+    sizes = [
+        ca.Function("length", list(inputs), [residual]).n_instructions() for residual in residuals
+    ]
     alone = [term for term in references.terms if not isinstance(term, ContactCost)]
     return alone[int(np.argmax(sizes))].label if sizes else "none"
 
@@ -132,34 +161,59 @@ def touching_names(problem: Problem) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=8)
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
-    """C text of the costs with a time step in every lane, then assemble.c; stands after the dynamics' text in lanes."""
-    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]  # shared: p
+    """C text of the costs with a time step in every lane, then assemble.c; stands after the
+    dynamics' text in lanes."""
+    # shared: p
+    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
     sparsity = functions.state_sparsity
-    tables = _tables(functions, dynamics, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int))
+    tables = _tables(
+        functions,
+        dynamics,
+        np.array(sparsity.row(), dtype=int),
+        np.array(sparsity.get_col(), dtype=int),
+    )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
     parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
-    return "\n".join([*text, tables, *((resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in parts)])
+    return "\n".join(
+        [
+            *text,
+            tables,
+            *(
+                (resources.files("octo.problem") / name).read_text(encoding="utf-8")
+                for name in parts
+            ),
+        ]
+    )
 
 
 def residual_text(
-    functions: CostFunctions, dynamics: Dynamics, made: list[ca.Function], rows: NDArray[np.intp], columns: NDArray[np.intp]
+    functions: CostFunctions,
+    dynamics: Dynamics,
+    made: list[ca.Function],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
 ) -> str:
-    """``made`` of the costs' functions and their tables, in C that is CUDA too; stands after the text of the dynamics.
+    """``made`` of the costs' functions and their tables, in C that is CUDA too; stands after the
+    text of the dynamics.
 
     rows, columns (NZ,): of the derivatives over the state, in the order that ``made`` writes them.
     """
     written = [function_of_numbers(function) for function in made]
     rows_text = (resources.files("octo.problem") / "rows.c").read_text(encoding="utf-8")
-    tables = [_tables(functions, dynamics, rows, columns), _block_tables(functions, dynamics, columns)]
+    tables = [
+        _tables(functions, dynamics, rows, columns),
+        _block_tables(functions, dynamics, columns),
+    ]
     return "\n".join([*written, *tables, rows_text])
 
 
 def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray[np.intp]) -> str:
-    """For a block of threads: how many derivatives, the last ones, are with respect to u; what coordinates move each contact."""
+    """For a block of threads: how many derivatives, the last ones, are with respect to u; what
+    coordinates move each contact."""
     size = 0 if functions.contact is None else functions.contact.factors.size
     lines = [f"#define NZU {int((columns >= 3 * dynamics.nx).sum())}", f"#define NY {size}"]
     if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
@@ -171,26 +225,44 @@ def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray
     return "\n".join(lines)
 
 
-def _tables(functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> str:
+def _tables(
+    functions: CostFunctions, dynamics: Dynamics, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> str:
     """Sizes as macros, index tables as constant arrays."""
     own = functions.contact
     sizes = {
-        "MU": len(dynamics.unactuated), "NU": dynamics.nu, "NQ": max(functions.references.size, 1),
-        "NTERM": len(functions.references.terms), "NR": len(functions.state_terms), "NZ": len(rows),
-        "CR": len(own.terms) if own else 0, "NFC": len(functions.contact_spheres),
-    }  # fmt: skip
+        "MU": len(dynamics.unactuated),
+        "NU": dynamics.nu,
+        "NQ": max(functions.references.size, 1),
+        "NTERM": len(functions.references.terms),
+        "NR": len(functions.state_terms),
+        "NZ": len(rows),
+        "CR": len(own.terms) if own else 0,
+        "NFC": len(functions.contact_spheres),
+    }
     lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     tables: dict[str, Any] = {
-        "actuated": dynamics.actuated, "unactuated": dynamics.unactuated, "state_row_term": functions.state_terms,
-        "state_entry_row": rows, "state_entry_column": columns, "contact_row_term": own.terms if own else (),
-    }  # fmt: skip
-    values: dict[str, Any] = {"cost_contact_data": (), "cost_contact_use": own.use.astype(float).ravel() if own else ()}
+        "actuated": dynamics.actuated,
+        "unactuated": dynamics.unactuated,
+        "state_row_term": functions.state_terms,
+        "state_entry_row": rows,
+        "state_entry_column": columns,
+        "contact_row_term": own.terms if own else (),
+    }
+    values: dict[str, Any] = {
+        "cost_contact_data": (),
+        "cost_contact_use": own.use.astype(float).ravel() if own else (),
+    }
     if own and isinstance(dynamics, RobotDynamics):
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
-        tables["cost_contact_joint"] = [robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres]
+        tables["cost_contact_joint"] = [
+            robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres
+        ]
         tables["cost_contact_resting"] = own.resting
-        values["cost_contact_data"] = [number for sphere in spheres for number in (*sphere.position, sphere.radius)]
+        values["cost_contact_data"] = [
+            number for sphere in spheres for number in (*sphere.position, sphere.radius)
+        ]
     lines += [integers(name, table) for name, table in tables.items()]
     return "\n".join([*lines, *(numbers_table(name, table) for name, table in values.items())])

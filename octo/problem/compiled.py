@@ -1,7 +1,9 @@
-"""E, C and their model for a batch of problems of one structure: native code, or CasADi's virtual machine and NumPy.
+"""E, C and their model for a batch of problems of one structure: native code, or CasADi's virtual
+machine and NumPy.
 
-Both give the same arrays: ``evaluate`` the value of every term and residual, ``linearize`` H, A, b, C of Eq. 9 in
-the block format of the solver (lag storage: H[:, k, o] couples unit k with unit k − o).
+Both give the same arrays: ``evaluate`` the value of every term and residual, ``linearize`` H, A, b,
+C of Eq. 9 in the block format of the solver (lag storage: H[:, k, o] couples unit k with unit k −
+o).
 """
 
 from __future__ import annotations
@@ -30,8 +32,10 @@ from octo.problem.problem import Problem
 from octo.problem.structure import check_alike, functions_of
 
 Array = NDArray[np.float64]
-HOSTED = frozenset(("numbers", "unit_sizes"))  # what an Evaluation keeps on the host once it was asked for
-BATCHED = ("p", "q", "row_scale", "start", "constant", "ends", "carry")  # of a CompiledProblem, by members
+# what an Evaluation keeps on the host once it was asked for
+HOSTED = frozenset(("numbers", "unit_sizes"))
+# of a CompiledProblem, by members
+BATCHED = ("p", "q", "row_scale", "start", "constant", "ends", "carry")
 GROUP = 8  # steps that the dynamics take at a time, at most
 
 
@@ -47,7 +51,9 @@ class Evaluation:
     summary: Array  # (batch, 4): E, ‖C‖₁, ‖C‖∞, ‖C‖₂²
 
     @classmethod
-    def of(cls, unknowns: Array, nodes: Array, fd: Array, terms: Array, energy: Array, C: Array) -> Evaluation:
+    def of(
+        cls, unknowns: Array, nodes: Array, fd: Array, terms: Array, energy: Array, C: Array
+    ) -> Evaluation:
         """With the summary of E (batch,) and C, in NumPy."""
         size = np.abs(C).reshape(len(C), -1)
         norms = [size.sum(axis=1), size.max(axis=1, initial=0.0), (size**2).sum(axis=1)]
@@ -88,7 +94,9 @@ class Evaluation:
         """(batch,) where E and C are; on the host."""
         return np.isfinite(self.energy + self.size)
 
-    def take(self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]) -> Evaluation:
+    def take(
+        self, members: NDArray[Any] | Sequence[int] | Sequence[np.signedinteger[Any]]
+    ) -> Evaluation:
         """Some members, by index or by a mask."""
         chosen = like(np.asarray(members), self.C)
         made = Evaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
@@ -108,7 +116,8 @@ class Evaluation:
                 self.__dict__[name][members] = other.__dict__[name]
 
     def replaced(self, members: NDArray[np.bool_], other: Evaluation) -> Evaluation:
-        """Members of ``other`` where the mask is set, of this one elsewhere; one of the two itself where all come from it."""
+        """Members of ``other`` where the mask is set, of this one elsewhere; one of the two itself
+        where all come from it."""
         if every(members):
             return other
         if not some(members):
@@ -128,7 +137,8 @@ class Evaluation:
 
 @dataclass(eq=False)
 class Model:
-    """Eq. 9 at one iterate: H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), b (batch, K, nc), C (batch, K, ma)."""
+    """Eq. 9 at one iterate: H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), b (batch, K, nc), C
+    (batch, K, ma)."""
 
     H: Array
     A: Array
@@ -146,7 +156,9 @@ class CompiledProblem:
     like: a batch with the same model and terms, whose generated code is shared.
     """
 
-    def __init__(self, problems: Sequence[Problem], threads: int = 1, like: CompiledProblem | None = None):
+    def __init__(
+        self, problems: Sequence[Problem], threads: int = 1, like: CompiledProblem | None = None
+    ):
         first = problems[0]
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.dynamics, self.basis, self.steps = first.dynamics, first.basis_object, int(first.steps)
@@ -155,11 +167,19 @@ class CompiledProblem:
             self.functions = functions_of(first)
         else:
             self.functions = like.functions
-            self.__dict__.update({name: like.__dict__[name] for name in ("_library", "kinematics") if name in like.__dict__})
+            self.__dict__.update(
+                {
+                    name: like.__dict__[name]
+                    for name in ("_library", "kinematics")
+                    if name in like.__dict__
+                }
+            )
         self.batch, self.n, self.nu = len(problems), self.dynamics.nx, self.dynamics.nu
         self.m = len(self.dynamics.unactuated)
         self.p = np.stack([problem.p for problem in problems])
-        self.q = np.stack([self.functions.references.pack(problem.costs, problem.setting) for problem in problems])
+        self.q = np.stack(
+            [self.functions.references.pack(problem.costs, problem.setting) for problem in problems]
+        )
         self.row_scale = np.stack([problem.row_scale for problem in problems])  # (batch, m)
         self.weight = first.weight
         self.start = np.stack([problem.start for problem in problems])
@@ -168,12 +188,18 @@ class CompiledProblem:
         self.constant = self.basis.constant(self.steps, self.start, before)
         self.carry = self._carry()
         self.stencil, self.fixed, self.ends = self._fix_ends()
-        self.K, self.nc, self.ma = self.stencil.units, self.stencil.parts * self.n, self.stencil.parts * self.m
-        self.neighbours: NeighbourTerms | None = like.neighbours if like is not None else self._neighbour_terms()
+        self.K = self.stencil.units
+        self.nc = self.stencil.parts * self.n
+        self.ma = self.stencil.parts * self.m
+        self.neighbours: NeighbourTerms | None = (
+            like.neighbours if like is not None else self._neighbour_terms()
+        )
 
     def _neighbour_terms(self) -> NeighbourTerms | None:
         """Terms over neighbouring Hermite controls, which no single step sees."""
-        between = isinstance(self.basis, Hermite) and any(isinstance(term, NeighbourCost) for term in self.problems[0].costs)
+        between = isinstance(self.basis, Hermite) and any(
+            isinstance(term, NeighbourCost) for term in self.problems[0].costs
+        )
         return NeighbourTerms(self) if between else None
 
     def _carry(self) -> Array | None:
@@ -181,13 +207,17 @@ class CompiledProblem:
         closures = [problem.closure for problem in self.problems if problem.closure is not None]
         if not closures:
             return None
-        self.constant[:, 1] = self.constant[:, 0] = np.stack([closure.constant for closure in closures])
+        self.constant[:, 1] = self.constant[:, 0] = np.stack(
+            [closure.constant for closure in closures]
+        )
         return np.stack([closure.matrix for closure in closures])
 
     def _fix_ends(self) -> tuple[Stencil, NDArray[np.intp], Array]:
-        """Pins the units of a fixed last state: they become constants of the trajectory and dummies of the KKT matrix.
+        """Pins the units of a fixed last state: they become constants of the trajectory and dummies
+        of the KKT matrix.
 
-        The stencil without them, the dummies, and the values (batch, K, nc) of the pinned units, zero elsewhere.
+        The stencil without them, the dummies, and the values (batch, K, nc) of the pinned units,
+        zero elsewhere.
         """
         stencil = self.basis.stencil(self.steps)
         ends = [p.end is not None for p in self.problems]
@@ -206,9 +236,15 @@ class CompiledProblem:
             free = np.where(live, stencil.unit, -1).astype(np.int32)
             coefficient = np.where(live, stencil.coefficient, 0.0)
             stencil = Stencil(
-                stencil.units, stencil.parts, free, stencil.part, coefficient,
-                stencil.test_row, stencil.test_part, stencil.test_coefficient,
-            )  # fmt: skip
+                stencil.units,
+                stencil.parts,
+                free,
+                stencil.part,
+                coefficient,
+                stencil.test_row,
+                stencil.test_part,
+                stencil.test_coefficient,
+            )
             fixed += units
         return stencil, np.array(sorted(fixed), dtype=np.intp), values
 
@@ -219,13 +255,20 @@ class CompiledProblem:
 
     @cached_property
     def idle(self) -> tuple[int, int] | None:
-        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of the pair at the fold."""
+        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of
+        the pair at the fold."""
         return (self.K - 2, 1) if isinstance(self.basis, Folded) and self.steps % 2 else None
 
     def take(self, members: NDArray) -> CompiledProblem:
         """A batch of some members, by index; everything generated is shared."""
         part: CompiledProblem = object.__new__(CompiledProblem)
-        part.__dict__.update({k: v for k, v in self.__dict__.items() if k not in ("_free_tasks", "_chunks", "_machine")})
+        part.__dict__.update(
+            {
+                k: v
+                for k, v in self.__dict__.items()
+                if k not in ("_free_tasks", "_chunks", "_machine")
+            }
+        )
         part.problems = tuple(self.problems[int(k)] for k in members)
         part.batch = len(part.problems)
         for name in BATCHED:
@@ -236,9 +279,12 @@ class CompiledProblem:
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
         if self._library is None:
-            self.linearize(self.evaluate(np.zeros((self.batch, self.K, self.nc))), np.zeros((self.batch, self.K, self.ma)))
+            self.linearize(
+                self.evaluate(np.zeros((self.batch, self.K, self.nc))),
+                np.zeros((self.batch, self.K, self.ma)),
+            )
 
-    # -- what a solver calls --------------------------------------------------------------------------------------
+    # -- what a solver calls -----------------------------------------------------------------------
 
     def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
@@ -248,7 +294,9 @@ class CompiledProblem:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
-        return self.evaluate_nodes(unknowns, node_values(self.stencil, unknowns, self.constant, self.carry))
+        return self.evaluate_nodes(
+            unknowns, node_values(self.stencil, unknowns, self.constant, self.carry)
+        )
 
     def evaluate_nodes(self, unknowns: Array, nodes: Array) -> Evaluation:
         """E and C of a trajectory (batch, N+2, n), which the unknowns need not make."""
@@ -271,9 +319,12 @@ class CompiledProblem:
         rows = fd[:, :, self.dynamics.unactuated] * self.row_scale[:, None]
         return np.matmul(self._test_matrix, rows).reshape(self.batch, self.K, self.ma)
 
-    def linearize(self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None) -> Model:
-        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC and of the terms over torques,
-        and of the terms over contacts for the members ``curved`` (batch,) bool, all by default."""
+    def linearize(
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None
+    ) -> Model:
+        """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC and of
+        the terms over torques, and of the terms over contacts for the members ``curved`` (batch,)
+        bool, all by default."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
@@ -295,7 +346,7 @@ class CompiledProblem:
         """(batch, terms) the parts of E."""
         return at.terms.sum(axis=1)
 
-    # -- native ---------------------------------------------------------------------------------------------------
+    # -- native ------------------------------------------------------------------------------------
 
     @cached_property
     def _test_matrix(self) -> Array:
@@ -304,7 +355,9 @@ class CompiledProblem:
         matrix = np.zeros((s.units * s.parts, self.steps))
         for k in range(s.test_row.shape[1]):
             live = np.flatnonzero(s.test_row[:, k] >= 0)
-            matrix[s.test_row[live, k] * s.parts + s.test_part[live, k], live] += s.test_coefficient[live, k]
+            matrix[s.test_row[live, k] * s.parts + s.test_part[live, k], live] += (
+                s.test_coefficient[live, k]
+            )
         return matrix
 
     @property
@@ -314,7 +367,9 @@ class CompiledProblem:
 
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
-        return native.load(self.dynamics.lanes_text() + codegen.cost_text(self.functions, self.dynamics))
+        return native.load(
+            self.dynamics.lanes_text() + codegen.cost_text(self.functions, self.dynamics)
+        )
 
     @cached_property
     def _machine(self) -> Any:
@@ -331,7 +386,9 @@ class CompiledProblem:
         q = self.basis.steps_per_segment if isinstance(self.basis, Hermite) else 1
         pieces, grain = self.steps // q, GROUP if q == 1 else 1
         groups = -(-pieces // grain)
-        count = 1 if self.threads == 1 else max(1, min(4 * self.threads, groups // (3 if q > 1 else 1)))
+        count = (
+            1 if self.threads == 1 else max(1, min(4 * self.threads, groups // (3 if q > 1 else 1)))
+        )
         first = np.array([groups * c // count * grain for c in range(count)], dtype=np.int32)
         row = first + (1 if q > 1 else 0)
         unit = first.copy()
@@ -340,7 +397,8 @@ class CompiledProblem:
 
     @cached_property
     def _free_tasks(self) -> list[tuple[_Task, list[Any]]]:
-        """Those that no thread is using: each call has one of its own, for it is where the native code writes."""
+        """Those that no thread is using: each call has one of its own, for it is where the native
+        code writes."""
         return []
 
     def _own_task(self) -> tuple[_Task, list[Any]]:
@@ -356,9 +414,27 @@ class CompiledProblem:
         chunks, s = len(unit), self.stencil
         size = 6 * self.nc**2 + 3 * self.ma * self.nc + 2 * self.nc + self.ma
         halo = np.empty((self.batch, chunks, max(size, 1)))
-        tables = [step, unit, row, s.unit, s.part, s.coefficient, s.test_row, s.test_part, s.test_coefficient]
+        tables = [
+            step,
+            unit,
+            row,
+            s.unit,
+            s.part,
+            s.coefficient,
+            s.test_row,
+            s.test_part,
+            s.test_coefficient,
+        ]
         kept = [np.ascontiguousarray(a) for a in (*tables, self.p, self.q, self.row_scale)]
-        sizes = (self.batch, self.steps, s.units, s.unit.shape[1], s.test_row.shape[1], s.parts, chunks)
+        sizes = (
+            self.batch,
+            self.steps,
+            s.units,
+            s.unit.shape[1],
+            s.test_row.shape[1],
+            s.parts,
+            chunks,
+        )
         task = task_of(sizes, kept[:9], kept[9:], halo)
         if self.carry is not None:
             kept.append(np.ascontiguousarray(self.carry))
@@ -367,7 +443,8 @@ class CompiledProblem:
         return task, kept
 
     def refresh(self) -> None:
-        """Take over references and weights that changed in place in the problems' terms. Nothing is recompiled."""
+        """Take over references and weights that changed in place in the problems' terms. Nothing is
+        recompiled."""
         for k, problem in enumerate(self.problems):
             self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
         self.__dict__.pop("_free_tasks", None)
@@ -376,13 +453,20 @@ class CompiledProblem:
         assert self._library is not None
         own = self._own_task()
         task = own[0]
-        task.nodes, task.fd, task.terms, task.c = nodes.ctypes.data, fd.ctypes.data, terms.ctypes.data, C.ctypes.data
+        task.nodes = nodes.ctypes.data
+        task.fd = fd.ctypes.data
+        task.terms = terms.ctypes.data
+        task.c = C.ctypes.data
         if self._library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
         self._free_tasks.append(own)
 
     def _native_linearize(
-        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: tuple[Array, ...]
+        self,
+        at: Evaluation,
+        lam: Array | None,
+        curved: NDArray[np.bool_] | None,
+        out: tuple[Array, ...],
     ) -> None:
         assert self._library is not None
         nodes = doubles("nodes", at.nodes, (self.batch, self.steps + 2, self.n))
@@ -400,36 +484,87 @@ class CompiledProblem:
 
     @cached_property
     def kinematics(self) -> ca.Function:
-        """Contact forces, points, depths and velocities of one step, for reports: (x_next, x, p)."""
+        """Contact forces, points, depths and velocities of one step, for reports: (x_next, x,
+        p)."""
         dynamics = self.dynamics
         if not isinstance(dynamics, RobotDynamics):
             raise ProblemError("user-written dynamics have no contacts")
-        x_next, x, p = ca.SX.sym("x_next", self.n), ca.SX.sym("x", self.n), ca.SX.sym("p", dynamics.layout.size)
+        x_next = ca.SX.sym("x_next", self.n)
+        x = ca.SX.sym("x", self.n)
+        p = ca.SX.sym("p", dynamics.layout.size)
         view = dynamics.layout.view(p)
-        states = symbolic.contact_states(dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view)
-        columns = [[s.force for s in states], [s.point for s in states], [s.velocity for s in states], [s.normal for s in states]]
+        states = symbolic.contact_states(
+            dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
+        )
+        columns = [
+            [s.force for s in states],
+            [s.point for s in states],
+            [s.velocity for s in states],
+            [s.normal for s in states],
+        ]
         depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
         outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
         return ca.Function("contacts", [x_next, x, p], [*outputs, depth])
 
 
-def task_of(sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[NDArray], halo: NDArray) -> _Task:
-    """octo_task of assemble.c over contiguous arrays that the caller keeps: ``tables`` of the chunks and the stencil,
-    ``values`` p, q and the scale of the rows."""
+def task_of(
+    sizes: tuple[int, ...], tables: Sequence[NDArray], values: Sequence[NDArray], halo: NDArray
+) -> _Task:
+    """octo_task of assemble.c over contiguous arrays that the caller keeps: ``tables`` of the
+    chunks and the stencil, ``values`` p, q and the scale of the rows."""
     at, given = [a.ctypes.data for a in tables], [a.ctypes.data for a in values]
-    return _Task(*sizes, *at, None, *given, None, None, None, None, None, None, None, halo.ctypes.data, None, None)
+    return _Task(
+        *sizes,
+        *at,
+        None,
+        *given,
+        None,
+        None,
+        None,
+        None,
+        None,
+        None,
+        None,
+        halo.ctypes.data,
+        None,
+        None,
+    )
 
 
 class _Task(ctypes.Structure):
     """octo_task of assemble.c."""
 
     _fields_ = [
-        *((name, ctypes.c_int) for name in ("batch", "steps", "units", "slots", "tests", "parts", "chunks")),
+        *(
+            (name, ctypes.c_int)
+            for name in ("batch", "steps", "units", "slots", "tests", "parts", "chunks")
+        ),
         *(
             (name, ctypes.c_void_p)
             for name in (
-                "chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value", "test_row", "test_part",
-                "test_value", "nodes", "p", "q", "row_scale", "fd", "terms", "lam", "h", "a", "b", "c", "halo", "carry", "curved",
+                "chunk_step",
+                "chunk_unit",
+                "chunk_row",
+                "slot_unit",
+                "slot_part",
+                "slot_value",
+                "test_row",
+                "test_part",
+                "test_value",
+                "nodes",
+                "p",
+                "q",
+                "row_scale",
+                "fd",
+                "terms",
+                "lam",
+                "h",
+                "a",
+                "b",
+                "c",
+                "halo",
+                "carry",
+                "curved",
             )
         ),
-    ]  # fmt: skip
+    ]

@@ -1,7 +1,7 @@
 """Terms over one contact's height, velocity, force and previous force, mapped over the contacts.
 
-A term's residual is written for one contact; E sums it over the contacts chosen (all that touch the terrain, or
-``contacts`` by name) and averages over the steps. Forces are in units of the weight mg.
+A term's residual is written for one contact; E sums it over the contacts chosen (all that touch the
+terrain, or ``contacts`` by name) and averages over the steps. Forces are in units of the weight mg.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ TINY_LOAD = 1e-6  # of the weight; rounds the root of a load off at zero
 class ContactCost(Cost):
     """A term of E summed over contacts.
 
-    ``contacts``: names, or "feet", those on the ground at the start; by default all that touch the terrain, or the feet
-    where a term pulls on what is in the air.
+    ``contacts``: names, or "feet", those on the ground at the start; by default all that touch the
+    terrain, or the feet where a term pulls on what is in the air.
     """
 
     contacts: tuple[str, ...] | Literal["feet"] | None = None
@@ -54,7 +54,9 @@ class Slip(ContactCost):
     length: float = 0.01  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])}
+        return {
+            "inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])
+        }
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         near = 2 / (1 + ca.exp(ca.fmin(contact.height * p["inverse_length"], 50.0)))
@@ -63,7 +65,8 @@ class Slip(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class FootLift(ContactCost):
-    """Height (m) of a foot above ``height``, squared hinge: feet do not swing higher than they need."""
+    """Height (m) of a foot above ``height``, squared hinge: feet do not swing higher than they
+    need."""
 
     of_feet: ClassVar[bool] = True
     height: float = 0.02  # m
@@ -77,13 +80,16 @@ class FootLift(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class Clearance(ContactCost):
-    """Moving feet stay clear of the ground: v·exp(−h/(2 length)), so that its square is v² exp(−h/length)."""
+    """Moving feet stay clear of the ground: v·exp(−h/(2 length)), so that its square is v²
+    exp(−h/length)."""
 
     of_feet: ClassVar[bool] = True
     length: float = 0.02  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])}
+        return {
+            "inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])
+        }
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return contact.velocity * ca.exp(ca.fmin(-0.5 * contact.height * p["inverse_length"], 2.0))
@@ -113,7 +119,8 @@ class LoadSharing(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class BodyLoad(ContactCost):
-    """f_n/mg of what is no foot: knees and bellies stay off the ground. ``contacts`` are the feet, which this leaves out."""
+    """f_n/mg of what is no foot: knees and bellies stay off the ground. ``contacts`` are the feet,
+    which this leaves out."""
 
     def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
         feet = feet if self.contacts is None else super().chosen(robot, feet)
@@ -133,7 +140,8 @@ class ForceRate(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class SlipPower(ContactCost):
-    """√(f_n/mg)·v_t: its square is the load times the squared speed with which a loaded foot slides."""
+    """√(f_n/mg)·v_t: its square is the load times the squared speed with which a loaded foot
+    slides."""
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         load = ca.sqrt(ca.fmax(contact.normal_force, 0.0) + TINY_LOAD)
@@ -142,7 +150,8 @@ class SlipPower(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class SwingClearance(ContactCost):
-    """A moving foot is to be ``height`` (m) over the ground: |v_t|·max(0, 1 − h/height), h the foot's own height.
+    """A moving foot is to be ``height`` (m) over the ground: |v_t|·max(0, 1 − h/height), h the
+    foot's own height.
 
     Near the ground a foot moves slowly, fast it is high.
     """
@@ -151,7 +160,9 @@ class SwingClearance(ContactCost):
     height: float = 0.04  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"inverse_height": np.array([1.0 / positive(f"{self.label}.height", self.height, "m")])}
+        return {
+            "inverse_height": np.array([1.0 / positive(f"{self.label}.height", self.height, "m")])
+        }
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         low = ca.fmax(0, 1 - contact.height * p["inverse_height"])

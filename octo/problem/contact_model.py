@@ -1,13 +1,14 @@
-"""E over the contacts of a step and its derivatives to the twists of their bodies, as CasADi functions.
+"""E over the contacts of a step and its derivatives to the twists of their bodies, as CasADi
+functions.
 
-A residual depends on where the sphere is and where its contact point was, in this step and in the one before: twelve numbers
-y. E is differentiated twice with respect to y, y with respect to left perturbations exp(outer^) exp(inner^) T of the body's
-three poses, and chained:
+A residual depends on where the sphere is and where its contact point was, in this step and in the
+one before: twelve numbers y. E is differentiated twice with respect to y, y with respect to left
+perturbations exp(outer^) exp(inner^) T of the body's three poses, and chained:
 
     gradient = y'ᵀ ∂E/∂y,    blocks = y'ᵀ ∂²E/∂y² y' + Σ_k ∂E/∂y_k y_k''
 
-A joint's twist and that of one of its ancestors, which comes first, make a number of E's second derivative out of a block
-(contacts.c); blocks of bodies that a joint carries may be summed before.
+A joint's twist and that of one of its ancestors, which comes first, make a number of E's second
+derivative out of a block (contacts.c); blocks of bodies that a joint carries may be summed before.
 """
 
 from __future__ import annotations
@@ -28,18 +29,22 @@ from octo.problem.contact_costs import ContactCost
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import ContactSymbols, Setting
 
-BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))  # pairs of nodes (next, now, previous), as HESS in phases.c
-TOUCHED = 18 + 36 * len(BLOCKS)  # numbers of the gradient, to three twists, and of the blocks, row by row
+# pairs of nodes (next, now, previous), as HESS in phases.c
+BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
+# numbers of the gradient, to three twists, and of the blocks, row by row
+TOUCHED = 18 + 36 * len(BLOCKS)
 
 
 @dataclass(frozen=True, eq=False)
 class ContactFunctions:
-    """The terms over contacts: inputs T_next, T, T_prev (12 numbers each, R row by row), sphere (4), p, q, use (CR,).
+    """The terms over contacts: inputs T_next, T, T_prev (12 numbers each, R row by row), sphere
+    (4), p, q, use (CR,).
 
-    value: the residuals r (CR,), without the input use. model, exact: gradient and blocks (TOUCHED,) of Σ use·q·r², by Gauss
-    and Newton and with all of their curvature; factors: what these are made of. terms: of each residual. use (contacts, CR),
-    spheres: of the contacts that have a term, as indices into the character's. resting (contacts,): those whose terms are
-    zero where they carry nothing in this step and in the one before.
+    value: the residuals r (CR,), without the input use. model, exact: gradient and blocks
+    (TOUCHED,) of Σ use·q·r², by Gauss and Newton and with all of their curvature; factors: what
+    these are made of. terms: of each residual. use (contacts, CR), spheres: of the contacts that
+    have a term, as indices into the character's. resting (contacts,): those whose terms are zero
+    where they carry nothing in this step and in the one before.
     """
 
     value: ca.Function
@@ -54,8 +59,9 @@ class ContactFunctions:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Of the inputs of :class:`ContactFunctions`: y' (size, 18); ∂E/∂y and the upper triangle of ∂²E/∂y², column by column, by
-    Gauss and Newton and exact; and Σ_k ∂E/∂y_k y_k'', as the blocks."""
+    """Of the inputs of :class:`ContactFunctions`: y' (size, 18); ∂E/∂y and the upper triangle of
+    ∂²E/∂y², column by column, by Gauss and Newton and exact; and Σ_k ∂E/∂y_k y_k'', as the
+    blocks."""
 
     inputs: list[ca.SX]
     slopes: ca.SX
@@ -80,18 +86,29 @@ class _Weightless:
 
 
 def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], ContactSymbols]:
-    """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of them."""
-    columns, sphere, place = [ca.SX.sym(f"T{k}", 12) for k in range(3)], ca.SX.sym("sphere", 4), ca.SX.sym("place", 12)
+    """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of
+    them."""
+    columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
+    sphere = ca.SX.sym("sphere", 4)
+    place = ca.SX.sym("place", 12)
     next_, now, previous = (pose_of(column) for column in columns)
     symbols = ContactSymbols(
-        (next_, now, previous), ((place[:3], place[3:6]), (place[6:9], place[9:])), sphere[3], dynamics.law, dynamics.terrain,
-        dynamics.layout.view(p), dynamics.character.mass * GRAVITY,
-    )  # fmt: skip
+        (next_, now, previous),
+        ((place[:3], place[3:6]), (place[6:9], place[9:])),
+        sphere[3],
+        dynamics.law,
+        dynamics.terrain,
+        dynamics.layout.view(p),
+        dynamics.character.mass * GRAVITY,
+    )
     return [*columns, sphere, place], symbols
 
 
-def contact_functions(dynamics: RobotDynamics, references: References, setting: Setting, feet: list[int]) -> ContactFunctions:
-    """Of the terms that are over contacts; ``feet`` are the contacts that touch the ground at the start."""
+def contact_functions(
+    dynamics: RobotDynamics, references: References, setting: Setting, feet: list[int]
+) -> ContactFunctions:
+    """Of the terms that are over contacts; ``feet`` are the contacts that touch the ground at the
+    start."""
     robot, made = dynamics.character, _Residuals(dynamics, references)
     use = np.zeros((len(robot.terrain_contacts), len(made.terms)), dtype=bool)
     for row, k in enumerate(made.terms):
@@ -103,16 +120,22 @@ def contact_functions(dynamics: RobotDynamics, references: References, setting: 
     spheres = tuple(int(robot.terrain_contacts[c]) for c in live)
     resting = (~use[live] | np.array(made.resting)).all(axis=1)
     factors = made.factors()
-    value = ca.Function("octo_contact_cost", factors.inputs[:-1], [made.at_poses(made.r)], {"cse": True})
+    value = ca.Function(
+        "octo_contact_cost", factors.inputs[:-1], [made.at_poses(made.r)], {"cse": True}
+    )
     model, exact = (_whole(factors, name) for name in ("model", "exact"))
-    return ContactFunctions(value, model, exact, factors, tuple(made.terms), use[live], spheres, resting)
+    return ContactFunctions(
+        value, model, exact, factors, tuple(made.terms), use[live], spheres, resting
+    )
 
 
 def _whole(factors: Factors, name: str) -> ca.Function:
     """Gradient and blocks from their factors."""
     size, numbers = factors.size, getattr(factors, name)
     gradient, upper = numbers[:size], ca.SX(ca.Sparsity.upper(size), numbers[size:])
-    curvature, nodes, out = ca.triu2symm(upper), [factors.slopes[:, 6 * k : 6 * k + 6] for k in range(3)], []
+    curvature = ca.triu2symm(upper)
+    nodes = [factors.slopes[:, 6 * k : 6 * k + 6] for k in range(3)]
+    out = []
     for k, (a, b) in enumerate(BLOCKS):
         block = ca.vec((nodes[a].T @ curvature @ nodes[b]).T)
         out.append(block + factors.bend[36 * k : 36 * k + 36] if name == "exact" else block)
@@ -127,10 +150,14 @@ class _Residuals:
     """
 
     def __init__(self, dynamics: RobotDynamics, references: References):
-        self.p, self.q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
+        self.p = ca.SX.sym("p", dynamics.layout.size)
+        self.q = ca.SX.sym("q", max(references.size, 1))
         (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, self.p)
         view, sphere = dynamics.layout.view(self.p), (self.sphere[:3], self.sphere[3])
-        steps = [contact_places(*sphere, one, before, dynamics.terrain, view) for one, before in pairwise(symbols.poses)]
+        steps = [
+            contact_places(*sphere, one, before, dynamics.terrain, view)
+            for one, before in pairwise(symbols.poses)
+        ]
         self.places = ca.vertcat(*steps[0], *steps[1])
         unloaded = replace(symbols, law=_Weightless(dynamics.law))
         residuals: list[ca.SX] = []
@@ -139,7 +166,9 @@ class _Residuals:
         for k, term in enumerate(references.terms):
             if isinstance(term, ContactCost):
                 with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                    value = ca.densify(ca.vec(ca.SX(term.contact_residual(symbols, references.view(self.q, k)))))
+                    value = ca.densify(
+                        ca.vec(ca.SX(term.contact_residual(symbols, references.view(self.q, k))))
+                    )
                     left = ca.SX(term.contact_residual(unloaded, references.view(self.q, k)))
                 residuals.append(value)
                 self.terms += [k] * value.numel()
@@ -154,7 +183,11 @@ class _Residuals:
         """E of the contact, differentiated."""
         poses, use = ca.vertcat(*self.columns), ca.SX.sym("use", len(self.terms))
         whole = ca.depends_on(self.r, poses)  # a user's own term may look at the poses themselves
-        y, value = (ca.vertcat(self.place, poses), ca.vertcat(self.places, poses)) if whole else (self.place, self.places)
+        y, value = (
+            (ca.vertcat(self.place, poses), ca.vertcat(self.places, poses))
+            if whole
+            else (self.place, self.places)
+        )
         coefficient = ca.vertcat(*[self.q[k] for k in self.terms]) * use
         energy, rows = ca.dot(coefficient, self.r**2), ca.jacobian(self.r, y)
         curvature, gradient = ca.hessian(energy, y)
@@ -164,17 +197,25 @@ class _Residuals:
             for square in (2.0 * rows.T @ ca.diag(coefficient) @ rows, curvature)
         )
         slopes, bend = self._moved(value, self.at_poses(gradient))
-        return Factors([*self.columns, self.sphere, self.p, self.q, use], slopes, model, exact, bend)
+        return Factors(
+            [*self.columns, self.sphere, self.p, self.q, use], slopes, model, exact, bend
+        )
 
     def _moved(self, y: ca.SX, gradient: ca.SX) -> tuple[ca.SX, ca.SX]:
         """y' (size, 18), and the blocks of ``gradient`` times y''."""
-        outer, inner, nodes = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18), [slice(6 * k, 6 * k + 6) for k in range(3)]
-        moved = [perturbed(perturbed(T, inner[at]), outer[at]) for T, at in zip(self.columns, nodes, strict=True)]
+        outer = ca.SX.sym("outer", 18)
+        inner = ca.SX.sym("inner", 18)
+        nodes = [slice(6 * k, 6 * k + 6) for k in range(3)]
+        moved = [
+            perturbed(perturbed(T, inner[at]), outer[at])
+            for T, at in zip(self.columns, nodes, strict=True)
+        ]
         y = ca.substitute(y, ca.vertcat(*self.columns), ca.vertcat(*moved))
         still, pull = [ca.vertcat(outer, inner), ca.SX.zeros(36)], ca.SX.sym("pull", y.numel())
         pulled, blocks = ca.gradient(ca.dot(pull, y), inner), []
         for a, b in BLOCKS:
-            block = ca.jacobian(pulled[nodes[b]], outer if a == b else inner)[:, nodes[a]]  # rows of b, columns of a
+            # rows of b, columns of a
+            block = ca.jacobian(pulled[nodes[b]], outer if a == b else inner)[:, nodes[a]]
             blocks.append(ca.vec(ca.densify(block)))
         bend = ca.substitute(ca.substitute(ca.vertcat(*blocks), *still), pull, gradient)
         return ca.substitute(ca.jacobian(y, inner), *still), bend

@@ -1,9 +1,12 @@
-"""The terms of E (§5, Eqs. 17 and 18): one small class per term; it says its residual, CasADi says its derivative.
+"""The terms of E (§5, Eqs. 17 and 18): one small class per term; it says its residual, CasADi says
+its derivative.
 
-    E = Σ_terms weight/scale · mean over the steps of |residual|²        (steps="last": the last step alone)
+    E = Σ_terms weight/scale · mean over the steps of |residual|²        (steps="last": the last
+    step alone)
 
-Weights and references are run-time numbers, constant or one row per step: changing them recompiles nothing.
-A new term is a subclass of :class:`Cost` with a residual, its references and, if its size is physical, a scale.
+Weights and references are run-time numbers, constant or one row per step: changing them recompiles
+nothing. A new term is a subclass of :class:`Cost` with a residual, its references and, if its size
+is physical, a scale.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Steps = Literal["all", "last"]
 FREE = 1e6  # rad or m, in place of a limit that is none
-SMALL_SINE = 1e-16  # added to a squared sine: its root has derivatives also at zero; the angle changes by less than 1e-16
+# added to a squared sine: its root has derivatives also at zero; the angle changes by less than
+# 1e-16
+SMALL_SINE = 1e-16
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -66,14 +71,16 @@ class Cost:
         raise NotImplementedError(type(self).__name__)
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
-        """What the term asks of a motion as a whole, and what came of it; None of a term that asks for nothing special."""
+        """What the term asks of a motion as a whole, and what came of it; None of a term that asks
+        for nothing special."""
         del motion, setting
         return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SizedCost(Cost):
-    """A term of a list that no length was given to: the Problem that gets it puts ``make(length, times)`` in its place.
+    """A term of a list that no length was given to: the Problem that gets it puts ``make(length,
+    times)`` in its place.
 
     ``weight`` is over the weight that the term has there.
     """
@@ -83,8 +90,14 @@ class SizedCost(Cost):
     def sized(self, length: float, times: Array) -> Cost:
         """The term of a robot of ``length`` ℓ (m), at ``times`` (N,) s."""
         made = self.make(length, times)
-        weight = made.weight if np.all(np.equal(self.weight, 1.0)) else np.multiply(made.weight, self.weight)
-        return replace(made, weight=weight, name=made.name if self.name == made.label else self.name)
+        weight = (
+            made.weight
+            if np.all(np.equal(self.weight, 1.0))
+            else np.multiply(made.weight, self.weight)
+        )
+        return replace(
+            made, weight=weight, name=made.name if self.name == made.label else self.name
+        )
 
 
 def _each(field: str, values: Any, count: int) -> Array:
@@ -113,7 +126,12 @@ class CenterOfMassVelocity(Cost):
         return {"velocity": vectors(f"{self.label}.velocity", self.velocity, 3)}
 
     def scale(self, setting: Setting) -> float:
-        return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
+        return max(
+            float(
+                np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))
+            ),
+            FLOOR,
+        )
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com_velocity - p["velocity"]
@@ -124,7 +142,9 @@ class CenterOfMassVelocity(Cost):
             return None
         axes = 3 if wanted[2] else 2  # how far a walk rises is the ground's affair
         found = motion.mean(np.diff(motion.com, axis=0) / motion.dt)
-        return Asked.of(self.label, "the centre of mass moves at", found[:axes], wanted[:axes], "m/s")
+        return Asked.of(
+            self.label, "the centre of mass moves at", found[:axes], wanted[:axes], "m/s"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +171,8 @@ class CenterOfMassPosition(Cost):
 
 @dataclass(frozen=True, eq=False)
 class CenterOfMassDisplacement(Cost):
-    """The centre of mass (m) against where it is at the start, moved by ``displacement`` (3,) or (N, 3)."""
+    """The centre of mass (m) against where it is at the start, moved by ``displacement`` (3,) or
+    (N, 3)."""
 
     displacement: Any = (0.0, 0.0, 0.0)
 
@@ -166,15 +187,18 @@ class CenterOfMassDisplacement(Cost):
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         moved = motion.com[motion.last] - setting.com
-        return Asked.of(self.label, "the centre of mass is moved by", moved, motion.row(self.displacement), "m")
+        return Asked.of(
+            self.label, "the centre of mass is moved by", moved, motion.row(self.displacement), "m"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class BaseOrientation(Cost):
-    """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the reference's x, y, z.
+    """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the
+    reference's x, y, z.
 
-    The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it does not wind up with yaw,
-    and pulls back from everywhere, upside down too.
+    The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it
+    does not wind up with yaw, and pulls back from everywhere, upside down too.
     """
 
     roll_pitch_yaw: Any = (0.0, 0.0, 0.0)
@@ -183,7 +207,10 @@ class BaseOrientation(Cost):
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         angles = vectors(f"{self.label}.roll_pitch_yaw", self.roll_pitch_yaw, 3)
-        return {"roll_pitch_yaw": angles, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
+        return {
+            "roll_pitch_yaw": angles,
+            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
@@ -192,13 +219,19 @@ class BaseOrientation(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Upright(Cost):
-    """Tilt of a body, whatever its yaw: up in the body's axes against what it is in ``pose`` (nx,), by default the start."""
+    """Tilt of a body, whatever its yaw: up in the body's axes against what it is in ``pose`` (nx,),
+    by default the start."""
 
     pose: Any = None
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"up": setting.up(self.body, setting.x0 if self.pose is None else numbers(f"{self.label}.pose", self.pose))}
+        return {
+            "up": setting.up(
+                self.body,
+                setting.x0 if self.pose is None else numbers(f"{self.label}.pose", self.pose),
+            )
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.pose(self.body)[0][2, :].T - p["up"]
@@ -225,7 +258,8 @@ class BaseHeight(Cost):
 
 @dataclass(frozen=True, eq=False)
 class BaseAngularVelocity(Cost):
-    """World angular velocity of a body (rad/s) against ``velocity`` (3,) or (N, 3); ``axes`` weighs x, y, z."""
+    """World angular velocity of a body (rad/s) against ``velocity`` (3,) or (N, 3); ``axes`` weighs
+    x, y, z."""
 
     velocity: Any = (0.0, 0.0, 0.0)
     axes: Any = (1.0, 1.0, 1.0)
@@ -236,7 +270,12 @@ class BaseAngularVelocity(Cost):
         return {"velocity": velocity, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
 
     def scale(self, setting: Setting) -> float:
-        return max(float(np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))), FLOOR)
+        return max(
+            float(
+                np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))
+            ),
+            FLOOR,
+        )
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         turned = step.pose(self.body)[0] @ step.pose_before(self.body)[0].T
@@ -249,14 +288,17 @@ class BaseAngularVelocity(Cost):
             return None
         rotation = motion.pose(self.body)[0]
         turned = rotation[1:] @ rotation[:-1].swapaxes(1, 2)
-        vector = 0.5 * np.stack([turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], axis=1)
+        vector = 0.5 * np.stack(
+            [turned[:, a, b] - turned[:, b, a] for a, b in ((2, 1), (0, 2), (1, 0))], axis=1
+        )
         found = motion.mean(vector / motion.dt)[chosen]
         return Asked.of(self.label, f"{motion.called(self.body)} turns at", found, wanted, "rad/s")
 
 
 @dataclass(frozen=True, eq=False)
 class PointPosition(Cost):
-    """A point of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x, y, z."""
+    """A point of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x, y,
+    z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)
@@ -264,8 +306,14 @@ class PointPosition(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        point, target = (vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "target"))
-        return {"point": point, "target": target, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
+        point, target = (
+            vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "target")
+        )
+        return {
+            "point": point,
+            "target": target,
+            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
+        }
 
     def scale(self, setting: Setting) -> float:
         start = setting.point(self.body, _last_row(self.point))
@@ -281,12 +329,15 @@ class PointPosition(Cost):
         rotation, position = (part[motion.last] for part in motion.pose(self.body))
         found, wanted = (rotation @ point + position)[chosen], motion.row(self.target)[chosen]
         way = float(np.linalg.norm(wanted - setting.point(self.body, point)[chosen]))
-        return Asked.of(self.label, f"the point of {motion.called(self.body)} gets to", found, wanted, "m", way)
+        return Asked.of(
+            self.label, f"the point of {motion.called(self.body)} gets to", found, wanted, "m", way
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class PointVelocity(Cost):
-    """World velocity (m/s) of a point of a body against ``velocity`` (3,); ``axes`` weighs x, y, z."""
+    """World velocity (m/s) of a point of a body against ``velocity`` (3,); ``axes`` weighs x, y,
+    z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)
@@ -294,24 +345,37 @@ class PointVelocity(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        point, velocity = (vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "velocity"))
-        return {"point": point, "velocity": velocity, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
+        point, velocity = (
+            vectors(f"{self.label}.{name}", getattr(self, name), 3)
+            for name in ("point", "velocity")
+        )
+        return {
+            "point": point,
+            "velocity": velocity,
+            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
-        (rotation, position), (rotation_before, position_before) = step.pose(self.body), step.pose_before(self.body)
+        rotation, position = step.pose(self.body)
+        rotation_before, position_before = step.pose_before(self.body)
         moved = (rotation - rotation_before) @ p["point"] + position - position_before
         return p["axes"] * (moved / step.dt - p["velocity"])
 
 
 @dataclass(frozen=True, eq=False)
 class Posture(Cost):
-    """Actuated joints (rad or m) against ``reference`` (nx,), by default the start; ``joints`` weighs each (nu,)."""
+    """Actuated joints (rad or m) against ``reference`` (nx,), by default the start; ``joints``
+    weighs each (nu,)."""
 
     reference: Any = None
     joints: Any = 1.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = setting.x0 if self.reference is None else vectors(f"{self.label}.reference", self.reference, setting.nx)
+        reference = (
+            setting.x0
+            if self.reference is None
+            else vectors(f"{self.label}.reference", self.reference, setting.nx)
+        )
         weights = shares(f"{self.label}.joints", self.joints, len(setting.actuated))
         return {"reference": reference[..., setting.actuated], "joints": np.sqrt(weights)}
 
@@ -321,7 +385,8 @@ class Posture(Cost):
 
 @dataclass(frozen=True, eq=False)
 class JointVelocity(Cost):
-    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``: a number, (nu,) or (N, nu)."""
+    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``: a number, (nu,) or (N,
+    nu)."""
 
     velocity: Any = 0.0
 
@@ -342,13 +407,18 @@ class JointAcceleration(Cost):
 
 @dataclass(frozen=True, eq=False)
 class Effort(Cost):
-    """E_reg of §8: (weight/N) Σ (u/u_reference)². The default reference is 0.4·mg·ℓ, ℓ the base height at the start."""
+    """E_reg of §8: (weight/N) Σ (u/u_reference)². The default reference is 0.4·mg·ℓ, ℓ the base
+    height at the start."""
 
     weight: float | Array = field(default=0.02, kw_only=True)
     reference: float | None = None  # N m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = setting.torque_reference if self.reference is None else positive(f"{self.label}.reference", self.reference)
+        reference = (
+            setting.torque_reference
+            if self.reference is None
+            else positive(f"{self.label}.reference", self.reference)
+        )
         return {"inverse_reference": np.array([1.0 / reference])}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -363,7 +433,10 @@ class TorqueLimit(Cost):
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         limits = setting.torque_limit
-        return {"inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0), **_margin(self, self.margin)}
+        return {
+            "inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0),
+            **_margin(self, self.margin),
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
@@ -378,10 +451,14 @@ class JointLimit(Cost):
     def references(self, setting: Setting) -> Mapping[str, Any]:
         robot = setting.character
         if robot is None:
-            raise ProblemError(f"{self.label} is asked of user-written dynamics, which have no joint limits")
+            raise ProblemError(
+                f"{self.label} is asked of user-written dynamics, which have no joint limits"
+            )
         lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
         margin = _margin(self, self.margin)["margin"]
-        inside = np.minimum(margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf))
+        inside = np.minimum(
+            margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf)
+        )
         return {
             "lower": np.where(np.isfinite(lower), lower + inside, -FREE),
             "upper": np.where(np.isfinite(upper), upper - inside, FREE),
@@ -394,16 +471,24 @@ class JointLimit(Cost):
 
 @dataclass(frozen=True, eq=False)
 class JointSpeedLimit(Cost):
-    """Squared hinge on |q̇|/limit − ``margin``, over the joints whose speed has a limit, ``otherwise`` (rad/s) for the others."""
+    """Squared hinge on |q̇|/limit − ``margin``, over the joints whose speed has a limit,
+    ``otherwise`` (rad/s) for the others."""
 
     margin: float = 0.9
     otherwise: float = np.inf
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         robot = setting.character
-        limit = np.full(len(setting.actuated), np.inf) if robot is None else robot.velocity_limit[robot.actuated]
+        limit = (
+            np.full(len(setting.actuated), np.inf)
+            if robot is None
+            else robot.velocity_limit[robot.actuated]
+        )
         limit = np.where(np.isfinite(limit), limit, self.otherwise)
-        return {"inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0), **_margin(self, self.margin)}
+        return {
+            "inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0),
+            **_margin(self, self.margin),
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
@@ -420,9 +505,14 @@ class PoseTarget(Cost):
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         if self.target is None:
-            raise ProblemError(f"{self.label}.target is missing: give a configuration ({setting.nx},)")
+            raise ProblemError(
+                f"{self.label}.target is missing: give a configuration ({setting.nx},)"
+            )
         weights = np.sqrt(shares(f"{self.label}.coordinates", self.coordinates, setting.nx))
-        return {"target": vectors(f"{self.label}.target", self.target, setting.nx), "coordinates": weights}
+        return {
+            "target": vectors(f"{self.label}.target", self.target, setting.nx),
+            "coordinates": weights,
+        }
 
     def scale(self, setting: Setting) -> float:
         return max(float(np.sum((_last_row(self.target) - setting.x0) ** 2)), FLOOR)
@@ -441,7 +531,8 @@ class PoseTarget(Cost):
 class CustomCost(Cost):
     """Any residual over (x_next, x, x_prev, u, p) written in CasADi.
 
-    ``function(step, p) -> SX`` gets a :class:`~octo.problem.symbols.StepSymbols` and the references below by name.
+    ``function(step, p) -> SX`` gets a :class:`~octo.problem.symbols.StepSymbols` and the references
+    below by name.
     """
 
     function: Callable[[StepSymbols, Mapping[str, ca.SX]], ca.SX] | None = None
@@ -456,15 +547,19 @@ class CustomCost(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         if self.function is None:
-            raise ProblemError(f"{self.label}.function is missing: give function(step, p) -> casadi.SX")
+            raise ProblemError(
+                f"{self.label}.function is missing: give function(step, p) -> casadi.SX"
+            )
         return self.function(step, p)
 
 
 @dataclass(frozen=True, eq=False)
 class NeighbourCost(Cost):
-    """A residual over neighbouring controls, ``function(c, c_next, p) -> SX`` (DESIGN: the pattern does not change).
+    """A residual over neighbouring controls, ``function(c, c_next, p) -> SX`` (DESIGN: the pattern
+    does not change).
 
-    In the nodes basis c_i = (x_i, x_i − x_{i−1}); in the Hermite basis c_k = (x_k, τ ẋ_k), c_0 included.
+    In the nodes basis c_i = (x_i, x_i − x_{i−1}); in the Hermite basis c_k = (x_k, τ ẋ_k), c_0
+    included.
     """
 
     function: Callable[[ca.SX, ca.SX, Mapping[str, ca.SX]], ca.SX] | None = None
@@ -484,16 +579,19 @@ class NeighbourCost(Cost):
 
     def between(self, control: ca.SX, control_next: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         if self.function is None:
-            raise ProblemError(f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX")
+            raise ProblemError(
+                f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX"
+            )
         return self.function(control, control_next, p)
 
 
 def rotation_vector(rotation: ca.SX) -> ca.SX:
     """(3,) axis times angle, in [0, π], of a rotation matrix (3, 3).
 
-    From its quaternion q, as that of :func:`octo.model.quaternions.quaternions`: each column of 4 q qᵀ is made of sums of entries
-    of R, and a long one is taken, so that nothing is divided by zero at any angle. Half a turn about an axis is half a turn
-    about its opposite: there, and only there, the vector jumps.
+    From its quaternion q, as that of :func:`octo.model.quaternions.quaternions`: each column of 4 q
+    qᵀ is made of sums of entries of R, and a long one is taken, so that nothing is divided by zero
+    at any angle. Half a turn about an axis is half a turn about its opposite: there, and only
+    there, the vector jumps.
     """
     R = rotation
     trace = R[0, 0] + R[1, 1] + R[2, 2]
@@ -504,7 +602,9 @@ def rotation_vector(rotation: ca.SX) -> ca.SX:
     of_y = ca.vertcat(wy, xy, 1.0 - trace + 2.0 * R[1, 1], yz)
     of_z = ca.vertcat(wz, xz, yz, 1.0 - trace + 2.0 * R[2, 2])
     x_longest = ca.logic_and(R[0, 0] >= R[1, 1], R[0, 0] >= R[2, 2])
-    column = ca.if_else(trace > 0.0, of_w, ca.if_else(x_longest, of_x, ca.if_else(R[1, 1] >= R[2, 2], of_y, of_z)))
+    column = ca.if_else(
+        trace > 0.0, of_w, ca.if_else(x_longest, of_x, ca.if_else(R[1, 1] >= R[2, 2], of_y, of_z))
+    )
     column *= ca.if_else(column[0] < 0.0, -1.0, 1.0) / ca.sqrt(ca.sumsqr(column))
     real, imaginary = column[0], column[1:]
     sine = ca.sqrt(ca.sumsqr(imaginary) + SMALL_SINE)  # of half the angle
@@ -514,7 +614,9 @@ def rotation_vector(rotation: ca.SX) -> ca.SX:
 def _vee(rotation: ca.SX) -> ca.SX:
     """sin(angle)·axis of a rotation matrix."""
     return 0.5 * ca.vertcat(
-        rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+        rotation[2, 1] - rotation[1, 2],
+        rotation[0, 2] - rotation[2, 0],
+        rotation[1, 0] - rotation[0, 1],
     )
 
 

@@ -1,4 +1,5 @@
-"""E, C and their model without a compiler: CasADi's virtual machine for the derivatives, NumPy for the blocks.
+"""E, C and their model without a compiler: CasADi's virtual machine for the derivatives, NumPy for
+the blocks.
 
 The same formulas as assemble.c in slower words; it is also what the native code is tested against.
 """
@@ -32,7 +33,12 @@ class Interpreted:
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
         owner = self.problem
-        sizes = {"z": 3 * owner.n, "u": owner.nu, "p": owner.dynamics.layout.size, "q": owner.q.shape[-1]}
+        sizes = {
+            "z": 3 * owner.n,
+            "u": owner.nu,
+            "p": owner.dynamics.layout.size,
+            "q": owner.q.shape[-1],
+        }
         z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
         return z, u, p, q
 
@@ -43,7 +49,8 @@ class Interpreted:
 
     @cached_property
     def _contacts(self) -> list[tuple[int, list[symbolic.Pose], list[ca.SX], Array]]:
-        """Of each contact that has a term: its body, that body's poses, the inputs of the terms' functions, and ``use``."""
+        """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
+        functions, and ``use``."""
         dynamics, functions = self.problem.dynamics, self.problem.functions
         _, _, p, q = self._symbols
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
@@ -71,35 +78,49 @@ class Interpreted:
             terms += functions.contact.terms
             mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
-        return ca.Function("residuals", [z, u, p, q], [r], {"cse": True}), np.array(terms, dtype=np.intp), np.array(mask)
+        return (
+            ca.Function("residuals", [z, u, p, q], [r], {"cse": True}),
+            np.array(terms, dtype=np.intp),
+            np.array(mask),
+        )
 
     @cached_property
     def _slopes(self) -> ca.Function:
         """Residuals over the state and their derivatives to (z, u)."""
         z, u, p, q = self._symbols
         r = self.problem.functions.state(*self._nodes, u, p, q)
-        return ca.Function("slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True})
+        return ca.Function(
+            "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
+        )
 
     def _touch(self, exact: bool) -> ca.Function:
-        """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over contacts."""
+        """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over
+        contacts."""
         owner, functions = self.problem, self.problem.functions
         gradient, hess = ca.SX(3 * owner.n, 1), ca.SX(3 * owner.n, 3 * owner.n)
         for body, poses, inputs, use in self._contacts:
             assert functions.contact is not None and isinstance(owner.dynamics, RobotDynamics)
             function = functions.contact.exact if exact else functions.contact.model
-            made, path = function(*inputs, ca.DM(use)), [int(j) for j in owner.dynamics.character.path[body]]
-            twists = [_twists(pose, node, path) for pose, node in zip(poses, self._nodes, strict=True)]
+            made = function(*inputs, ca.DM(use))
+            path = [int(j) for j in owner.dynamics.character.path[body]]
+            twists = [
+                _twists(pose, node, path) for pose, node in zip(poses, self._nodes, strict=True)
+            ]
             places = [[node * owner.n + j for j in path] for node in range(3)]
             for node in range(3):
                 gradient[places[node]] += twists[node].T @ made[6 * node : 6 * node + 6]
             for k, (a, b) in enumerate(BLOCKS):
-                block = twists[a].T @ ca.reshape(made[18 + 36 * k : 54 + 36 * k], 6, 6).T @ twists[b]
+                block = (
+                    twists[a].T @ ca.reshape(made[18 + 36 * k : 54 + 36 * k], 6, 6).T @ twists[b]
+                )
                 if a == b:  # rows are ancestors
                     block = ca.triu2symm(ca.triu(block))
                 hess[places[a], places[b]] += block
                 if a != b:
                     hess[places[b], places[a]] += block.T
-        return ca.Function("touch", list(self._symbols), [ca.densify(gradient), ca.densify(hess)], {"cse": True})
+        return ca.Function(
+            "touch", list(self._symbols), [ca.densify(gradient), ca.densify(hess)], {"cse": True}
+        )
 
     @cached_property
     def _touches(self) -> dict[bool, ca.Function]:
@@ -109,7 +130,12 @@ class Interpreted:
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
         owner = self.problem
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
-        return [z, fd[k][:, owner.dynamics.actuated].T, np.repeat(owner.p[k][:, None], owner.steps, axis=1), owner.q[k].T]
+        return [
+            z,
+            fd[k][:, owner.dynamics.actuated].T,
+            np.repeat(owner.p[k][:, None], owner.steps, axis=1),
+            owner.q[k].T,
+        ]
 
     def terms(self, nodes: Array, fd: Array) -> Array:
         """(batch, N, terms) coefficient·|r|²."""
@@ -117,7 +143,9 @@ class Interpreted:
         value, terms, mask = self._values
         out = np.zeros((owner.batch, owner.steps, len(owner.functions.references.terms)))
         for k in range(owner.batch):
-            r = np.asarray(value.map(owner.steps)(*self._arguments(k, nodes, fd))).T.reshape(owner.steps, len(terms))
+            r = np.asarray(value.map(owner.steps)(*self._arguments(k, nodes, fd))).T.reshape(
+                owner.steps, len(terms)
+            )
             coefficient = owner.q[k][:, terms] * mask
             weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
             for t in range(out.shape[-1]):
@@ -125,7 +153,11 @@ class Interpreted:
         return out
 
     def linearize(
-        self, at: Evaluation, lam: Array | None, out: tuple[Array, Array, Array, Array], curved: NDArray[np.bool_] | None = None
+        self,
+        at: Evaluation,
+        lam: Array | None,
+        out: tuple[Array, Array, Array, Array],
+        curved: NDArray[np.bool_] | None = None,
     ) -> None:
         """Fills H, A, b, C."""
         owner = self.problem
@@ -136,13 +168,20 @@ class Interpreted:
         for k in range(owner.batch):
             value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
             r[k] = np.asarray(value).T.reshape(steps, len(terms))
-            jac[k] = np.asarray(flat).reshape(len(terms), steps, 3 * n + owner.nu).transpose(1, 0, 2)
+            jac[k] = (
+                np.asarray(flat).reshape(len(terms), steps, 3 * n + owner.nu).transpose(1, 0, 2)
+            )
         coefficient = 2.0 * owner.q[:, :, terms]
-        r, jac = np.where(coefficient != 0.0, r, 0.0), np.where(coefficient[..., None] != 0.0, jac, 0.0)
+        r = np.where(coefficient != 0.0, r, 0.0)
+        jac = np.where(coefficient[..., None] != 0.0, jac, 0.0)
         full = np.zeros((owner.batch, steps, n))
-        full[..., owner.dynamics.actuated] = np.einsum("kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :])
+        full[..., owner.dynamics.actuated] = np.einsum(
+            "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
+        )
         if lam is not None:
-            rows = np.matmul(owner._test_matrix.T, lam.reshape(owner.batch, len(owner._test_matrix), owner.m))
+            rows = np.matmul(
+                owner._test_matrix.T, lam.reshape(owner.batch, len(owner._test_matrix), owner.m)
+            )
             full[..., owner.dynamics.unactuated] = rows * owner.row_scale[:, None]
         fd, fd_jac, hess = owner.dynamics.evaluate(at.nodes, owner.p, full, 1 if lam is None else 2)
         assert fd_jac is not None
@@ -152,25 +191,39 @@ class Interpreted:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
         if self._contacts:
-            whole = np.ones(owner.batch, dtype=bool) if curved is None else np.asarray(curved, dtype=bool)
+            whole = (
+                np.ones(owner.batch, dtype=bool)
+                if curved is None
+                else np.asarray(curved, dtype=bool)
+            )
             self._add_contacts(at, whole & (lam is not None), gradient, step_hess)
         if owner.carry is not None:
             fd_jac = fd_jac.copy()
             self._carry_back(owner.carry, step_hess, gradient, fd_jac)
-        self._scatter(step_hess, gradient, fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None], out)
+        self._scatter(
+            step_hess,
+            gradient,
+            fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None],
+            out,
+        )
         out[3][:] = owner.reduce(at.fd)
 
-    def _add_contacts(self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array) -> None:
+    def _add_contacts(
+        self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array
+    ) -> None:
         owner, size = self.problem, 3 * self.problem.n
         for k, exact in enumerate(curved.tolist()):
             if exact not in self._touches:
                 self._touches[exact] = self._touch(exact)
-            slope, flat = self._touches[exact].map(owner.steps)(*self._arguments(k, at.nodes, at.fd))
+            slope, flat = self._touches[exact].map(owner.steps)(
+                *self._arguments(k, at.nodes, at.fd)
+            )
             gradient[k] += np.asarray(slope).T
             hess[k] += np.asarray(flat).reshape(size, owner.steps, size).transpose(1, 0, 2)
 
     def _carry_back(self, carry: Array, hess: Array, gradient: Array, jac: Array) -> None:
-        """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with respect to what they are made of."""
+        """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with
+        respect to what they are made of."""
         n = self.problem.n
         for i in (0, 1):
             for node in range(1 + i, 3):
@@ -180,31 +233,45 @@ class Interpreted:
                 hess[:, i, :, own] = np.matmul(hess[:, i, :, own], carry)
                 hess[:, i, own] = np.matmul(np.swapaxes(carry, 1, 2), hess[:, i, own])
 
-    def _scatter(self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]) -> None:
+    def _scatter(
+        self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]
+    ) -> None:
         H, A, b, _ = out
         owner, s, n, m = self.problem, self.problem.stencil, self.problem.n, self.problem.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(owner.steps):
             slots = [
-                (node, int(s.unit[i + 2 - node, k]), int(s.part[i + 2 - node, k]) * n, s.coefficient[i + 2 - node, k])
-                for node in range(3) for k in range(s.unit.shape[1]) if s.unit[i + 2 - node, k] >= 0
-            ]  # fmt: skip
+                (
+                    node,
+                    int(s.unit[i + 2 - node, k]),
+                    int(s.part[i + 2 - node, k]) * n,
+                    s.coefficient[i + 2 - node, k],
+                )
+                for node in range(3)
+                for k in range(s.unit.shape[1])
+                if s.unit[i + 2 - node, k] >= 0
+            ]
             for node, unit, at, value in slots:
                 b[:, unit, at : at + n] += value * gradient[:, i, node * n : (node + 1) * n]
                 for node2, unit2, at2, value2 in slots:
                     if unit2 <= unit:
                         block = hess[:, i, node * n : (node + 1) * n, node2 * n : (node2 + 1) * n]
-                        H[:, unit, unit - unit2, at : at + n, at2 : at2 + n] += value * value2 * block
+                        H[:, unit, unit - unit2, at : at + n, at2 : at2 + n] += (
+                            value * value2 * block
+                        )
                 for k in range(s.test_row.shape[1]):
                     row = int(s.test_row[i, k])
                     if row >= 0:
                         to = int(s.test_part[i, k]) * m
                         block = rows[:, i, :, node * n : (node + 1) * n]
-                        A[:, row, row - unit, to : to + m, at : at + n] += s.test_coefficient[i, k] * value * block
+                        A[:, row, row - unit, to : to + m, at : at + n] += (
+                            s.test_coefficient[i, k] * value * block
+                        )
 
 
 def _twists(pose: symbolic.Pose, x: ca.SX, path: list[int]) -> ca.SX:
-    """(6, path) twists (ω, v of the point at the world's origin) of the joints that carry a body at ``pose``."""
+    """(6, path) twists (ω, v of the point at the world's origin) of the joints that carry a body at
+    ``pose``."""
     rotation, position = pose
     turns = ca.jacobian(ca.vec(rotation), x)[:, path]
     columns = []

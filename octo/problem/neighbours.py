@@ -1,7 +1,9 @@
-"""Terms over neighbouring Hermite controls r(c_k, c_{k+1}, p): offset ±1 of H, the pattern does not change.
+"""Terms over neighbouring Hermite controls r(c_k, c_{k+1}, p): offset ±1 of H, the pattern does not
+change.
 
-Their coefficients and references are those of q: a segment's coefficient is the sum over its steps, so that E averages
-over the segments; its references are those of its last step, where c_{k+1} stands.
+Their coefficients and references are those of q: a segment's coefficient is the sum over its steps,
+so that E averages over the segments; its references are those of its last step, where c_{k+1}
+stands.
 """
 
 from __future__ import annotations
@@ -25,12 +27,15 @@ Array = NDArray[np.float64]
 class NeighbourTerms:
     """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed.
 
-    functions: each term's place in the list of terms, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}).
+    functions: each term's place in the list of terms, and (c_k, c_{k+1}, q) -> r, dr/d(c_k,
+    c_{k+1}).
     """
 
     def __init__(self, problem: CompiledProblem):
         assert isinstance(problem.basis, Hermite)
-        self.segment, self.segments, self.size = problem.basis.steps_per_segment, problem.K - 1, 2 * problem.n
+        self.segment = problem.basis.steps_per_segment
+        self.segments = problem.K - 1
+        self.size = 2 * problem.n
         references = problem.functions.references
         self.count, self.references = len(references.terms), max(references.size, 1)
         control, following = ca.SX.sym("c", self.size), ca.SX.sym("c_next", self.size)
@@ -40,15 +45,21 @@ class NeighbourTerms:
             if not isinstance(term, NeighbourCost):
                 continue
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                r = ca.densify(ca.vec(ca.SX(term.between(control, following, references.view(q, k)))))
+                r = ca.densify(
+                    ca.vec(ca.SX(term.between(control, following, references.view(q, k))))
+                )
             jac = ca.jacobian(r, ca.vertcat(control, following))
             name = f"octo_between_{len(self.functions)}"
-            self.functions.append((k, ca.Function(name, [control, following, q], [r, jac], {"cse": True})))
+            self.functions.append(
+                (k, ca.Function(name, [control, following, q], [r, jac], {"cse": True}))
+            )
         self._over_segments = [(k, function.map(self.segments)) for k, function in self.functions]
 
     def anchors(self, problem: CompiledProblem) -> Array:
         """(batch, Z+1, 2n) c_0, and of c_1 … c_Z what no unknown moves: pinned ends."""
-        first = np.concatenate([problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1)
+        first = np.concatenate(
+            [problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1
+        )
         return np.concatenate([first[:, None], problem.ends[:, :-1]], axis=1)
 
     def _controls(self, problem: CompiledProblem, unknowns: Array) -> Array:
@@ -60,10 +71,13 @@ class NeighbourTerms:
     def _parts(self, problem: CompiledProblem, k: int, member: int) -> tuple[Array, Array]:
         """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
         q = problem.q[member]
-        return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[self.segment - 1 :: self.segment].T
+        return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[
+            self.segment - 1 :: self.segment
+        ].T
 
     def values(self, problem: CompiledProblem, unknowns: Array, terms: Array) -> None:
-        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each segment."""
+        """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each
+        segment."""
         for member, controls in enumerate(self._controls(problem, unknowns)):
             for k, function in self._over_segments:
                 weight, rows = self._parts(problem, k, member)
@@ -80,7 +94,12 @@ class NeighbourTerms:
                 weight, rows = self._parts(problem, k, member)
                 value, flat = function(controls[:-1].T, controls[1:].T, rows)
                 r = value.full().T
-                jac = flat.full().reshape(r.shape[1], self.segments, 2 * size).transpose(1, 0, 2).copy()
+                jac = (
+                    flat.full()
+                    .reshape(r.shape[1], self.segments, 2 * size)
+                    .transpose(1, 0, 2)
+                    .copy()
+                )
                 jac[~free, :, size:] = 0.0  # c_{k+1} is pinned
                 r[weight == 0.0], jac[weight == 0.0] = 0.0, 0.0  # it may not be finite there
                 gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)

@@ -88,22 +88,28 @@ def natural(
     feet: tuple[str, ...] | Literal["feet"] = "feet",
     pose: Array | None = None,
 ) -> list[Cost]:
-    """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its own units.
+    """Terms for a motion that one would run on a robot or keep in a film: what a body minds, in its
+    own units.
 
-    Effort, jerky joints, a tilted trunk, a stance given up, one foot that carries all, a knee on the ground, a loaded foot that
-    slides or pulls sideways, a fast foot that is low, force that jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces
-    in mg. Which weights were tried on which robots is in docs/notes/cycles.md.
+    Effort, jerky joints, a tilted trunk, a stance given up, one foot that carries all, a knee on
+    the ground, a loaded foot that slides or pulls sideways, a fast foot that is low, force that
+    jumps, and limits. Lengths are in ℓ, speeds in √(gℓ), forces in mg. Which weights were tried on
+    which robots is in docs/notes/cycles.md.
 
     Parameters
     ----------
-    speed: m/s along x, or a velocity (3,), wanted of the centre of mass; None where a cycle or fixed ends say how far.
+    speed: m/s along x, or a velocity (3,), wanted of the centre of mass; None where a cycle or
+        fixed ends say how far.
     yaw_rate: rad/s, wanted of the base; None where nothing is asked.
-    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the terms.
+    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the
+        terms.
     feet: names of the contacts that are feet; by default those that touch the ground at the start.
     pose: (nx,) how the body stands; by default the start.
     """
     if length is None:
-        return _sized(lambda length, times: natural(speed, yaw_rate, length=length, feet=feet, pose=pose))
+        return _sized(
+            lambda length, times: natural(speed, yaw_rate, length=length, feet=feet, pose=pose)
+        )
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
@@ -124,7 +130,12 @@ def natural(
     if speed is not None:
         terms.insert(0, CenterOfMassVelocity(velocity=tuple(along(speed))))
     if yaw_rate is not None:
-        terms.insert(0, BaseAngularVelocity(velocity=(0.0, 0.0, number("yaw_rate", yaw_rate)), axes=(0.0, 0.0, 1.0)))
+        terms.insert(
+            0,
+            BaseAngularVelocity(
+                velocity=(0.0, 0.0, number("yaw_rate", yaw_rate)), axes=(0.0, 0.0, 1.0)
+            ),
+        )
     return terms
 
 
@@ -135,29 +146,44 @@ def robot(
     length: float | None = None,
     times: Sequence[float] | Array | None = None,
 ) -> list[Cost]:
-    """Terms for a plan that a plant should follow: the base held level, and feet that share the load, hold and swing softly.
+    """Terms for a plan that a plant should follow: the base held level, and feet that share the
+    load, hold and swing softly.
 
-    Weights are in units of the robot's length and of gravity: the same walk at another size has the same E. What each is
-    good for is in docs/replay.md, what they were tuned on in docs/notes/replay.md.
+    Weights are in units of the robot's length and of gravity: the same walk at another size has the
+    same E. What each is good for is in docs/replay.md, what they were tuned on in
+    docs/notes/replay.md.
 
     Parameters
     ----------
     speed: m/s along x, or a velocity (3,).
     yaw_rate: rad/s.
-    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the terms.
-    times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over half a second. By default
-        those of the problem that gets the terms, if it begins at rest; none where ``length`` is given.
+    length: m, ℓ, height of the base over the feet; by default that of the problem that gets the
+        terms.
+    times: (N,) s, of x_1 … x_N; where given, the walk starts from rest: the velocity grows over
+        half a second. By default those of the problem that gets the terms, if it begins at rest;
+        none where ``length`` is given.
     """
     if length is None:
-        return _sized(lambda length, own: robot(speed, yaw_rate, length=length, times=own if times is None else times))
+        return _sized(
+            lambda length, own: robot(
+                speed, yaw_rate, length=length, times=own if times is None else times
+            )
+        )
     velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
-    floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))  # slow walks are not held harder
-    begun = np.ones(1) if times is None else np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
+    # slow walks are not held harder
+    floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))
+    begun = (
+        np.ones(1)
+        if times is None
+        else np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
+    )
     level = (1.0, 1.0, 0.5 if yaw_rate == 0.0 else 0.0)  # a turning base has no fixed heading
     terms: list[Cost] = [
-        CenterOfMassVelocity(velocity=np.squeeze(begun[:, None] * velocity), weight=TRACKING / floor),
+        CenterOfMassVelocity(
+            velocity=np.squeeze(begun[:, None] * velocity), weight=TRACKING / floor
+        ),
         Effort(),
         BaseOrientation(weight=1.0, axes=level),
         BaseHeight(weight=0.2 / length**2),
@@ -172,7 +198,11 @@ def robot(
     ]
     if yaw_rate != 0.0:
         terms.append(
-            BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(0.0, 0.0, 1.0), weight=4.0 * max(yaw_rate**2, 0.1**2))
+            BaseAngularVelocity(
+                velocity=(0.0, 0.0, yaw_rate),
+                axes=(0.0, 0.0, 1.0),
+                weight=4.0 * max(yaw_rate**2, 0.1**2),
+            )
         )
     return terms
 
@@ -188,16 +218,23 @@ def _sized(make: Callable[[float, Array], list[Cost]]) -> list[Cost]:
 
 @dataclass(frozen=True, eq=False)
 class LegPosture(Posture):
-    """Posture that holds the joints which bend a leg fore and aft (axis along the base's y) nine tenths less than the others."""
+    """Posture that holds the joints which bend a leg fore and aft (axis along the base's y) nine
+    tenths less than the others."""
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         robot = setting.character
         if robot is None:
             return super().references(setting)
-        pose = setting.x0 if self.reference is None else np.atleast_2d(numbers(f"{self.label}.reference", self.reference))[-1]
+        pose = (
+            setting.x0
+            if self.reference is None
+            else np.atleast_2d(numbers(f"{self.label}.reference", self.reference))[-1]
+        )
         heading = body_poses(robot, pose)[0][robot.base_body]
         sideways = np.abs(joint_twists(robot, pose)[robot.actuated, :3] @ heading[:, 1])
-        weights = shares(f"{self.label}.joints", self.joints, robot.nu) * np.where(sideways > 0.7, 0.09, 1.0)
+        weights = shares(f"{self.label}.joints", self.joints, robot.nu) * np.where(
+            sideways > 0.7, 0.09, 1.0
+        )
         return {**super().references(setting), "joints": np.sqrt(weights)}
 
 
@@ -212,9 +249,11 @@ class Leash(PointPosition):
 def locomotion(
     velocity: Sequence[float] = (0.0, 0.0, 0.0), yaw_rate: float = 0.0, *, length: float = 0.33
 ) -> list[Cost]:
-    """Terms for one-iteration control of walking: command tracked, body level, feet that do not slip.
+    """Terms for one-iteration control of walking: command tracked, body level, feet that do not
+    slip.
 
-    The residuals are in lengths ℓ, speeds √(gℓ), rates √(g/ℓ) and moments mgℓ, so that one list serves robots of all sizes.
+    The residuals are in lengths ℓ, speeds √(gℓ), rates √(g/ℓ) and moments mgℓ, so that one list
+    serves robots of all sizes.
 
     Parameters
     ----------
@@ -223,10 +262,15 @@ def locomotion(
     command, yaw_rate = numbers("velocity", velocity, (3,)), number("yaw_rate", yaw_rate)
     length = _reasonable(length)
     speed, rate = GRAVITY * length, GRAVITY / length  # (m/s)², (rad/s)²
-    slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)  # what the two terms divide by
+    # what the two terms divide by
+    slow, still = max(float(command @ command), 0.1**2), max(yaw_rate**2, 0.1**2)
     return [
         CenterOfMassVelocity(velocity=tuple(command), weight=58.0 * slow / speed),
-        BaseAngularVelocity(velocity=(0.0, 0.0, yaw_rate), axes=(1.0 / 9.0, 1.0 / 9.0, 1.0), weight=135.0 * still / rate),
+        BaseAngularVelocity(
+            velocity=(0.0, 0.0, yaw_rate),
+            axes=(1.0 / 9.0, 1.0 / 9.0, 1.0),
+            weight=135.0 * still / rate,
+        ),
         BaseHeight(weight=5.5 / length**2),
         BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.36)),
         Leash(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),

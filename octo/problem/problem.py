@@ -11,7 +11,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import MOST_STEPS, asked, instance, number, numbers, one_of, owned, positive, time_step, whole
+from octo.checks import (
+    MOST_STEPS,
+    asked,
+    instance,
+    number,
+    numbers,
+    one_of,
+    owned,
+    positive,
+    time_step,
+    whole,
+)
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
@@ -34,7 +45,8 @@ BURIED = 0.05  # m of ground over the top of a contact sphere that make a state 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Problem(Shown):
-    """Minimise E subject to C = 0 (Eqs. 7 and 8) over a trajectory of ``steps`` steps of ``dt`` seconds.
+    """Minimise E subject to C = 0 (Eqs. 7 and 8) over a trajectory of ``steps`` steps of ``dt``
+    seconds.
 
     Parameters
     ----------
@@ -45,20 +57,25 @@ class Problem(Shown):
     basis: "nodes", "hermite", or a basis object.
     terrain, law: the ground and the contact law, for a Character.
     x0: (nx,) the start; by default a static pose near the character's default pose.
-    pose: (nx,) the pose a static start is searched from, instead of the character's default one; or "balanced": the
-        default one with the joints moved so that all feet carry, where that stands (what cycles begin with).
+    pose: (nx,) the pose a static start is searched from, instead of the character's default one; or
+        "balanced": the default one with the joints moved so that all feet carry, where that stands
+        (what cycles begin with).
     v0: (nx,) its velocity; zero by default.
     x_end, v_end: (nx,) a fixed last state; free by default.
-    displacement: (nx,) in place of x_end: the last configuration is the start moved by this, whatever the start of a pass is.
-    cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or none need be given, the
-        other follows from the period; the term "Anchor" is added, which holds the cycle in place and costs (almost) nothing.
+    displacement: (nx,) in place of x_end: the last configuration is the start moved by this,
+        whatever the start of a pass is.
+    cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or
+        none need be given, the other follows from the period; the term "Anchor" is added, which
+        holds the cycle in place and costs (almost) nothing.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
-    Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what they were made from.
+    Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what
+        they were made from.
 
     Raises
     ------
-    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the field and what is allowed.
+    ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the field and what is
+        allowed.
     """
 
     model: Character | Dynamics = field(kw_only=False)
@@ -79,7 +96,9 @@ class Problem(Shown):
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
-            raise ProblemError(f"model is a {type(self.model).__name__}, must be a Character or a Dynamics")
+            raise ProblemError(
+                f"model is a {type(self.model).__name__}, must be a Character or a Dynamics"
+            )
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)
@@ -92,21 +111,42 @@ class Problem(Shown):
         check_surroundings(self.terrain, self.law)
         self._check_costs()
         object.__setattr__(self, "costs", tuple(self.costs))
-        object.__setattr__(self, "parameters", owned(instance("parameters", self.parameters, Mapping, "numbers by name")))
+        object.__setattr__(
+            self,
+            "parameters",
+            owned(instance("parameters", self.parameters, Mapping, "numbers by name")),
+        )
         self.basis_object.check(self.steps)
         if isinstance(self.pose, str) and self.pose != "balanced":
             raise UnknownNameError("pose", self.pose, ("balanced",))
-        for name in ("x0", "v0", "x_end", "v_end", "displacement", *(() if isinstance(self.pose, str) else ("pose",))):
+        for name in (
+            "x0",
+            "v0",
+            "x_end",
+            "v_end",
+            "displacement",
+            *(() if isinstance(self.pose, str) else ("pose",)),
+        ):
             self._check_state(name)
         if self.x0 is not None and self.pose is not None:
-            raise ProblemError("x0 and pose are both given: x0 is the start, pose is where a static one is searched from")
+            raise ProblemError(
+                "x0 and pose are both given: x0 is the start, pose is where a static one is "
+                "searched "
+                "from"
+            )
         if self.x_end is not None and self.displacement is not None:
-            raise ProblemError("x_end and displacement are both given: the last configuration is one or the other")
+            raise ProblemError(
+                "x_end and displacement are both given: the last configuration is one or the other"
+            )
         ends = self.displacement if self.x_end is None else self.x_end
         if self.v_end is not None and ends is None:
-            raise ProblemError("v_end is given without x_end: a fixed last velocity needs the last configuration too")
+            raise ProblemError(
+                "v_end is given without x_end: a fixed last velocity needs the last "
+                "configuration too"
+            )
         if ends is not None:
-            self.basis_object.fixed_end(int(self.steps), ends, ends, float(self.dt))  # refuses too few steps
+            # refuses too few steps
+            self.basis_object.fixed_end(int(self.steps), ends, ends, float(self.dt))
         self.p  # noqa: B018  (names and values of the parameters are checked here)
         self._check_ground("x0")
         self._check_ground("x_end")
@@ -116,14 +156,21 @@ class Problem(Shown):
 
     def __repr__(self) -> str:
         robot, seconds = self.character, self.steps * self.dt
-        what = f"{self.dynamics.nx} coordinates of the user's dynamics" if robot is None else robot.name
+        what = (
+            f"{self.dynamics.nx} coordinates of the user's dynamics"
+            if robot is None
+            else robot.name
+        )
         begin = "a given state" if self.x0 is not None else "a static pose"
         end = "a free end" if self.x_end is None and self.displacement is None else "a fixed end"
         return "\n".join(
             [
-                f"Problem of {what}: {self.steps} steps of {self.dt:.6g} s ({seconds:.6g} s), {self.basis_object.name}",
+                f"Problem of {what}: {self.steps} steps of {self.dt:.6g} s ({seconds:.6g} s), "
+                f"{self.basis_object.name}",
                 listed("terms", [term.label for term in self.costs]),
-                "  a stride that repeats itself" if self.cycle is not None else f"  from {begin} to {end}",
+                "  a stride that repeats itself"
+                if self.cycle is not None
+                else f"  from {begin} to {end}",
             ]
         )
 
@@ -136,10 +183,14 @@ class Problem(Shown):
         if self.dt != 0:
             positive("dt", self.dt, "s")
         if isinstance(basis_named(self.basis), Hermite):
-            raise ProblemError("a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'")
+            raise ProblemError(
+                "a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'"
+            )
         for name in ("x0", "v0", "x_end", "v_end", "displacement"):
             if getattr(self, name) is not None:
-                raise ProblemError(f"{name} is given with cycle: the first and last states of a cycle are unknown")
+                raise ProblemError(
+                    f"{name} is given with cycle: the first and last states of a cycle are unknown"
+                )
         steps, dt = cycle.sampling(int(self.steps), float(self.dt))
         object.__setattr__(self, "steps", steps)
         object.__setattr__(self, "dt", dt)
@@ -164,7 +215,10 @@ class Problem(Shown):
             return
         rest = self.cycle is None and not self.start_velocity.any()
         times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
-        sized = (term.sized(self.length, times) if isinstance(term, SizedCost) else term for term in self.costs)
+        sized = (
+            term.sized(self.length, times) if isinstance(term, SizedCost) else term
+            for term in self.costs
+        )
         object.__setattr__(self, "costs", tuple(sized))
 
     def _check_state(self, name: str) -> None:
@@ -177,9 +231,13 @@ class Problem(Shown):
         x, robot = getattr(self, name), self.character
         if x is None or robot is None or not robot.terrain_contacts:
             return
-        values = section(dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True)), "terrain.")
+        values = section(
+            dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True)), "terrain."
+        )
         spheres = [robot.contacts[k] for k in robot.terrain_contacts]
-        gap = signed_distance(self.terrain or Plane(), sphere_centers(robot, x)[list(robot.terrain_contacts)], values)
+        gap = signed_distance(
+            self.terrain or Plane(), sphere_centers(robot, x)[list(robot.terrain_contacts)], values
+        )
         top = gap + np.array([sphere.radius for sphere in spheres])
         k = int(np.argmin(top))
         if top[k] < -BURIED:
@@ -207,11 +265,14 @@ class Problem(Shown):
 
     @cached_property
     def anchor(self) -> PoseTarget | None:
-        """What holds a cycle in place: its last state where the start is carried to; None for a problem without one."""
+        """What holds a cycle in place: its last state where the start is carried to; None for a
+        problem without one."""
         if self.closure is None:
             return None
         end = self.closure.forward @ self.start + self.closure.forward_constant
-        return PoseTarget(weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR)
+        return PoseTarget(
+            weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR
+        )
 
     @cached_property
     def p(self) -> Array:
@@ -225,7 +286,8 @@ class Problem(Shown):
         return layout.pack(**values)
 
     def _robot_defaults(self) -> dict[str, float]:
-        """Penalties in proportion to the robot: a limit passed by 0.1 rad gives 2 mg·ℓ, a contact sinks 2 cm."""
+        """Penalties in proportion to the robot: a limit passed by 0.1 rad gives 2 mg·ℓ, a contact
+        sinks 2 cm."""
         robot = self.character
         if robot is None:
             return {}
@@ -239,7 +301,8 @@ class Problem(Shown):
 
     @cached_property
     def size(self) -> float:
-        """m, a length of the robot before its start is known: the reach of its default pose, at least 5 cm."""
+        """m, a length of the robot before its start is known: the reach of its default pose, at
+        least 5 cm."""
         robot = self.character
         if robot is None:
             return 1.0
@@ -252,13 +315,17 @@ class Problem(Shown):
         if self.x0 is not None:
             return self.x0
         if not isinstance(self.dynamics, RobotDynamics):
-            raise ProblemError("x0 is missing: user-written dynamics have no static pose to start from")
+            raise ProblemError(
+                "x0 is missing: user-written dynamics have no static pose to start from"
+            )
         from octo.dynamics.static_pose import balanced_pose, static_pose
 
         pose = self.pose
         if isinstance(pose, str) or (pose is None and self.cycle is not None):
             with contextlib.suppress(StaticPoseError):  # octo's own choices are more
-                return static_pose(self.dynamics, p=self.p, pose=balanced_pose(self.dynamics.character))
+                return static_pose(
+                    self.dynamics, p=self.p, pose=balanced_pose(self.dynamics.character)
+                )
             pose = None
         return static_pose(self.dynamics, p=self.p, pose=pose)
 
@@ -275,12 +342,17 @@ class Problem(Shown):
     def gravity(self) -> float:
         """m/s², that of the parameters; 9.81 for user-written dynamics."""
         names = self.dynamics.layout.names
-        parts = [float(self.p[names.index(name)]) for name in ("gravity_x", "gravity_y", "gravity_z") if name in names]
+        parts = [
+            float(self.p[names.index(name)])
+            for name in ("gravity_x", "gravity_y", "gravity_z")
+            if name in names
+        ]
         return float(np.linalg.norm(parts)) if parts else GRAVITY
 
     @cached_property
     def weight(self) -> float:
-        """N, mg with g = 9.81, that forces are measured in; 1 for user-written dynamics, whose rows are not scaled."""
+        """N, mg with g = 9.81, that forces are measured in; 1 for user-written dynamics, whose rows
+        are not scaled."""
         return self.character.mass * GRAVITY if self.character is not None else 1.0
 
     @cached_property
@@ -294,18 +366,27 @@ class Problem(Shown):
         rotations, positions = body_poses(robot, self.start)
         spheres = [robot.contacts[k] for k in robot.terrain_contacts]
         base = float(positions[robot.base_body][2])
-        lowest = min((float((rotations[s.body] @ s.position + positions[s.body])[2]) - s.radius for s in spheres), default=0.0)
+        lowest = min(
+            (
+                float((rotations[s.body] @ s.position + positions[s.body])[2]) - s.radius
+                for s in spheres
+            ),
+            default=0.0,
+        )
         return max(base - lowest, 0.05)
 
     @cached_property
     def torque_reference(self) -> float:
-        """N m, the effort's u_ref: 0.4·mg·ℓ, and 0.4 times what the motors' own inertia and damping need to swing at √(g/ℓ)."""
+        """N m, the effort's u_ref: 0.4·mg·ℓ, and 0.4 times what the motors' own inertia and damping
+        need to swing at √(g/ℓ)."""
         robot = self.character
         if robot is None:
             return 1.0
         motors = [robot.joints[j] for j in robot.actuated]
         rate = np.sqrt(GRAVITY / self.length)  # rad/s
-        inertia, damping = (np.mean([getattr(m, name) for m in motors] or [0.0]) for name in ("armature", "damping"))
+        inertia, damping = (
+            np.mean([getattr(m, name) for m in motors] or [0.0]) for name in ("armature", "damping")
+        )
         return float(0.4 * (self.weight * self.length + inertia * rate**2 + damping * rate))
 
     @cached_property
@@ -315,7 +396,9 @@ class Problem(Shown):
         if robot is None:
             return np.ones(len(self.dynamics.unactuated))
         kinds = [robot.joints[j].kind for j in robot.unactuated]
-        return np.array([1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds])
+        return np.array(
+            [1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds]
+        )
 
     @cached_property
     def setting(self) -> Setting:
@@ -333,14 +416,16 @@ class Problem(Shown):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copies: the fields, and what makes two problems with the same fields differ; no generated code."""
+        """For pickle and copies: the fields, and what makes two problems with the same fields
+        differ; no generated code."""
         kept = {field.name for field in fields(self)} | {"start", "anchor"}
         return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def replace(self, **changes: Any) -> Problem:
         """A copy with other values. The compiled code is shared wherever the text did not change.
 
-        Of a cycle, steps stay and dt follows from a new period or number of steps; steps follow from a new dt.
+        Of a cycle, steps stay and dt follows from a new period or number of steps; steps follow
+        from a new dt.
         """
         keeps = not ({"model", "terrain", "law"} & set(changes))
         if "parameters" in changes:
@@ -364,11 +449,15 @@ class Problem(Shown):
         if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
         changed.__post_init__()
-        if self.anchor is not None and changed.anchor is not None:  # the new start is carried elsewhere
-            anchored = tuple(changed.anchor if term is self.anchor else term for term in changed.costs)
+        # the new start is carried elsewhere
+        if self.anchor is not None and changed.anchor is not None:
+            anchored = tuple(
+                changed.anchor if term is self.anchor else term for term in changed.costs
+            )
             object.__setattr__(changed, "costs", anchored)
         return changed
 
 
-# Not in the class: what dataclass makes of its fields is what editors complete, and stays the signature.
+# Not in the class: what dataclass makes of its fields is what editors complete, and stays the
+# signature.
 setattr(Problem, "__init__", asked(Problem.__init__))  # noqa: B010

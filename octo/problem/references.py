@@ -1,4 +1,5 @@
-"""Where the references and weights of the terms stand in q, the numbers of a step, and what is said of a term that fails."""
+"""Where the references and weights of the terms stand in q, the numbers of a step, and what is said
+of a term that fails."""
 
 from __future__ import annotations
 
@@ -43,7 +44,8 @@ class References:
         return {name: q[place] for name, place in self.places[term].items()}
 
     def pack(self, terms: Sequence[Cost], setting: Setting) -> Array:
-        """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step alone), references."""
+        """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step
+        alone), references."""
         steps = setting.steps
         q = np.zeros((steps, self.size))
         for k, term in enumerate(terms):
@@ -56,12 +58,17 @@ class References:
             q[:, k] = weight * on / term.scale(setting)
             found = _references(term, setting)
             if set(found) != set(self.places[k]):
-                raise ProblemError(f"{term.label} has the references {list(found)}, must have {list(self.places[k])}")
+                raise ProblemError(
+                    f"{term.label} has the references {list(found)}, must have "
+                    f"{list(self.places[k])}"
+                )
             for name, rows in found.items():
                 place = self.places[k][name]
                 allowed = ((), (place.stop - place.start,), (steps, place.stop - place.start))
                 if rows.shape not in allowed:
-                    raise ShapeError(f"{term.label}.{name}", rows.shape, f"{allowed[1]} or {allowed[2]}")
+                    raise ShapeError(
+                        f"{term.label}.{name}", rows.shape, f"{allowed[1]} or {allowed[2]}"
+                    )
                 q[:, place] = rows
         return q
 
@@ -76,16 +83,21 @@ def _references(term: Cost, setting: Setting) -> dict[str, Array]:
 def sizes(references: References, term: int) -> str:
     """The references of a term and how many numbers each has, for a message."""
     places = references.places[term]
-    return ", ".join(f"{name} ({place.stop - place.start},)" for name, place in places.items()) or "no references"
+    return (
+        ", ".join(f"{name} ({place.stop - place.start},)" for name, place in places.items())
+        or "no references"
+    )
 
 
 @contextlib.contextmanager
 def blamed(term: Cost, sentence: str) -> Iterator[None]:
-    """Whatever goes wrong inside (a user's code may raise anything) is one sentence that names the term."""
+    """Whatever goes wrong inside (a user's code may raise anything) is one sentence that names the
+    term."""
     try:
         yield
     except OctoError:
         raise
     except Exception as error:
-        said = re.sub(r"^\S*\.hpp:\d+: ", "", str(error).strip().split("\n")[0])  # CasADi names its own source file
+        # CasADi names its own source file
+        said = re.sub(r"^\S*\.hpp:\d+: ", "", str(error).strip().split("\n")[0])
         raise ProblemError(f"{term.label}: {sentence}: {type(error).__name__}: {said}") from error

@@ -116,7 +116,8 @@ _functions: OrderedDict[Any, CostFunctions] = OrderedDict()
 
 
 def functions_of(problem: Problem) -> CostFunctions:
-    """The functions of the terms; those of the last few problems are kept, for others of the same dynamics and structure.
+    """The functions of the terms; those of the last few problems are kept, for others of the same
+    dynamics and structure.
 
     Raises
     ------

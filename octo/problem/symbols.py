@@ -1,4 +1,5 @@
-"""What a cost may look at: the symbols of one time step, of one contact, and the setting of a problem."""
+"""What a cost may look at: the symbols of one time step, of one contact, and the setting of a
+problem."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3) body to world, position (3,) m
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The numbers a cost's references and scales may depend on; they do not change during a solve."""
+    """The numbers a cost's references and scales may depend on; they do not change during a
+    solve."""
 
     nx: int
     actuated: NDArray[np.intp]
@@ -38,14 +40,18 @@ class Setting:
         """(3,) m, centre of mass at the start."""
         robot = self._robot("the centre of mass")
         x = ca.SX.sym("x", self.nx)
-        return np.asarray(ca.Function("com", [x], [symbolic.center_of_mass(robot, x)])(self.x0)).ravel()
+        return np.asarray(
+            ca.Function("com", [x], [symbolic.center_of_mass(robot, x)])(self.x0)
+        ).ravel()
 
     def point(self, body: str | None, local: Array) -> Array:
         """(3,) m, world position at the start of a point of a body."""
         robot = self._robot("a point of a body")
         x = ca.SX.sym("x", self.nx)
         rotation, position = symbolic.body_poses(robot, x)[_body(robot, body)]
-        return np.asarray(ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)).ravel()
+        return np.asarray(
+            ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)
+        ).ravel()
 
     def up(self, body: str | None, pose: Array) -> Array:
         """(3,) the world's up in the axes of a body, in a pose (nx,)."""
@@ -54,13 +60,16 @@ class Setting:
 
     def _robot(self, what: str) -> Character:
         if self.character is None:
-            raise ProblemError(f"{what} is asked of user-written dynamics, which have no bodies: use a CustomCost")
+            raise ProblemError(
+                f"{what} is asked of user-written dynamics, which have no bodies: use a CustomCost"
+            )
         return self.character
 
 
 @dataclass(frozen=True, eq=False)
 class StepSymbols:
-    """One time step: residual i looks at x_{i+1} (``x_next``), x_i (``x``), x_{i−1} (``x_prev``) and u_i."""
+    """One time step: residual i looks at x_{i+1} (``x_next``), x_i (``x``), x_{i−1} (``x_prev``)
+    and u_i."""
 
     x_next: ca.SX  # (nx,)
     x: ca.SX  # (nx,)
@@ -76,7 +85,9 @@ class StepSymbols:
 
     def _robot(self) -> Character:
         if self.character is None:
-            raise ProblemError("user-written dynamics have no bodies: use a CustomCost over x_next, x, x_prev, u")
+            raise ProblemError(
+                "user-written dynamics have no bodies: use a CustomCost over x_next, x, x_prev, u"
+            )
         return self.character
 
     def joints(self, x: ca.SX) -> ca.SX:
@@ -119,7 +130,8 @@ class ContactSymbols:
     """One contact sphere in one time step; forces in units of the weight mg."""
 
     poses: tuple[Pose, Pose, Pose]  # of its body at x_next, x, x_prev
-    places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]  # of contact_places: of this step, and of the one before
+    # of contact_places: of this step, and of the one before
+    places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
     radius: ca.SX  # m
     law: ContactLaw
     terrain: Plane | Terrain
@@ -127,7 +139,9 @@ class ContactSymbols:
     weight: float  # N, mg
 
     def _state(self, step: int) -> symbolic.ContactState:
-        return symbolic.contact_state(*self.places[step], self.radius, self.law, self.terrain, self.dynamics)
+        return symbolic.contact_state(
+            *self.places[step], self.radius, self.law, self.terrain, self.dynamics
+        )
 
     @cached_property
     def _now(self) -> symbolic.ContactState:

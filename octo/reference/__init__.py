@@ -1,7 +1,8 @@
-"""The identical optimisation problem for other solvers: as CasADi expressions, for IPOPT and for fatrop.
+"""The identical optimisation problem for other solvers: as CasADi expressions, for IPOPT and for
+fatrop.
 
-``nlp`` gives anybody the functions, the bounds and the start; ``ipopt`` and ``fatrop`` solve it, from the same start and
-to the same tolerances as octo, with derivatives in compiled code.
+``nlp`` gives anybody the functions, the bounds and the start; ``ipopt`` and ``fatrop`` solve it,
+from the same start and to the same tolerances as octo, with derivatives in compiled code.
 """
 
 from octo.reference.interior_point import Ipopt, ipopt

@@ -1,8 +1,10 @@
-"""E of one step with exact first and second derivatives, as small CasADi functions that nlp.c chains together.
+"""E of one step with exact first and second derivatives, as small CasADi functions that nlp.c
+chains together.
 
-A step's cost is a function of its three configurations z and of w: the torques u, and the centre of mass at x_next and
-at x. The derivatives of w come from the tree pass, so that nothing here grows with the number of bodies. A contact's
-cost is a function of the three poses of its body, differentiated along twists.
+A step's cost is a function of its three configurations z and of w: the torques u, and the centre of
+mass at x_next and at x. The derivatives of w come from the tree pass, so that nothing here grows
+with the number of bodies. A contact's cost is a function of the three poses of its body,
+differentiated along twists.
 """
 
 from __future__ import annotations
@@ -25,17 +27,20 @@ OPTIONS = {"cse": True}
 
 
 def _with_centers(step: StepSymbols, now: ca.SX, before: ca.SX) -> StepSymbols:
-    """The step with symbols (3,) m for its centre of mass at x_next and at x, in place of expressions of its coordinates."""
+    """The step with symbols (3,) m for its centre of mass at x_next and at x, in place of
+    expressions of its coordinates."""
     step.__dict__.update(com=now, com_velocity=(now - before) / step.dt)
     return step
 
 
 @dataclass(frozen=True, eq=False)
 class ExactCosts:
-    """Functions octo_exact{0,1,2}(x_next, x, x_prev, w, p, q) and octo_touch{0,1,2}(T_next, T, T_prev, sphere, p, q, use).
+    """Functions octo_exact{0,1,2}(x_next, x, x_prev, w, p, q) and octo_touch{0,1,2}(T_next, T,
+    T_prev, sphere, p, q, use).
 
-    Orders: E; its derivatives to z and w, or to the three twists (18); the nonzeros of the upper triangle of the second
-    derivatives to (z, w), at ``sparsity``, or the 18×18 numbers ∂²E/∂outer∂inner of two twists after another.
+    Orders: E; its derivatives to z and w, or to the three twists (18); the nonzeros of the upper
+    triangle of the second derivatives to (z, w), at ``sparsity``, or the 18×18 numbers
+    ∂²E/∂outer∂inner of two twists after another.
     """
 
     step: tuple[ca.Function, ...]
@@ -46,12 +51,22 @@ class ExactCosts:
 
 def exact_costs(compiled: CompiledProblem) -> ExactCosts:
     """Of the terms that a single step sees."""
-    dynamics, references, setting = compiled.dynamics, compiled.functions.references, compiled.problems[0].setting
+    dynamics = compiled.dynamics
+    references = compiled.functions.references
+    setting = compiled.problems[0].setting
     n, nu, robot = compiled.n, compiled.nu, isinstance(compiled.dynamics, RobotDynamics)
     nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
     w, p = ca.SX.sym("w", nu + (6 if robot else 0)), ca.SX.sym("p", dynamics.layout.size)
     q = ca.SX.sym("q", compiled.q.shape[2])
-    step = StepSymbols(nodes[0], nodes[1], nodes[2], w[:nu], dynamics.layout.view(p), dynamics.actuated, setting.character)
+    step = StepSymbols(
+        nodes[0],
+        nodes[1],
+        nodes[2],
+        w[:nu],
+        dynamics.layout.view(p),
+        dynamics.actuated,
+        setting.character,
+    )
     if robot:
         step = _with_centers(step, w[nu : nu + 3], w[nu + 3 :])
     energy, between = ca.SX(0), has_neighbours(compiled)
@@ -64,13 +79,15 @@ def exact_costs(compiled: CompiledProblem) -> ExactCosts:
     first, second = ca.densify(gradient[: 3 * n]), ca.densify(gradient[3 * n :])
     out = [energy, first, second, ca.vertcat(*upper.nonzeros()) if upper.nnz() else ca.SX(0, 1)]
     step_functions = tuple(
-        ca.Function(f"octo_exact{order}", [*nodes, w, p, q], out[: (1, 3, 4)[order]], OPTIONS) for order in (0, 1, 2)
+        ca.Function(f"octo_exact{order}", [*nodes, w, p, q], out[: (1, 3, 4)[order]], OPTIONS)
+        for order in (0, 1, 2)
     )
     return ExactCosts(step_functions, upper.sparsity(), w.numel() - nu, _contact(compiled))
 
 
 def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
-    """∂²/∂a∂b of E(exp(â) exp(b̂) T) at zero is what an ancestor's twist a and a descendant's b make of it."""
+    """∂²/∂a∂b of E(exp(â) exp(b̂) T) at zero is what an ancestor's twist a and a descendant's b
+    make of it."""
     own = compiled.functions.contact
     if own is None:
         return ()
@@ -78,19 +95,28 @@ def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
     sphere, p = ca.SX.sym("sphere", 4), ca.SX.sym("p", compiled.dynamics.layout.size)
     q, use = ca.SX.sym("q", compiled.q.shape[2]), ca.SX.sym("use", len(own.terms))
     outer, inner = ca.SX.sym("outer", 18), ca.SX.sym("inner", 18)
-    moved = [perturbed(perturbed(T, inner[6 * k : 6 * k + 6]), outer[6 * k : 6 * k + 6]) for k, T in enumerate(columns)]
+    moved = [
+        perturbed(perturbed(T, inner[6 * k : 6 * k + 6]), outer[6 * k : 6 * k + 6])
+        for k, T in enumerate(columns)
+    ]
     r = own.value(*moved, sphere, p, q)
     energy = ca.dot(ca.vertcat(*[q[t] for t in own.terms]) * use, r**2)
     twists, still = ca.vertcat(outer, inner), ca.SX.zeros(36)
     gradient = ca.gradient(energy, inner)
-    out = [energy, gradient, ca.vec(ca.jacobian(gradient, outer))]  # column by column: row a of ∂/∂outer_a
+    # column by column: row a of ∂/∂outer_a
+    out = [energy, gradient, ca.vec(ca.jacobian(gradient, outer))]
     out = [ca.densify(ca.substitute(value, twists, still)) for value in out]
     inputs = [*columns, sphere, p, q, use]
-    return tuple(ca.Function(f"octo_touch{order}", inputs, out[: order + 1], OPTIONS) for order in (0, 1, 2))
+    return tuple(
+        ca.Function(f"octo_touch{order}", inputs, out[: order + 1], OPTIONS) for order in (0, 1, 2)
+    )
 
 
-def patterns(compiled: CompiledProblem, costs: ExactCosts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """What may be nonzero: (3n, 3n) of ∇²(E + lamᵀFD) and (m, 3n) of the unactuated rows, to (x_next, x, x_prev)."""
+def patterns(
+    compiled: CompiledProblem, costs: ExactCosts
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """What may be nonzero: (3n, 3n) of ∇²(E + lamᵀFD) and (m, 3n) of the unactuated rows, to
+    (x_next, x, x_prev)."""
     dynamics, n, nu = compiled.dynamics, compiled.n, compiled.nu
     z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("lam", n)
     fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)

@@ -1,4 +1,5 @@
-"""IPOPT on the identical problem: exact Hessian, every callback in compiled code, the same tolerances as octo."""
+"""IPOPT on the identical problem: exact Hessian, every callback in compiled code, the same
+tolerances as octo."""
 
 from __future__ import annotations
 
@@ -14,8 +15,26 @@ from octo import native
 from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
-from octo.reference.program import has_neighbours, multipliers_of, nlp, point_of, rows_of, start_nodes, unknowns_of
-from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
+from octo.reference.program import (
+    has_neighbours,
+    multipliers_of,
+    nlp,
+    point_of,
+    rows_of,
+    start_nodes,
+    unknowns_of,
+)
+from octo.reference.run import (
+    OPTIONS,
+    Run,
+    history,
+    interruptible,
+    one_core,
+    one_solve,
+    prepare,
+    settled,
+    solution_of,
+)
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -31,25 +50,40 @@ WORDS = {
 
 
 class Ipopt:
-    """A problem made ready for IPOPT; starts, weights and parameters may differ from solve to solve.
+    """A problem made ready for IPOPT; starts, weights and parameters may differ from solve to
+    solve.
 
     Parameters
     ----------
-    options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E + Aᵀlam‖∞ ≤
-        ``dual_tolerance``, or by octo's own rule "acceptable", which a compiled function watches.
+    options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E +
+        Aᵀlam‖∞ ≤ ``dual_tolerance``, or by octo's own rule "acceptable", which a compiled function
+        watches.
     settings: more options of IPOPT, by its own names.
     """
 
-    def __init__(self, problem: Problem, options: SqpOptions = OPTIONS, settings: Mapping[str, Any] | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        options: SqpOptions = OPTIONS,
+        settings: Mapping[str, Any] | None = None,
+    ):
         began = time.perf_counter()
         self.problem, self.options = problem, options
         self.nlp = nlp(problem)
         self.compiled = native.compiler() is not None and not has_neighbours(self.nlp.compiled)
-        self.library = Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
+        self.library = (
+            Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
+        )
         self.settings = {
-            "max_iter": options.max_iterations, "tol": options.dual_tolerance, "dual_inf_tol": options.dual_tolerance,
-            "constr_viol_tol": options.tolerance, "acceptable_iter": 0, "print_level": 0, "sb": "yes", **(settings or {}),
-        }  # fmt: skip
+            "max_iter": options.max_iterations,
+            "tol": options.dual_tolerance,
+            "dual_inf_tol": options.dual_tolerance,
+            "constr_viol_tol": options.tolerance,
+            "acceptable_iter": 0,
+            "print_level": 0,
+            "sb": "yes",
+            **(settings or {}),
+        }
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(warm) for warm in (False, True)}
@@ -59,13 +93,20 @@ class Ipopt:
     def _solver(self, warm: bool) -> ca.Function:
         """With ``warm``, IPOPT takes over the multipliers that it is given."""
         settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
-        options = {"ipopt": settings, "print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        options = {
+            "ipopt": settings,
+            "print_time": False,
+            "calc_lam_p": False,
+            "error_on_fail": False,
+        }
         if self.library is None:
             return ca.nlpsol("reference", "ipopt", self.nlp.symbols, options)
         options["iteration_callback"] = self.library.function("octo_watch")
         return ca.nlpsol("reference", "ipopt", self.library.path, options)
 
-    def solve(self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0) -> Run:
+    def solve(
+        self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0
+    ) -> Run:
         """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
         compiled, o = self.nlp.compiled, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
@@ -89,29 +130,53 @@ class Ipopt:
         columns = self._history(stats, seconds)
         if told.caught:
             said, status = "stopped by Ctrl-C", Status.INTERRUPTED
-        elif not status.converged and settled(columns["energy"], columns["violation"] / compiled.weight, o):
+        elif not status.converged and settled(
+            columns["energy"], columns["violation"] / compiled.weight, o
+        ):
             status = Status.ACCEPTABLE
         multipliers = multipliers_of(compiled, found["lam_g"])
         solution = solution_of(
-            compiled, unknowns_of(compiled, found["x"]), multipliers, status, iterations=int(stats["iter_count"]),
-            history=columns, seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,
-        )  # fmt: skip
+            compiled,
+            unknowns_of(compiled, found["x"]),
+            multipliers,
+            status,
+            iterations=int(stats["iter_count"]),
+            history=columns,
+            seconds=seconds,
+            setup_seconds=self.setup_seconds,
+            seed=seed,
+            processor_seconds=processor,
+        )
         return Run("ipopt", solution, said, self.compiled, dict(self.settings))
 
     def _history(self, stats: dict[str, Any], seconds: float) -> dict[str, Array]:
-        """A row an iterate: E, ‖C‖∞ in N and when, as the compiled watch saw them; IPOPT's own figures are of scaled rows."""
-        told = {name: np.asarray(values, dtype=float) for name, values in stats.get("iterations", {}).items()}
+        """A row an iterate: E, ‖C‖∞ in N and when, as the compiled watch saw them; IPOPT's own
+        figures are of scaled rows."""
+        told = {
+            name: np.asarray(values, dtype=float)
+            for name, values in stats.get("iterations", {}).items()
+        }
         count = len(told.get("obj", ()))
         if self.library is not None:
             times, energies, violations = self.library.log().T
         else:
-            times, energies, violations = np.linspace(0.0, seconds, count), told["obj"], told["inf_pr"]
-        names = {"dual": "inf_du", "step": "d_norm", "ratio": "alpha_pr", "sigma": "regularization_size"}
-        more = {name: told[own] for name, own in names.items() if own in told and count == len(energies)}
+            times = np.linspace(0.0, seconds, count)
+            energies = told["obj"]
+            violations = told["inf_pr"]
+        names = {
+            "dual": "inf_du",
+            "step": "d_norm",
+            "ratio": "alpha_pr",
+            "sigma": "regularization_size",
+        }
+        more = {
+            name: told[own] for name, own in names.items() if own in told and count == len(energies)
+        }
         return history(energies, violations * self.nlp.compiled.weight, times, **more)
 
 
 def ipopt(problem: Problem, start: Array | None = None, **options: Any) -> Run:
-    """Solve ``problem`` with IPOPT; see :class:`Ipopt` for ``options`` and ``settings``, its ``solve`` for the rest."""
+    """Solve ``problem`` with IPOPT; see :class:`Ipopt` for ``options`` and ``settings``, its
+    ``solve`` for the rest."""
     more = {name: options.pop(name) for name in ("multipliers", "seed") if name in options}
     return Ipopt(problem, **options).solve(start, **more)

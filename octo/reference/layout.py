@@ -1,7 +1,8 @@
-"""Where the numbers of a step go: variables in blocks of n, rows in blocks of m, nonzeros in compressed columns.
+"""Where the numbers of a step go: variables in blocks of n, rows in blocks of m, nonzeros in
+compressed columns.
 
-One layout serves IPOPT (x is octo's unknowns), another fatrop (a stage's variables are its state (x_i, x_{i−1}) and its
-control x_{i+1}, tied together by linear rows).
+One layout serves IPOPT (x is octo's unknowns), another fatrop (a stage's variables are its state
+(x_i, x_{i−1}) and its control x_{i+1}, tied together by linear rows).
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ class Layout:
     Attributes
     ----------
     blocks: how many blocks of n numbers x has. rows: length of g.
-    local (N, L): the blocks that a step reads, -1 where fewer. weight (N, 3, L): what each adds to the three nodes.
-    test_row (N, T): first of the m rows that FD's unactuated rows are summed into, -1 where none. test_value (N, T).
+    local (N, L): the blocks that a step reads, -1 where fewer. weight (N, 3, L): what each adds to
+        the three nodes.
+    test_row (N, T): first of the m rows that FD's unactuated rows are summed into, -1 where none.
+        test_value (N, T).
     linear: rows, columns, values of the constant part of g's Jacobian.
     carry (n, n): of a cycle, what the blocks in x_{-1} and x_0 are multiplied with.
     stagewise: for fatrop: no constants in the nodes, the whole symmetric Hessian.
@@ -65,17 +68,25 @@ def octo_layout(compiled: CompiledProblem) -> Layout:
     for i, table in enumerate(rows):
         for k, (block, value) in enumerate(table.items()):
             local[i, k], weight[i, :, k] = block, value
-    test_row = np.where(s.test_row >= 0, compiled.m * row_place[s.test_row * parts + s.test_part], -1)
+    test_row = np.where(
+        s.test_row >= 0, compiled.m * row_place[s.test_row * parts + s.test_part], -1
+    )
     return Layout(
-        len(blocks), compiled.m * len(live), local, weight, test_row.astype(np.int32),
-        np.ascontiguousarray(s.test_coefficient), carry=None if compiled.carry is None else compiled.carry[0],
-    )  # fmt: skip
+        len(blocks),
+        compiled.m * len(live),
+        local,
+        weight,
+        test_row.astype(np.int32),
+        np.ascontiguousarray(s.test_coefficient),
+        carry=None if compiled.carry is None else compiled.carry[0],
+    )
 
 
 def stage_layout(compiled: CompiledProblem) -> Layout:
     """Stage i: x_i, x_{i−1}, x_{i+1}; then rows s_{i+1} − (x_{i+1}, x_i) = 0, then U_/FD_i = 0."""
     n, m, steps = compiled.n, compiled.m, compiled.steps
-    local = (3 * np.arange(steps)[:, None] + np.array([2, 0, 1])).astype(np.int32)  # blocks of x_next, x, x_prev
+    # blocks of x_next, x, x_prev
+    local = (3 * np.arange(steps)[:, None] + np.array([2, 0, 1])).astype(np.int32)
     first = (2 * n + m) * np.arange(steps)
     test = first + 2 * n
     test[-1] = first[-1]  # nothing follows the last stage
@@ -89,15 +100,25 @@ def stage_layout(compiled: CompiledProblem) -> Layout:
     )
     weight = np.ascontiguousarray(np.broadcast_to(np.eye(NODES), (steps, NODES, NODES)))
     rows = int(first[-1]) + m
-    return Layout(3 * steps, rows, local, weight, test[:, None].astype(np.int32), np.ones((steps, 1)), True, linear)
+    return Layout(
+        3 * steps,
+        rows,
+        local,
+        weight,
+        test[:, None].astype(np.int32),
+        np.ones((steps, 1)),
+        True,
+        linear,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
     """Blocks that steps add into, and the nonzeros that are read from them.
 
-    ``pair`` (N, L, L) and ``test`` (N, T, L) are the numbers of the (n, n) and (m, n) blocks, -1 where none;
-    ``hessian`` and ``jacobian`` are sparsities as CasADi's C interface wants them, with the place of every nonzero.
+    ``pair`` (N, L, L) and ``test`` (N, T, L) are the numbers of the (n, n) and (m, n) blocks, -1
+    where none; ``hessian`` and ``jacobian`` are sparsities as CasADi's C interface wants them, with
+    the place of every nonzero.
     """
 
     pair: Integers
@@ -111,7 +132,9 @@ class Places:
     jacobian_constant: Array
 
 
-def places(layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray[np.bool_]) -> Places:
+def places(
+    layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray[np.bool_]
+) -> Places:
     """From the pattern of one step, (3n, 3n) and (m, 3n), to that of all of them."""
     pair, pair_blocks, pair_masks = _pairs(layout, n, hessian)
     test, test_blocks, test_masks = _tests(layout, n, jacobian)
@@ -123,7 +146,10 @@ def places(layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray
     rows, columns, index = rows[keep], columns[keep], index[keep]
     if layout.stagewise:
         below = rows < columns
-        rows, columns = np.concatenate([rows, columns[below]]), np.concatenate([columns, rows[below]])
+        rows, columns = (
+            np.concatenate([rows, columns[below]]),
+            np.concatenate([columns, rows[below]]),
+        )
         index = np.concatenate([index, index[below]])
     hessian_sparsity, order = _compressed(size, size, rows, columns)
     hessian_index = index[order].astype(np.int32)
@@ -136,9 +162,16 @@ def places(layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray
     constant = np.concatenate([np.zeros(len(which)), values])
     jacobian_sparsity, order = _compressed(layout.rows, size, rows, columns)
     return Places(
-        pair, len(pair_blocks), test, len(test_blocks), hessian_sparsity, hessian_index,
-        jacobian_sparsity, index[order].astype(np.int32), constant[order],
-    )  # fmt: skip
+        pair,
+        len(pair_blocks),
+        test,
+        len(test_blocks),
+        hessian_sparsity,
+        hessian_index,
+        jacobian_sparsity,
+        index[order].astype(np.int32),
+        constant[order],
+    )
 
 
 def _carried(layout: Layout, n: int, i: int) -> NDArray[np.bool_]:
@@ -151,8 +184,11 @@ def _carried(layout: Layout, n: int, i: int) -> NDArray[np.bool_]:
     return chain
 
 
-def _pairs(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
-    """Number of the block of each pair of local blocks; rows and columns of the blocks (count, 2); their patterns."""
+def _pairs(
+    layout: Layout, n: int, pattern: NDArray[np.bool_]
+) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
+    """Number of the block of each pair of local blocks; rows and columns of the blocks (count, 2);
+    their patterns."""
     steps, width = layout.local.shape
     place = np.full((steps, width, width), -1, dtype=np.int32)
     numbers: dict[tuple[int, int], int] = {}
@@ -174,10 +210,16 @@ def _pairs(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers
                 masks.append(seen[key][a, b].copy())
             else:
                 masks[k] |= seen[key][a, b]
-    return place, np.array(list(numbers), dtype=np.intp).reshape(-1, 2), np.array(masks, dtype=bool).reshape(-1, n, n)
+    return (
+        place,
+        np.array(list(numbers), dtype=np.intp).reshape(-1, 2),
+        np.array(masks, dtype=bool).reshape(-1, n, n),
+    )
 
 
-def _tests(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
+def _tests(
+    layout: Layout, n: int, pattern: NDArray[np.bool_]
+) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
     """The same for rows: first row and column block of each block of the Jacobian."""
     m = len(pattern)
     (steps, width), tests = layout.local.shape, layout.test_row.shape[1]
@@ -198,13 +240,18 @@ def _tests(layout: Layout, n: int, pattern: NDArray[np.bool_]) -> tuple[Integers
                 masks.append(mask[a].copy())
             else:
                 masks[number] |= mask[a]
-    return place, np.array(list(numbers), dtype=np.intp).reshape(-1, 2), np.array(masks, dtype=bool).reshape(-1, m, n)
+    return (
+        place,
+        np.array(list(numbers), dtype=np.intp).reshape(-1, 2),
+        np.array(masks, dtype=bool).reshape(-1, m, n),
+    )
 
 
 def _compressed(
     height: int, width: int, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """CasADi's [rows, columns, start of each column, row of each nonzero], and the order of the entries in it."""
+    """CasADi's [rows, columns, start of each column, row of each nonzero], and the order of the
+    entries in it."""
     order = np.lexsort((rows, columns))
     start = np.searchsorted(columns[order], np.arange(width + 1))
     return np.concatenate([[height, width], start, rows[order]]).astype(np.int64), order

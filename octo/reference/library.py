@@ -1,4 +1,5 @@
-"""The problem as a compiled library behind CasADi's C interface: what IPOPT and fatrop call, without Python in between."""
+"""The problem as a compiled library behind CasADi's C interface: what IPOPT and fatrop call,
+without Python in between."""
 
 from __future__ import annotations
 
@@ -27,13 +28,16 @@ _ACTIVE: dict[str, list[Any]] = {}  # by library, the arrays that its code point
 
 
 class Library:
-    """One problem structure, compiled. One solve at a time: the library keeps the point it evaluated last.
+    """One problem structure, compiled. One solve at a time: the library keeps the point it
+    evaluated last.
 
-    Functions of the library may outlive this object: they work on the tables of the last one that was activated.
+    Functions of the library may outlive this object: they work on the tables of the last one that
+    was activated.
 
     Attributes
     ----------
-    path: of the shared library, with CasADi's nlp, nlp_f, nlp_g, nlp_grad_f, nlp_jac_g, nlp_hess_l and octo_watch.
+    path: of the shared library, with CasADi's nlp, nlp_f, nlp_g, nlp_grad_f, nlp_jac_g, nlp_hess_l
+        and octo_watch.
     """
 
     def __init__(self, compiled: CompiledProblem, layout: Layout):
@@ -42,8 +46,17 @@ class Library:
         self.layout, self.places = layout, places(layout, compiled.n, hessian, jacobian)
         self.size, self.numbers = layout.blocks * compiled.n, len(parameter_vector(compiled))
         text = _text(compiled, costs, layout.stagewise)
-        shape = [layout.local, layout.weight, layout.test_row, layout.test_value, self.places.jacobian, self.places.hessian]
-        mark = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in shape)).hexdigest()[:16]
+        shape = [
+            layout.local,
+            layout.weight,
+            layout.test_row,
+            layout.test_value,
+            self.places.jacobian,
+            self.places.hessian,
+        ]
+        mark = hashlib.sha256(
+            b"".join(np.ascontiguousarray(a).tobytes() for a in shape)
+        ).hexdigest()[:16]
         handle = native.load(f"{text}\n/* structure {mark} */\n")
         if handle is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
@@ -54,7 +67,8 @@ class Library:
         self.activate()
 
     def activate(self) -> None:
-        """Hand the tables to the library: needed again after another problem of the same structure used it."""
+        """Hand the tables to the library: needed again after another problem of the same structure
+        used it."""
         if self.handle.octo_nlp_set(ctypes.byref(self._tables)) != 0:
             raise MemoryError("the reference library could not allocate its work arrays")
         _ACTIVE[self.path] = self._kept
@@ -79,42 +93,89 @@ class Library:
     def log(self) -> Array:
         """(points, 3) seconds since ``begin``, E, ‖g‖∞."""
         count = self.handle.octo_log_size()
-        return np.ctypeslib.as_array(self.handle.octo_log_rows(), (count, 3)).copy() if count else np.zeros((0, 3))
+        return (
+            np.ctypeslib.as_array(self.handle.octo_log_rows(), (count, 3)).copy()
+            if count
+            else np.zeros((0, 3))
+        )
 
 
 class _Tables(ctypes.Structure):
     """octo_nlp_tables of nlp.c."""
 
     _fields_ = [
-        *((name, ctypes.c_int) for name in ("steps", "local", "tests", "variables", "rows", "pairs", "couples")),
+        *(
+            (name, ctypes.c_int)
+            for name in ("steps", "local", "tests", "variables", "rows", "pairs", "couples")
+        ),
         *((name, ctypes.c_int) for name in ("linear", "stagewise")),
         *(
             (name, ctypes.c_void_p)
             for name in (
-                "local_block", "pair", "test_row", "couple", "linear_row", "linear_column", "jacobian_index", "hessian_index",
-                "weight", "test_value", "linear_value", "jacobian_constant", "carry",
+                "local_block",
+                "pair",
+                "test_row",
+                "couple",
+                "linear_row",
+                "linear_column",
+                "jacobian_index",
+                "hessian_index",
+                "weight",
+                "test_value",
+                "linear_value",
+                "jacobian_constant",
+                "carry",
             )
         ),
         ("sparsity", ctypes.c_void_p * len(SHAPES)),
-    ]  # fmt: skip
+    ]
 
 
-def _tables(compiled: CompiledProblem, layout: Layout, at: Places, size: int, numbers: int) -> tuple[_Tables, list[Any]]:
+def _tables(
+    compiled: CompiledProblem, layout: Layout, at: Places, size: int, numbers: int
+) -> tuple[_Tables, list[Any]]:
     """The tables, and the arrays that must outlive them."""
     arrays = [
-        layout.local, at.pair, layout.test_row, at.test, *layout.linear[:2], at.jacobian_index, at.hessian_index,
-        layout.weight, layout.test_value, layout.linear[2], at.jacobian_constant,
-    ]  # fmt: skip
-    shapes = [_dense(size), _dense(numbers), _dense(1), _dense(layout.rows), at.jacobian, at.hessian, _dense(numbers, full=False)]
+        layout.local,
+        at.pair,
+        layout.test_row,
+        at.test,
+        *layout.linear[:2],
+        at.jacobian_index,
+        at.hessian_index,
+        layout.weight,
+        layout.test_value,
+        layout.linear[2],
+        at.jacobian_constant,
+    ]
+    shapes = [
+        _dense(size),
+        _dense(numbers),
+        _dense(1),
+        _dense(layout.rows),
+        at.jacobian,
+        at.hessian,
+        _dense(numbers, full=False),
+    ]
     kept = [np.ascontiguousarray(a) for a in (*arrays, *shapes)]
     pointers = [a.ctypes.data for a in kept]
     carry = None if layout.carry is None else np.ascontiguousarray(layout.carry)
     steps, local = layout.local.shape
     sparsity = (ctypes.c_void_p * len(SHAPES))(*pointers[len(arrays) :])
     table = _Tables(
-        steps, local, layout.test_row.shape[1], size, layout.rows, at.pairs, at.tests, len(layout.linear[2]),
-        int(layout.stagewise), *pointers[: len(arrays)], None if carry is None else carry.ctypes.data, sparsity,
-    )  # fmt: skip
+        steps,
+        local,
+        layout.test_row.shape[1],
+        size,
+        layout.rows,
+        at.pairs,
+        at.tests,
+        len(layout.linear[2]),
+        int(layout.stagewise),
+        *pointers[: len(arrays)],
+        None if carry is None else carry.ctypes.data,
+        sparsity,
+    )
     return table, [*kept, carry]
 
 
@@ -131,7 +192,12 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
     for function in made:
         generator.add(function)
     generated = brisk(str(generator.dump()), max(function.n_instructions() for function in made))
-    names = ("CASADI_CODEGEN_PREFIX", "CASADI_PREFIX", "CASADI_NAMESPACE_CONCAT", "_CASADI_NAMESPACE_CONCAT")
+    names = (
+        "CASADI_CODEGEN_PREFIX",
+        "CASADI_PREFIX",
+        "CASADI_NAMESPACE_CONCAT",
+        "_CASADI_NAMESPACE_CONCAT",
+    )
     return "\n".join(
         [
             compiled.dynamics.text(),
@@ -140,33 +206,51 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
             generated,
             *(["#define STAGEWISE"] if stagewise else []),
             *_constants(compiled, costs, made),
-            *((resources.files("octo.reference") / name).read_text(encoding="utf-8") for name in ("nlp.c", "interface.c")),
+            *(
+                (resources.files("octo.reference") / name).read_text(encoding="utf-8")
+                for name in ("nlp.c", "interface.c")
+            ),
         ]
     )
 
 
-def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.Function]) -> list[str]:
+def _constants(
+    compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.Function]
+) -> list[str]:
     """Sizes as macros, index tables and masses as constant arrays."""
     functions, dynamics = compiled.functions, compiled.dynamics
     sizes = {
-        "NU": compiled.nu, "MU": compiled.m, "NQ": compiled.q.shape[2], "NTERM": len(functions.references.terms),
-        "NCENTER": costs.centers, "NW": compiled.nu + costs.centers, "NZ": costs.sparsity.nnz(),
-        "NFC": len(functions.contact_spheres), "CR": 0 if functions.contact is None else len(functions.contact.terms),
-        "EXACT_W": max(f.sz_w() for f in made), "EXACT_IW": max(f.sz_iw() for f in made),
-    }  # fmt: skip
+        "NU": compiled.nu,
+        "MU": compiled.m,
+        "NQ": compiled.q.shape[2],
+        "NTERM": len(functions.references.terms),
+        "NCENTER": costs.centers,
+        "NW": compiled.nu + costs.centers,
+        "NZ": costs.sparsity.nnz(),
+        "NFC": len(functions.contact_spheres),
+        "CR": 0 if functions.contact is None else len(functions.contact.terms),
+        "EXACT_W": max(f.sz_w() for f in made),
+        "EXACT_IW": max(f.sz_iw() for f in made),
+    }
     integers: dict[str, Any] = {
-        "ref_actuated": dynamics.actuated, "ref_unactuated": dynamics.unactuated,
-        "exact_row": costs.sparsity.row(), "exact_column": costs.sparsity.get_col(),
-    }  # fmt: skip
+        "ref_actuated": dynamics.actuated,
+        "ref_unactuated": dynamics.unactuated,
+        "exact_row": costs.sparsity.row(),
+        "exact_column": costs.sparsity.get_col(),
+    }
     numbers: dict[str, Any] = {}
     if isinstance(dynamics, RobotDynamics):
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in functions.contact_spheres]
         integers["touch_body"] = [sphere.body for sphere in spheres]
-        integers["touch_dof"] = [robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres]
+        integers["touch_dof"] = [
+            robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres
+        ]
         numbers = {
             "touch_sphere": [v for sphere in spheres for v in (*sphere.position, sphere.radius)],
-            "touch_use": () if functions.contact is None else functions.contact.use.astype(float).ravel(),
+            "touch_use": ()
+            if functions.contact is None
+            else functions.contact.use.astype(float).ravel(),
             "body_mass": robot.masses,
             "body_com": [v for body in robot.bodies for v in body.com],
         }
@@ -175,7 +259,12 @@ def _constants(compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.F
         sizes_of_mass = ""
     lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     for name, values in integers.items():
-        lines.append(f"static const int octo_{name}[] = {{{', '.join(str(int(v)) for v in values) or '0'}}};")
+        lines.append(
+            f"static const int octo_{name}[] = {{{', '.join(str(int(v)) for v in values) or '0'}}};"
+        )
     for name, values in numbers.items():
-        lines.append(f"static const double octo_{name}[] = {{{', '.join(float(v).hex() for v in values) or '0.0'}}};")
+        lines.append(
+            f"static const double octo_{name}[] = "
+            f"{{{', '.join(float(v).hex() for v in values) or '0.0'}}};"
+        )
     return [*lines, sizes_of_mass]

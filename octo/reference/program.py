@@ -1,7 +1,9 @@
-"""The problem as CasADi expressions: the same unknowns, rows, scales, weights and start as octo's own.
+"""The problem as CasADi expressions: the same unknowns, rows, scales, weights and start as octo's
+own.
 
-The laws are those of ``dynamics.symbolic``, one step as an SX function that is mapped over the steps; every derivative
-is CasADi's. It shares no code with the compiled assembly but the numbers it starts from: that is what tests compare.
+The laws are those of ``dynamics.symbolic``, one step as an SX function that is mapped over the
+steps; every derivative is CasADi's. It shares no code with the compiled assembly but the numbers it
+starts from: that is what tests compare.
 """
 
 from __future__ import annotations
@@ -32,9 +34,11 @@ class Nlp:
     Attributes
     ----------
     compiled: octo's own form of the problem, a batch of one.
-    x, p, f, g: CasADi expressions; p are the run-time numbers (start, parameters, weights and references, row scales).
+    x, p, f, g: CasADi expressions; p are the run-time numbers (start, parameters, weights and
+        references, row scales).
     parameters: values of p. start: of x, rad and m (tangents times τ in the Hermite basis).
-    x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7 without rows that no step adds to, in mg and mg·ℓ.
+    x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7 without rows that no step adds to,
+        in mg and mg·ℓ.
     """
 
     compiled: CompiledProblem
@@ -69,7 +73,12 @@ class Nlp:
     @property
     def arguments(self) -> dict[str, Array]:
         """Of one call of a CasADi solver: x0, p and the bounds."""
-        bounds = {"lbx": self.x_lower, "ubx": self.x_upper, "lbg": self.g_lower, "ubg": self.g_upper}
+        bounds = {
+            "lbx": self.x_lower,
+            "ubx": self.x_upper,
+            "lbg": self.g_lower,
+            "ubg": self.g_upper,
+        }
         return {"x0": self.start, "p": self.parameters, **bounds}
 
     @cached_property
@@ -97,7 +106,9 @@ class Nlp:
         """(x, p, sigma, lam) -> ∇²(sigma f + lamᵀg), sparse, symmetric, exact."""
         sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", self.g.numel())
         lagrangian = sigma * self.f + ca.dot(lam, self.g)
-        return ca.Function("hessian", [self.x, self.p, sigma, lam], [ca.hessian(lagrangian, self.x)[0]])
+        return ca.Function(
+            "hessian", [self.x, self.p, sigma, lam], [ca.hessian(lagrangian, self.x)[0]]
+        )
 
     def unknowns(self, x: Any) -> Array:
         """(1, K, nc) octo's unknowns of a point x."""
@@ -109,19 +120,23 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
 
     Parameters
     ----------
-    start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still, of a cycle carried along.
+    start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still, of a cycle carried
+        along.
     """
     compiled = CompiledProblem([problem])
     n, blocks = compiled.n, free_blocks(compiled)
     numbers = parameter_vector(compiled)
     x, p = ca.MX.sym("x", n * len(blocks)), ca.MX.sym("p", len(numbers))
-    constant, rest = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2), p[n * (compiled.steps + 2) :]
+    constant = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2)
+    rest = p[n * (compiled.steps + 2) :]
     nodes = ca.reshape(ca.mtimes(node_matrix(compiled), x), n, compiled.steps + 2) + constant
     step, (NP, NQ) = _step(compiled), (compiled.p.shape[1], compiled.q.shape[2])
     dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
     scale = rest[NP + NQ * compiled.steps :]
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
-    energy, rows = step.map(compiled.steps)(nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1])
+    energy, rows = step.map(compiled.steps)(
+        nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1]
+    )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
     tests = ca.sparsify(ca.DM(compiled._test_matrix[live_rows(compiled)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
@@ -148,14 +163,20 @@ def free_units(compiled: CompiledProblem) -> NDArray[np.intp]:
 
 
 def free_blocks(compiled: CompiledProblem) -> NDArray[np.intp]:
-    """Parts of units, unit·parts + part, that are blocks of n numbers of x: those of the free units that a node is made of."""
+    """Parts of units, unit·parts + part, that are blocks of n numbers of x: those of the free units
+    that a node is made of."""
     parts = compiled.stencil.parts
     blocks = (free_units(compiled)[:, None] * parts + np.arange(parts)).ravel()
-    return blocks if compiled.idle is None else np.setdiff1d(blocks, compiled.idle[0] * parts + compiled.idle[1])
+    return (
+        blocks
+        if compiled.idle is None
+        else np.setdiff1d(blocks, compiled.idle[0] * parts + compiled.idle[1])
+    )
 
 
 def live_rows(compiled: CompiledProblem) -> NDArray[np.intp]:
-    """Row blocks, unit·parts + part, that are blocks of m rows of g: 0 = 0 is left out, IPOPT counts it as an equation."""
+    """Row blocks, unit·parts + part, that are blocks of m rows of g: 0 = 0 is left out, IPOPT
+    counts it as an equation."""
     return np.flatnonzero(compiled._test_matrix.any(axis=1))
 
 
@@ -179,14 +200,18 @@ def rows_of(compiled: CompiledProblem, multipliers: Array) -> Array:
 
 def multipliers_of(compiled: CompiledProblem, rows: Any) -> Array:
     """(K, ma) of those of g."""
-    live, multipliers = live_rows(compiled), np.zeros((compiled.K * compiled.stencil.parts, compiled.m))
+    live = live_rows(compiled)
+    multipliers = np.zeros((compiled.K * compiled.stencil.parts, compiled.m))
     multipliers[live] = np.asarray(rows, dtype=float).reshape(len(live), compiled.m)
     return multipliers.reshape(compiled.K, compiled.ma)
 
 
 def parameter_vector(compiled: CompiledProblem) -> Array:
-    """p: the part of the nodes that no unknown moves (N+2, nx), parameters (NP,), q (N, NQ), row scales (m,)."""
-    return np.concatenate([a[0].ravel() for a in (compiled.constant, compiled.p, compiled.q, compiled.row_scale)])
+    """p: the part of the nodes that no unknown moves (N+2, nx), parameters (NP,), q (N, NQ), row
+    scales (m,)."""
+    return np.concatenate(
+        [a[0].ravel() for a in (compiled.constant, compiled.p, compiled.q, compiled.row_scale)]
+    )
 
 
 def node_matrix(compiled: CompiledProblem) -> ca.DM:
@@ -207,28 +232,38 @@ def node_matrix(compiled: CompiledProblem) -> ca.DM:
 
 
 def _step(compiled: CompiledProblem) -> ca.Function:
-    """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of FD."""
+    """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
+    FD."""
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
     nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", compiled.q.shape[2])
     scale = ca.SX.sym("scale", compiled.m)
     fd = dynamics.symbolic(*nodes, p)
     r = functions.state(*nodes, fd[[int(j) for j in dynamics.actuated]], p, q)
-    energy = ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
+    energy = (
+        ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
+    )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
-        own, poses = functions.contact, [symbolic.body_poses(dynamics.character, node) for node in nodes]
+        own = functions.contact
+        poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
         for index, use in zip(own.spheres, own.use.astype(float), strict=True):
             sphere = dynamics.character.contacts[index]
-            columns = [ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses]
+            columns = [
+                ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses
+            ]
             r = own.value(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q)
-            energy += ca.dot(ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2)
+            energy += ca.dot(
+                ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
+            )
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
     return ca.Function("step", [*nodes, p, q, scale], [energy, ca.densify(rows)], {"cse": True})
 
 
 def has_neighbours(compiled: CompiledProblem) -> bool:
     """True where E has terms that no single step sees."""
-    return isinstance(compiled.basis, Hermite) and any(isinstance(t, NeighbourCost) for t in compiled.problems[0].costs)
+    return isinstance(compiled.basis, Hermite) and any(
+        isinstance(t, NeighbourCost) for t in compiled.problems[0].costs
+    )
 
 
 def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> ca.MX:
@@ -243,11 +278,17 @@ def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> 
         full[:, int(unit)] = x[k * compiled.nc : (k + 1) * compiled.nc]
     first = ca.vertcat(constant[:, 1], segment * (constant[:, 1] - constant[:, 0]))
     controls = ca.horzcat(first, full[:, :-1])
-    now, following, row = ca.SX.sym("c", 2 * n), ca.SX.sym("c_next", 2 * n), ca.SX.sym("q", compiled.q.shape[2])
+    now = ca.SX.sym("c", 2 * n)
+    following = ca.SX.sym("c_next", 2 * n)
+    row = ca.SX.sym("q", compiled.q.shape[2])
     for k, term in enumerate(terms.terms):
         if isinstance(term, NeighbourCost):
             r = ca.vec(ca.SX(term.between(now, following, terms.view(row, k))))
-            square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(compiled.K - 1)
+            square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(
+                compiled.K - 1
+            )
             weight = ca.sum1(ca.reshape(q[k, :], segment, compiled.K - 1))
-            total += ca.dot(weight, square(controls[:, :-1], controls[:, 1:], q[:, segment - 1 :: segment]))
+            total += ca.dot(
+                weight, square(controls[:, :-1], controls[:, 1:], q[:, segment - 1 :: segment])
+            )
     return total

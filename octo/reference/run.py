@@ -1,4 +1,5 @@
-"""What a run of another solver leaves: a Solution measured like octo's own, and the solver's own words."""
+"""What a run of another solver leaves: a Solution measured like octo's own, and the solver's own
+words."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ class Run:
     Attributes
     ----------
     solver: "ipopt" or "fatrop". solution: measured by octo's own functions.
-    said: the solver's own word for its end. compiled: no Python and no interpreter ran inside an iteration.
+    said: the solver's own word for its end. compiled: no Python and no interpreter ran inside an
+        iteration.
     settings: what the solver was told.
     """
 
@@ -45,7 +47,8 @@ class Run:
 
 @functools.cache
 def _know_casadi_blas() -> None:
-    """Tell threadpoolctl of the BLAS in CasADi's wheel, which MUMPS calls and whose name it does not look for."""
+    """Tell threadpoolctl of the BLAS in CasADi's wheel, which MUMPS calls and whose name it does
+    not look for."""
     import threadpoolctl
 
     class CasadiBlas(threadpoolctl.OpenBLASController):
@@ -56,7 +59,8 @@ def _know_casadi_blas() -> None:
 
 
 def one_solve() -> threading.RLock:
-    """``with one_solve():`` no other thread is in a compiled reference, which keeps the point it evaluated last."""
+    """``with one_solve():`` no other thread is in a compiled reference, which keeps the point it
+    evaluated last."""
     return _ALONE
 
 
@@ -81,11 +85,13 @@ class Interruption:
 
 @contextlib.contextmanager
 def interruptible(library: Library | None) -> Iterator[Interruption]:
-    """Ctrl-C inside ends the solver and is noted: CasADi would swallow it, and call what is left a stall or go on.
+    """Ctrl-C inside ends the solver and is noted: CasADi would swallow it, and call what is left a
+    stall or go on.
 
     So do SIGTERM and SIGHUP where they are handled like it.
 
-    library: of the compiled functions, which are told to fail; without one CasADi is told by an exception.
+    library: of the compiled functions, which are told to fail; without one CasADi is told by an
+    exception.
     """
     told = Interruption()
     if threading.current_thread() is not threading.main_thread():
@@ -100,7 +106,8 @@ def interruptible(library: Library | None) -> Iterator[Interruption]:
 
     before = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.default_int_handler:  # the command line: they stop as Ctrl-C does
+        # the command line: they stop as Ctrl-C does
+        if signal.getsignal(number) is signal.default_int_handler:
             before[number] = signal.default_int_handler
     for number in before:
         signal.signal(number, note)
@@ -114,14 +121,17 @@ def interruptible(library: Library | None) -> Iterator[Interruption]:
 
 
 def prepare(compiled: CompiledProblem) -> None:
-    """Have octo's own functions compiled, which measure every result: a missing compiler or folder is said before a solve."""
+    """Have octo's own functions compiled, which measure every result: a missing compiler or folder
+    is said before a solve."""
     compiled.evaluate(np.zeros((1, compiled.K, compiled.nc)))
 
 
 def settled(energies: Array, violations: Array, options: SqpOptions) -> bool:
     """octo's rule "acceptable" at the end of a history; ``violations`` in parts of the weight."""
     window = energies[-options.plateau - 1 :]
-    still = len(window) > options.plateau and np.ptp(window) <= options.plateau_change * abs(window[-1])
+    still = len(window) > options.plateau and np.ptp(window) <= options.plateau_change * abs(
+        window[-1]
+    )
     return bool(still and violations[-1] <= options.tolerance)
 
 
@@ -129,17 +139,32 @@ def history(energies: Array, violations: Array, seconds: Array, **more: Array) -
     """Columns of a Solution's history; what the solver does not tell is NaN."""
     count = len(energies)
     known: dict[str, Array] = {
-        "pass": np.ones(count), "iteration": np.arange(float(count)), "energy": energies, "violation": violations,
-        "seconds": seconds, "factorizations": np.zeros(count), **more,
-    }  # fmt: skip
-    return {name: np.asarray(known.get(name, np.full(count, np.nan)), dtype=float) for name in HISTORY}
+        "pass": np.ones(count),
+        "iteration": np.arange(float(count)),
+        "energy": energies,
+        "violation": violations,
+        "seconds": seconds,
+        "factorizations": np.zeros(count),
+        **more,
+    }
+    return {
+        name: np.asarray(known.get(name, np.full(count, np.nan)), dtype=float) for name in HISTORY
+    }
 
 
-def solution_of(compiled: CompiledProblem, unknowns: Array, multipliers: Array, status: Status, **own: Any) -> Solution:
-    """A Solution from octo's unknowns (1, K, nc) and multipliers (K, ma), evaluated by octo's own functions."""
+def solution_of(
+    compiled: CompiledProblem, unknowns: Array, multipliers: Array, status: Status, **own: Any
+) -> Solution:
+    """A Solution from octo's unknowns (1, K, nc) and multipliers (K, ma), evaluated by octo's own
+    functions."""
     at = compiled.evaluate(np.ascontiguousarray(unknowns))
     if not bool(at.finite[0]) and status is not Status.INTERRUPTED:
         status = Status.NOT_FINITE
     return Solution(
-        **measure.measured(compiled, at, 0), multipliers=multipliers, status=status, factorizations=0, device="cpu", **own
+        **measure.measured(compiled, at, 0),
+        multipliers=multipliers,
+        status=status,
+        factorizations=0,
+        device="cpu",
+        **own,
     )

@@ -1,4 +1,5 @@
-"""fatrop on the identical problem in the nodes basis: state (x_i, x_{i−1}), control x_{i+1}, U_/FD_i = 0 at every stage."""
+"""fatrop on the identical problem in the nodes basis: state (x_i, x_{i−1}), control x_{i+1},
+U_/FD_i = 0 at every stage."""
 
 from __future__ import annotations
 
@@ -17,7 +18,17 @@ from octo.problem.problem import Problem
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
-from octo.reference.run import OPTIONS, Run, history, interruptible, one_core, one_solve, prepare, settled, solution_of
+from octo.reference.run import (
+    OPTIONS,
+    Run,
+    history,
+    interruptible,
+    one_core,
+    one_solve,
+    prepare,
+    settled,
+    solution_of,
+)
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Status
 
@@ -31,18 +42,26 @@ class Fatrop:
 
     Raises
     ------
-    ProblemError: the basis is not "nodes", or the problem is a cycle. DeviceError: there is no C compiler.
+    ProblemError: the basis is not "nodes", or the problem is a cycle. DeviceError: there is no C
+        compiler.
     """
 
-    def __init__(self, problem: Problem, options: SqpOptions = OPTIONS, settings: Mapping[str, Any] | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        options: SqpOptions = OPTIONS,
+        settings: Mapping[str, Any] | None = None,
+    ):
         if problem.cycle is not None:
             raise ProblemError(
-                "fatrop cannot solve a cycle: a stage may see its own state and control only, and the first stage of a cycle "
+                "fatrop cannot solve a cycle: a stage may see its own state and control only, "
+                "and the first stage of a cycle "
                 "sees the last one"
             )
         if not isinstance(problem.basis_object, Nodes):
             raise ProblemError(
-                f"fatrop cannot solve in the {problem.basis_object.name} basis: a stage may see its own state and control only, "
+                f"fatrop cannot solve in the {problem.basis_object.name} basis: a stage may see "
+                "its own state and control only, "
                 "and a row of C sums the steps of two segments; must be nodes"
             )
         began = time.perf_counter()
@@ -52,14 +71,27 @@ class Fatrop:
         self.library = Library(self.compiled, self.layout)
         n, m, steps = self.compiled.n, self.compiled.m, self.compiled.steps
         self.settings = {
-            "max_iter": options.max_iterations, "tolerance": options.dual_tolerance, "constr_viol_tol": options.tolerance,
-            "tol_acceptable": options.dual_tolerance, "print_level": 0, **(settings or {}),
-        }  # fmt: skip
+            "max_iter": options.max_iterations,
+            "tolerance": options.dual_tolerance,
+            "constr_viol_tol": options.tolerance,
+            "tol_acceptable": options.dual_tolerance,
+            "print_level": 0,
+            **(settings or {}),
+        }
         structure = {
-            "structure_detection": "manual", "N": steps - 1, "nx": [2 * n] * steps, "nu": [n] * steps, "ng": [m] * steps,
+            "structure_detection": "manual",
+            "N": steps - 1,
+            "nx": [2 * n] * steps,
+            "nu": [n] * steps,
+            "ng": [m] * steps,
             "equality": [True] * self.layout.rows,
-        }  # fmt: skip
-        own = {"fatrop": self.settings, "print_time": False, "calc_lam_p": False, "error_on_fail": False}
+        }
+        own = {
+            "fatrop": self.settings,
+            "print_time": False,
+            "calc_lam_p": False,
+            "error_on_fail": False,
+        }
         self.solver = ca.nlpsol("reference", "fatrop", self.library.path, {**structure, **own})
         self.setup_seconds = time.perf_counter() - began
         prepare(self.compiled)
@@ -75,8 +107,11 @@ class Fatrop:
                 bound[unit, 2] = c.ends[0, unit]
         return lower.ravel(), upper.ravel()
 
-    def solve(self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0) -> Run:
-        """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still; fatrop makes its own multipliers."""
+    def solve(
+        self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0
+    ) -> Run:
+        """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still; fatrop makes its own
+        multipliers."""
         del multipliers
         c, o = self.compiled, self.options
         nodes = start_nodes(self.problem, start).copy()
@@ -90,7 +125,12 @@ class Fatrop:
             self.library.begin(o.tolerance, o.plateau_change, o.plateau)
             with interruptible(self.library) as told:
                 found = self.solver(
-                    x0=np.clip(first.ravel(), lower, upper), p=parameter_vector(c), lbx=lower, ubx=upper, lbg=rows, ubg=rows
+                    x0=np.clip(first.ravel(), lower, upper),
+                    p=parameter_vector(c),
+                    lbx=lower,
+                    ubx=upper,
+                    lbg=rows,
+                    ubg=rows,
                 )
             seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
         stats = self.solver.stats()
@@ -108,10 +148,20 @@ class Fatrop:
         unknowns[:, c.fixed] = 0.0
         at = self.layout.test_row[:, 0][:, None] + np.arange(c.m)
         solution = solution_of(
-            c, unknowns, np.asarray(found["lam_g"]).ravel()[at], status, iterations=iterations, history=columns,
-            seconds=seconds, setup_seconds=self.setup_seconds, seed=seed, processor_seconds=processor,
-        )  # fmt: skip
-        said = "stopped by Ctrl-C" if told.caught else f"return flag {stats['fatrop']['return_flag']}"
+            c,
+            unknowns,
+            np.asarray(found["lam_g"]).ravel()[at],
+            status,
+            iterations=iterations,
+            history=columns,
+            seconds=seconds,
+            setup_seconds=self.setup_seconds,
+            seed=seed,
+            processor_seconds=processor,
+        )
+        said = (
+            "stopped by Ctrl-C" if told.caught else f"return flag {stats['fatrop']['return_flag']}"
+        )
         return Run("fatrop", solution, said, True, dict(self.settings))
 
 

@@ -1,4 +1,5 @@
-"""Torques that keep a plant on a plan: feed-forward, PD on the joints, and a wrench on the base through the stance feet."""
+"""Torques that keep a plant on a plan: feed-forward, PD on the joints, and a wrench on the base
+through the stance feet."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
 from octo.solver.solution import Solution
 
-EDGES = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])  # of the friction pyramid, tangential directions
+# of the friction pyramid, tangential directions
+EDGES = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class Gains:
     Attributes
     ----------
     kp (N m/rad or N/m), kd (N m s/rad or N s/m): of every joint.
-    base: N/m, tilt: N m/rad, of the wrench on the base, damped by base_damping (N s/m) and tilt_damping (N m s/rad).
+    base: N/m, tilt: N m/rad, of the wrench on the base, damped by base_damping (N s/m) and
+        tilt_damping (N m s/rad).
     friction: that the spread forces may use.
     """
 
@@ -40,8 +43,11 @@ class Gains:
     friction: float = 0.5
 
     @staticmethod
-    def of(solution: Solution, kp: float | None = None, kd: float | None = None, friction: float = 0.8) -> Gains:
-        """Gains in proportion to the robot: its weight mg, its length ℓ and the inertia of its turning base."""
+    def of(
+        solution: Solution, kp: float | None = None, kd: float | None = None, friction: float = 0.8
+    ) -> Gains:
+        """Gains in proportion to the robot: its weight mg, its length ℓ and the inertia of its
+        turning base."""
         robot = solution.character
         assert robot is not None
         weight, length = solution.weight, solution.length
@@ -50,16 +56,22 @@ class Gains:
         base, tilt = BASE * weight / length, TILT * weight * length
         inertia = float(np.mean(np.diag(mass_matrix(robot, solution.x[1]))[3:6]))
         return Gains(
-            kp=stiff, kd=JOINT_DAMPING * time * stiff if kd is None else kd, base=base, tilt=tilt,
-            base_damping=2.0 * np.sqrt(base * weight / GRAVITY), tilt_damping=2.0 * np.sqrt(tilt * inertia),
+            kp=stiff,
+            kd=JOINT_DAMPING * time * stiff if kd is None else kd,
+            base=base,
+            tilt=tilt,
+            base_damping=2.0 * np.sqrt(base * weight / GRAVITY),
+            tilt_damping=2.0 * np.sqrt(tilt * inertia),
             friction=CONE * friction,
-        )  # fmt: skip
+        )
 
     def without_base(self) -> Gains:
         return replace(self, base=0.0, tilt=0.0, base_damping=0.0, tilt_damping=0.0)
 
 
-SPREAD = 0.05  # weight of a foot's change of force beside the wrench, both in mg: the wrench is met where it can be
+# weight of a foot's change of force beside the wrench, both in mg: the wrench is met where it can
+# be
+SPREAD = 0.05
 CONE = 0.75  # of the friction coefficient, that spread forces may use
 JOINT = 2.5  # kp in 0.4·mg·ℓ a radian: 47 N m/rad of a go2
 JOINT_DAMPING = 0.18  # kd/kp in √(ℓ/g)
@@ -75,10 +87,12 @@ class Controller:
         robot = plan.character
         self.joints = robot.actuated
         self.first = robot.base_coordinate
-        self.in_q = robot.actuated + 1  # a quaternion has one number more than the angles it stands for
+        # a quaternion has one number more than the angles it stands for
+        self.in_q = robot.actuated + 1
         self.normal = np.array([plant.terrain.parameters[f"normal_{c}"] for c in "xyz"])
         pyramid = _pyramid(self.normal, gains.friction)
-        self.edges = [np.kron(np.eye(k), pyramid) for k in range(plan.stance.shape[1] + 1)]  # (3 k, 4 k) of k feet
+        # (3 k, 4 k) of k feet
+        self.edges = [np.kron(np.eye(k), pyramid) for k in range(plan.stance.shape[1] + 1)]
         self.upright = rotation_of(plan.q[0, self.first + 3 : self.first + 7])[:, 2]
         self.weight = robot.mass * GRAVITY
 
@@ -92,39 +106,49 @@ class Controller:
         return np.asarray(u)
 
     def wrench(self, k: int, q: Array, v: Array) -> Array:
-        """(6,) N and N m, world axes, about the base's origin: springs and dampers to the planned base."""
+        """(6,) N and N m, world axes, about the base's origin: springs and dampers to the planned
+        base."""
         plan, gains, j = self.plan, self.gains, self.first
         turn, wanted = rotation_of(q[j + 3 : j + 7]), rotation_of(plan.q[k, j + 3 : j + 7])
         tilt = turn @ _between(q[j + 3 : j + 7], plan.q[k, j + 3 : j + 7])
         spin = wanted @ plan.v[k, j + 3 : j + 6] - turn @ v[j + 3 : j + 6]
-        force = gains.base * (plan.q[k, j : j + 3] - q[j : j + 3]) + gains.base_damping * (plan.v[k, j : j + 3] - v[j : j + 3])
+        force = gains.base * (plan.q[k, j : j + 3] - q[j : j + 3]) + gains.base_damping * (
+            plan.v[k, j : j + 3] - v[j : j + 3]
+        )
         return np.concatenate([force, gains.tilt * tilt + gains.tilt_damping * spin])
 
     def spread(self, k: int, wrench: Array) -> Array:
         """Torques (nu,) whose feet add ``wrench`` to what they were planned to give."""
         feet = np.flatnonzero(self.plan.stance[k])
         points, jacobians = self.plant.feet(feet)
-        change = self.forces(k, feet, points - self.plant.base_place, wrench) - self.plan.force[k, feet]
+        change = (
+            self.forces(k, feet, points - self.plant.base_place, wrench) - self.plan.force[k, feet]
+        )
         return np.asarray(-np.einsum("fij,fi->j", jacobians[..., self.joints], change))
 
     def forces(self, k: int, feet: NDArray[np.intp], arms: Array, wrench: Array) -> Array:
-        """Forces (feet, 3) N at ``arms`` (feet, 3) m that give the planned wrench and ``wrench``, inside the friction pyramid.
+        """Forces (feet, 3) N at ``arms`` (feet, 3) m that give the planned wrench and ``wrench``,
+        inside the friction pyramid.
 
-        f = edges · β with β ≥ 0: least squares of the wrench's error and, weakly, of the change of every foot's force.
+        f = edges · β with β ≥ 0: least squares of the wrench's error and, weakly, of the change of
+        every foot's force.
         """
-        G = np.concatenate([np.concatenate([np.eye(3), _cross(arm)]) for arm in arms], axis=1)  # (6, 3 feet)
+        # (6, 3 feet)
+        G = np.concatenate([np.concatenate([np.eye(3), _cross(arm)]) for arm in arms], axis=1)
         planned, edges = self.plan.force[k, feet].ravel(), self.edges[len(feet)]
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.length] * 3]) / self.weight
         rows = np.concatenate([scale[:, None] * (G @ edges), SPREAD / self.weight * edges])
         wanted = np.concatenate([scale * (G @ planned + wrench), SPREAD / self.weight * planned])
         try:
             return np.asarray(edges @ nnls(rows, wanted)[0]).reshape(-1, 3)
-        except RuntimeError:  # out of iterations, as with a friction of 1e9: the planned forces stay
+        # out of iterations, as with a friction of 1e9: the planned forces stay
+        except RuntimeError:
             return planned.reshape(-1, 3)
 
 
 def _between(first: Array, second: Array) -> Array:
-    """(3,) rotation vector, in the first one's axes, from one quaternion to another, real parts first."""
+    """(3,) rotation vector, in the first one's axes, from one quaternion to another, real parts
+    first."""
     a, b = first.tolist(), second.tolist()
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]

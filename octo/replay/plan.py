@@ -1,4 +1,5 @@
-"""A solution between its nodes: what a controller that runs faster than the plan's steps asks for."""
+"""A solution between its nodes: what a controller that runs faster than the plan's steps asks
+for."""
 
 from __future__ import annotations
 
@@ -23,9 +24,8 @@ class Plan:
     """A motion sampled every ``timestep`` s, in MuJoCo's form (octo.model.convention).
 
     Attributes
-    ----------
-    q (T+1, nq), v (T+1, nv): m, rad, m/s, rad/s. u (T+1, nu): N m or N.
-    force (T+1, c, 3) N, world axes: of the ground on each contact. stance (T+1, c): which of them carry.
+    ---------- q (T+1, nq), v (T+1, nv): m, rad, m/s, rad/s. u (T+1, nu): N m or N. force (T+1, c,
+    3) N, world axes: of the ground on each contact. stance (T+1, c): which of them carry.
     """
 
     character: Character
@@ -38,7 +38,8 @@ class Plan:
 
     @staticmethod
     def of(solution: Solution, timestep: float) -> Plan:
-        """Cubic through the nodes; torques and forces linear, as of the node around which their step's acceleration is.
+        """Cubic through the nodes; torques and forces linear, as of the node around which their
+        step's acceleration is.
 
         Raises
         ------
@@ -46,7 +47,9 @@ class Plan:
         """
         character = solution.character
         if character is None:
-            raise ProblemError("replay needs a robot: a motion of user-written dynamics has no bodies")
+            raise ProblemError(
+                "replay needs a robot: a motion of user-written dynamics has no bodies"
+            )
         duration = solution.steps * solution.dt
         times = np.asarray(timestep * np.arange(round(duration / timestep) + 1), dtype=float)
         path = CubicSpline(solution.times, solution.x[1:], axis=0)
@@ -55,9 +58,14 @@ class Plan:
         force = _linear(solution.contact_force, times, solution.dt)
         normal = np.sum(force * _linear(solution.contact_normal, times, solution.dt), axis=-1)
         return Plan(
-            character, timestep, q, v, _linear(solution.u, times, solution.dt), force,
+            character,
+            timestep,
+            q,
+            v,
+            _linear(solution.u, times, solution.dt),
+            force,
             np.asarray(normal > STANCE * solution.weight),
-        )  # fmt: skip
+        )
 
     @property
     def steps(self) -> int:
@@ -65,7 +73,8 @@ class Plan:
 
 
 def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tuple[Array, Array]:
-    """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the next."""
+    """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the
+    next."""
     if character.base != "floating":
         return x, rate
     first = character.base_coordinate
@@ -74,7 +83,9 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     before, after = slice(0, first), slice(first + 6, None)
     q = np.concatenate([x[:, before], origin, quaternions(rotation), x[:, after]], axis=1)
     moved = rate[:, first : first + 3] @ character.bodies[character.base_body].rotation.T
-    return q, np.concatenate([rate[:, before], moved, np.append(spin, spin[-1:], axis=0), rate[:, after]], axis=1)
+    return q, np.concatenate(
+        [rate[:, before], moved, np.append(spin, spin[-1:], axis=0), rate[:, after]], axis=1
+    )
 
 
 def _linear(values: Array, times: Array, dt: float) -> Array:
@@ -96,6 +107,13 @@ def ground_of(solution: Solution) -> Plane:
     p = solution.parameters
     names = ("terrain.normal_x", "terrain.normal_y", "terrain.normal_z", "terrain.height")
     if not all(name in p for name in names):
-        raise ProblemError("the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or sloped ground only")
+        raise ProblemError(
+            "the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or "
+            "sloped ground only"
+        )
     x, y, z, height = (p[name] for name in names)
-    return Plane(slope=float(np.arctan2(np.hypot(x, y), z)), direction=float(np.arctan2(-y, -x)), height=height)
+    return Plane(
+        slope=float(np.arctan2(np.hypot(x, y), z)),
+        direction=float(np.arctan2(-y, -x)),
+        height=height,
+    )

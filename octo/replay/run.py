@@ -1,4 +1,5 @@
-"""Replays of a plan in a plant: from the plan's own start or from perturbed ones, and what became of each."""
+"""Replays of a plan in a plant: from the plan's own start or from perturbed ones, and what became
+of each."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell
 FALLEN_HEIGHT = 0.5  # of the start's
 FALLEN_TILT = np.deg2rad(60.0)
-RAISED, TILTED, BENT, MOVING = 0.01, 0.04, 0.02, 0.05  # m (uniform, 0 to it), rad, rad, m/s and rad/s (normal)
+# m (uniform, 0 to it), rad, rad, m/s and rad/s (normal)
+RAISED, TILTED, BENT, MOVING = 0.01, 0.04, 0.02, 0.05
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,13 @@ class Start:
 
     Attributes
     ----------
-    start: its number, 0 for the plan's own. fell: whether the base came under half its start height or tilted over 60°.
-    seconds_upright: s, until then, or all of the plan. drift: m, horizontal distance of the base from the planned one at
+    start: its number, 0 for the plan's own. fell: whether the base came under half its start height
+        or tilted over 60°.
+    seconds_upright: s, until then, or all of the plan. drift: m, horizontal distance of the base
+        from the planned one at
     that time. tracking_error: rad (or m), root mean square over the actuated joints while upright.
-    torque_use: largest |torque|/limit asked for before it was clipped, of the joints with a positive limit; 0 without.
+    torque_use: largest |torque|/limit asked for before it was clipped, of the joints with a
+        positive limit; 0 without.
     """
 
     start: int
@@ -45,7 +50,8 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """All starts of one plan; ``motion`` is the first one as a Solution, for pictures beside the plan."""
+    """All starts of one plan; ``motion`` is the first one as a Solution, for pictures beside the
+    plan."""
 
     plan: Solution
     motion: Solution
@@ -72,8 +78,10 @@ class Replay:
         times = ", ".join(f"{start.seconds_upright:.2f}" for start in self.starts)
         report = self.report()
         return (
-            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of {count} stood for {duration:g} s "
-            f"(upright for {times} s); drift {report['drift']:.3f} m, joints off by {report['tracking_error']:.3f} rad"
+            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of "
+            f"{count} stood for {duration:g} s "
+            f"(upright for {times} s); drift {report['drift']:.3f} m, joints off by "
+            f"{report['tracking_error']:.3f} rad"
         )
 
 
@@ -90,20 +98,23 @@ def replay(
 ) -> Replay:
     """Run a plan, a Solution or the path of one, in MuJoCo.
 
-    Planned torques are feed-forward, beside a PD on the joints and, with ``feedback`` "base", a wrench that pulls the base to
-    the plan through the feet planned to be in stance. Torques are clipped to the robot's limits. A run ends with the plan or
-    with a fall.
+    Planned torques are feed-forward, beside a PD on the joints and, with ``feedback`` "base", a
+    wrench that pulls the base to the plan through the feet planned to be in stance. Torques are
+    clipped to the robot's limits. A run ends with the plan or with a fall.
 
     Parameters
     ----------
-    kp: N m/rad, kd: N m s/rad, of every joint; by default in proportion to the robot. friction: of the plant.
-    starts: so many perturbed starts (base raised 0–1 cm; normal noise on roll and pitch .04 rad, joints .02 rad, base
-        velocity .05 m/s and rad/s), drawn from ``seed``; None is the plan's own start alone.
+    kp: N m/rad, kd: N m s/rad, of every joint; by default in proportion to the robot. friction: of
+        the plant.
+    starts: so many perturbed starts (base raised 0–1 cm; normal noise on roll and pitch .04 rad,
+        joints .02 rad, base velocity .05 m/s and rad/s), drawn from ``seed``; None is the plan's
+        own start alone.
     timestep: s, of plant and control.
 
     Raises
     ------
-    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane. ValueRangeError, UnknownNameError.
+    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane.
+        ValueRangeError, UnknownNameError.
     """
     one_of("feedback", feedback, FEEDBACKS)
     whole("seed", seed, 0)
@@ -114,17 +125,27 @@ def replay(
         whole("starts", starts, most=100_000)
     solution = solution_of(solution)
     if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
-        raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s")
+        raise ValueRangeError(
+            f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s"
+        )
     robot = solution.character
     if robot is None or robot.base != "floating" or robot.nu == 0:
-        raise ProblemError("replay needs a robot with a floating base and actuated joints: nothing else can fall")
+        raise ProblemError(
+            "replay needs a robot with a floating base and actuated joints: nothing else can fall"
+        )
     plant = MujocoPlant(
-        robot, terrain=ground_of(solution), friction=friction, timestep=timestep,
+        robot,
+        terrain=ground_of(solution),
+        friction=friction,
+        timestep=timestep,
         gravity=[solution.parameters[f"gravity_{c}"] for c in "xyz"],
-    )  # fmt: skip
+    )
     gains = Gains.of(solution, kp, kd, friction)
     controller = Controller(
-        Plan.of(solution, timestep), gains if feedback == "base" else gains.without_base(), plant, solution.length
+        Plan.of(solution, timestep),
+        gains if feedback == "base" else gains.without_base(),
+        plant,
+        solution.length,
     )
     rng = np.random.default_rng(seed)
     records, motion = [], None
@@ -134,9 +155,14 @@ def replay(
         records.append(tracks.record(number))
         motion = motion or tracks.solution(solution)
     settings = {
-        "feedback": feedback, "kp": gains.kp, "kd": gains.kd, "friction": friction, "timestep": timestep,
-        "perturbed": starts is not None, "seed": seed,
-    }  # fmt: skip
+        "feedback": feedback,
+        "kp": gains.kp,
+        "kd": gains.kd,
+        "friction": friction,
+        "timestep": timestep,
+        "perturbed": starts is not None,
+        "seed": seed,
+    }
     assert motion is not None
     return Replay(solution, motion, tuple(records), settings)
 
@@ -168,27 +194,46 @@ class _Tracks:
         return Start(number, self.fell, round(upright, 6), self.drift, error, self.torque_use)
 
     def solution(self, plan: Solution) -> Solution:
-        """The motion as a Solution: what it shares with the plan's is the robot, the ground and the time step."""
+        """The motion as a Solution: what it shares with the plan's is the robot, the ground and the
+        time step."""
         x = np.array([self.nodes[0], *self.nodes])
         force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
         normal = np.broadcast_to(self.controller.normal, force.shape)
         return replace(
-            plan, name=f"{plan.name} in MuJoCo", x=x, u=np.array(self.torques), contact_force=force, contact_point=point,
-            contact_normal=normal, contact_velocity=np.zeros_like(force), contact_depth=np.zeros(force.shape[:2]),
-            status=Status.SIMULATED, terms={}, passes=(), starts=(), history={}, iterations=0, factorizations=0,
-        )  # fmt: skip
+            plan,
+            name=f"{plan.name} in MuJoCo",
+            x=x,
+            u=np.array(self.torques),
+            contact_force=force,
+            contact_point=point,
+            contact_normal=normal,
+            contact_velocity=np.zeros_like(force),
+            contact_depth=np.zeros(force.shape[:2]),
+            status=Status.SIMULATED,
+            terms={},
+            passes=(),
+            starts=(),
+            history={},
+            iterations=0,
+            factorizations=0,
+        )
 
 
 def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
     """The plan from one state; nodes are kept every ``dt`` s."""
     plant, plan = controller.plant, controller.plan
     plant.reset(q, v)
-    tracks, every, standing, j = _Tracks(controller, [plant.x]), round(dt / plan.timestep), plant.height, controller.first
+    tracks = _Tracks(controller, [plant.x])
+    every = round(dt / plan.timestep)
+    standing = plant.height
+    j = controller.first
     limits, often = controller.plan.character.torque_limit, max(1, round(LOOK / plan.timestep))
     limited = limits > 0.0
     for k in range(plan.steps):
         u = controller(k)
-        tracks.torque_use = max(tracks.torque_use, float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0)))
+        tracks.torque_use = max(
+            tracks.torque_use, float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0))
+        )
         error = plan.q[k, controller.in_q] - plant.q[controller.in_q]
         tracks.squares += float(np.mean(error**2))
         plant.step(u)
@@ -202,7 +247,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         if plant.height < FALLEN_HEIGHT * standing or not up > np.cos(FALLEN_TILT):
             tracks.fell = True
             break
-    if not tracks.torques:  # it fell before the first node: its end is one, or there would be no motion to show
+    # it fell before the first node: its end is one, or there would be no motion to show
+    if not tracks.torques:
         tracks.keep()
     return tracks
 

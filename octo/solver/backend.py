@@ -1,4 +1,5 @@
-"""What the rules ask of the place where the large arrays live: NumPy and native code here, a device in octo.gpu."""
+"""What the rules ask of the place where the large arrays live: NumPy and native code here, a device
+in octo.gpu."""
 
 from __future__ import annotations
 
@@ -43,10 +44,16 @@ class Backend:
         """At the end of a stage of an iteration: wait for the device, where stages are timed."""
 
     def linearize(
-        self, problem: CompiledProblem, at: Evaluation, lam: Array, exact: bool, curved: NDArray[np.bool_] | None = None
+        self,
+        problem: CompiledProblem,
+        at: Evaluation,
+        lam: Array,
+        exact: bool,
+        curved: NDArray[np.bool_] | None = None,
     ) -> Model:
-        """Eq. 9, with the curvature of lamᵀC and of the torques where ``exact``, and then of the terms over contacts of the
-        members ``curved`` (batch,) too, by default of all; it holds until the next one is asked for."""
+        """Eq. 9, with the curvature of lamᵀC and of the torques where ``exact``, and then of the
+        terms over contacts of the members ``curved`` (batch,) too, by default of all; it holds
+        until the next one is asked for."""
         return problem.linearize(at, lam if exact else None, curved)
 
     def evaluate(self, problem: CompiledProblem, unknowns: Array) -> Evaluation:
@@ -71,7 +78,14 @@ class Backend:
         """Eq. 12 with its products."""
         return KKTBlocks(model.H, model.A, model.b, model.C)
 
-    def factors(self, problem: CompiledProblem, model: Model, at: Evaluation, lam: Array, options: SqpOptions) -> Factors:
+    def factors(
+        self,
+        problem: CompiledProblem,
+        model: Model,
+        at: Evaluation,
+        lam: Array,
+        options: SqpOptions,
+    ) -> Factors:
         """Where the KKT matrices of this iterate will be factored; ``model`` is the last one."""
         return HostFactors(self.blocks(model), lam, options, problem.threads)
 

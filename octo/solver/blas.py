@@ -1,4 +1,5 @@
-"""One BLAS thread for products of small blocks: its threads wait for one another longer than they work."""
+"""One BLAS thread for products of small blocks: its threads wait for one another longer than they
+work."""
 
 from __future__ import annotations
 
@@ -13,14 +14,17 @@ Limit = Callable[[], contextlib.AbstractContextManager[Any]]
 
 _lock = threading.Lock()
 _inside = 0  # threads of Python that are inside a limit
-_held: dict[str, contextlib.AbstractContextManager[Any]] = {}  # the limits that hold, in the order in which they were set
+# the limits that hold, in the order in which they were set
+_held: dict[str, contextlib.AbstractContextManager[Any]] = {}
 
 
 @contextlib.contextmanager
 def shared(name: str, limit: Limit) -> Iterator[None]:
-    """``limit()`` holds inside; of several threads' the last one to leave sets everything back to what it was at first.
+    """``limit()`` holds inside; of several threads' the last one to leave sets everything back to
+    what it was at first.
 
-    A limit sets back what it found: two that overlap without this leave the second one's finding, the first one's limit.
+    A limit sets back what it found: two that overlap without this leave the second one's finding,
+    the first one's limit.
     """
     global _inside
     with _lock:
@@ -48,7 +52,8 @@ def _controller() -> Any:
 
 
 def one_thread() -> contextlib.AbstractContextManager[Any]:
-    """``with one_thread():`` BLAS has one thread inside (25 µs); nothing changes where threadpoolctl is missing."""
+    """``with one_thread():`` BLAS has one thread inside (25 µs); nothing changes where
+    threadpoolctl is missing."""
     controller = _controller()
     if controller is None:
         return contextlib.nullcontext()

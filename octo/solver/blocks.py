@@ -1,7 +1,7 @@
 """Blocks of the KKT system of Eq. 12, their products, and the SBT storage of appendix B.
 
-A trajectory has K units; unit k is a variable block v_k (nc) and a multiplier block lam_k (ma). Row block k of the
-Hessian and of the constraint Jacobian touches the variables k, k-1 and k-2 only.
+A trajectory has K units; unit k is a variable block v_k (nc) and a multiplier block lam_k (ma). Row
+block k of the Hessian and of the constraint Jacobian touches the variables k, k-1 and k-2 only.
 """
 
 from __future__ import annotations
@@ -51,7 +51,11 @@ class KKTBlocks:
     def hessian_times(self, v: Array, sigma: Array | None = None) -> Array:
         """(H + diag(sigma)) v for v (batch, K, nc) or (batch, K, nc, count)."""
         product = block_times(self.H, v) + transposed_times(self.H, v, first=1)
-        return product if sigma is None else product + spread_sigma(sigma, self.H).reshape(_like(v, 3)) * v
+        return (
+            product
+            if sigma is None
+            else product + spread_sigma(sigma, self.H).reshape(_like(v, 3)) * v
+        )
 
     def constraints_times(self, v: Array) -> Array:
         """A v (batch, K, ma) for v (batch, K, nc), or with one more axis of columns."""
@@ -62,15 +66,22 @@ class KKTBlocks:
         return transposed_times(self.A, lam)
 
     def residual(
-        self, dv: Array, lam: Array, sigma: Array | None = None, rhs_v: Array | None = None, rhs_c: Array | None = None
+        self,
+        dv: Array,
+        lam: Array,
+        sigma: Array | None = None,
+        rhs_v: Array | None = None,
+        rhs_c: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Right-hand side minus KKT matrix times (dv, lam); the right-hand side is (-b, -C) unless given."""
+        """Right-hand side minus KKT matrix times (dv, lam); the right-hand side is (-b, -C) unless
+        given."""
         stationarity = (-self.b if rhs_v is None else rhs_v) - self.hessian_times(dv, sigma)
         feasibility = (-self.C if rhs_c is None else rhs_c) - self.constraints_times(dv)
         return stationarity - self.constraints_transposed_times(lam), feasibility
 
     def dense(self, sigma: Array | None = None) -> Array:
-        """The KKT matrix (batch, K(nc+ma), K(nc+ma)), all variables first, then all multipliers: for tests."""
+        """The KKT matrix (batch, K(nc+ma), K(nc+ma)), all variables first, then all multipliers:
+        for tests."""
         xp, (batch, K, nc, ma) = array_module(self.H), (self.batch, self.units, self.nc, self.ma)
         matrix = xp.zeros((batch, K * (nc + ma), K * (nc + ma)))
         for k in range(K):
@@ -87,7 +98,8 @@ class KKTBlocks:
         return matrix
 
     def sbt(self, sigma: Array | None = None) -> SBT:
-        """The KKT matrix as SBT(2(nc+ma)): units paired and interleaved, an odd K padded by an identity unit."""
+        """The KKT matrix as SBT(2(nc+ma)): units paired and interleaved, an odd K padded by an
+        identity unit."""
         xp, (batch, K, nc, ma) = array_module(self.H), (self.batch, self.units, self.nc, self.ma)
         u, even = nc + ma, K + K % 2
         unit = xp.zeros((3, batch, even, u, u))  # unit[o, :, k] couples unit k to unit k - o
@@ -113,7 +125,8 @@ class KKTBlocks:
 
 @dataclass(frozen=True)
 class SBT:
-    """Symmetric block-tridiagonal matrix: diagonal (batch, D, B, B), lower (batch, D-1, B, B) = block (i+1, i)."""
+    """Symmetric block-tridiagonal matrix: diagonal (batch, D, B, B), lower (batch, D-1, B, B) =
+    block (i+1, i)."""
 
     diagonal: Array
     lower: Array
@@ -127,7 +140,8 @@ class SBT:
 
 
 def interleave(v: Array, lam: Array) -> Array:
-    """(batch, K, nc, count), (batch, K, ma, count) -> (batch, D, B, count) in the order of ``KKTBlocks.sbt``."""
+    """(batch, K, nc, count), (batch, K, ma, count) -> (batch, D, B, count) in the order of
+    ``KKTBlocks.sbt``."""
     xp = array_module(v)
     units = xp.concatenate([v, lam], axis=2)
     if v.shape[1] % 2:
@@ -136,7 +150,8 @@ def interleave(v: Array, lam: Array) -> Array:
 
 
 def separate(x: Array, units: int, nc: int) -> tuple[Array, Array]:
-    """Undo ``interleave``: (batch, D, B, count) -> v (batch, K, nc, count), lam (batch, K, ma, count)."""
+    """Undo ``interleave``: (batch, D, B, count) -> v (batch, K, nc, count), lam (batch, K, ma,
+    count)."""
     both = x.reshape(x.shape[0], 2 * x.shape[1], x.shape[2] // 2, x.shape[3])[:, :units]
     return both[:, :, :nc], both[:, :, nc:]
 
@@ -145,7 +160,9 @@ def spread_sigma(sigma: Array, H: Array) -> Array:
     """A scalar, (batch,), (batch, K) or (batch, K, nc) weight as (batch, K, nc)."""
     xp = array_module(H)
     sigma = xp.asarray(sigma, dtype=float)
-    return xp.broadcast_to(sigma.reshape(sigma.shape + (1,) * (3 - sigma.ndim)), (*H.shape[:2], H.shape[3]))
+    return xp.broadcast_to(
+        sigma.reshape(sigma.shape + (1,) * (3 - sigma.ndim)), (*H.shape[:2], H.shape[3])
+    )
 
 
 def block_times(blocks: Array, v: Array) -> Array:

@@ -1,13 +1,15 @@
-"""Block cyclic reduction of the KKT matrix (§6, appendix B), over NumPy or CuPy, all problems of a batch at once.
+"""Block cyclic reduction of the KKT matrix (§6, appendix B), over NumPy or CuPy, all problems of a
+batch at once.
 
-Every other block of the symmetric block-tridiagonal matrix is eliminated, which leaves one of half the blocks; log2
-levels. A pivot block is scaled and factored by its eigenvalues, V diag(d) Vᵀ: that pivots inside the block, shows its
-inertia, and the inertia of the whole is the sum of those of its pivot blocks (Haynsworth). Eigenvalues are exact to the
-digits of the largest alone, and blocks that are left after small pivots have entries of 1e8 beside 1: hence the scaling
-at every level. The last block is kept to the end:
-the rows of a fixed last unit touch earlier units only, so that it is singular until those are eliminated. A pivot
-block can be singular elsewhere too, where the matrix is not or where rows are dependent: an eigenvalue that is
-nothing but rounding becomes −SHIFT, and refinement removes what that changed.
+Every other block of the symmetric block-tridiagonal matrix is eliminated, which leaves one of half
+the blocks; log2 levels. A pivot block is scaled and factored by its eigenvalues, V diag(d) Vᵀ: that
+pivots inside the block, shows its inertia, and the inertia of the whole is the sum of those of its
+pivot blocks (Haynsworth). Eigenvalues are exact to the digits of the largest alone, and blocks that
+are left after small pivots have entries of 1e8 beside 1: hence the scaling at every level. The last
+block is kept to the end: the rows of a fixed last unit touch earlier units only, so that it is
+singular until those are eliminated. A pivot block can be singular elsewhere too, where the matrix
+is not or where rows are dependent: an eigenvalue that is nothing but rounding becomes −SHIFT, and
+refinement removes what that changed.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from octo.errors import ShapeError
 from octo.solver import blas
 from octo.solver.blocks import SBT, Array, KKTBlocks, array_module, interleave, separate
 
-ROUNDING = 1e-11  # an eigenvalue of a pivot block of the equilibrated matrix, entries up to 1, below this is none
+# an eigenvalue of a pivot block of the equilibrated matrix, entries up to 1, below this is none
+ROUNDING = 1e-11
 SHIFT = 1e-8  # what it becomes, negated: half the digits are lost to it, refinement wins them back
-EQUILIBRATIONS = 3  # passes of Ruiz scaling: the largest entry of every row and column to within a few per cent of 1
+# passes of Ruiz scaling: the largest entry of every row and column to within a few per cent of 1
+EQUILIBRATIONS = 3
 
 
 @dataclass(frozen=True)
@@ -32,17 +36,20 @@ class _Level:
     """
 
     lead: int
-    half: Array  # (batch, E, B, B), S V / sqrt|d| where S P S = V diag(d) Vᵀ, S the scales of the pivot block P
+    # (batch, E, B, B), S V / sqrt|d| where S P S = V diag(d) Vᵀ, S the scales of the pivot block P
+    half: Array
     sign: Array  # (batch, E, B, 1), of d
     left: Array  # (batch, E - lead, B, B), halfᵀ times the block towards the block before
     right: Array  # (batch, E, B, B), halfᵀ times the block towards the block after
 
 
 class ReducedSBT:
-    """A factored SBT(D, B) of a batch. negatives (batch,): negative eigenvalues of the matrix, counted by pivot blocks.
+    """A factored SBT(D, B) of a batch. negatives (batch,): negative eigenvalues of the matrix,
+    counted by pivot blocks.
 
-    excess_block (batch,): the first pivot block, in the order of elimination, with more than `expected` negative
-    eigenvalues, −1 for none. shifted (batch,): eigenvalues that were rounding. Factor finite numbers only.
+    excess_block (batch,): the first pivot block, in the order of elimination, with more than
+    `expected` negative eigenvalues, −1 for none. shifted (batch,): eigenvalues that were rounding.
+    Factor finite numbers only.
     """
 
     def __init__(self, matrix: SBT, expected: int):
@@ -60,7 +67,8 @@ class ReducedSBT:
             lead = 1 - diagonal.shape[1] % 2
             half, sign = self._pivots(diagonal[:, 1 - lead :: 2], block[1 - lead :: 2])
             turned = xp.swapaxes(half, -1, -2)
-            left, right = turned[:, lead:] @ lower[:, lead::2], turned @ xp.swapaxes(lower[:, 1 - lead :: 2], -1, -2)
+            left = turned[:, lead:] @ lower[:, lead::2]
+            right = turned @ xp.swapaxes(lower[:, 1 - lead :: 2], -1, -2)
             self._levels.append(_Level(lead, half, sign, left, right))
             weighted = sign[:, lead:] * left
             diagonal = diagonal[:, lead::2].copy()
@@ -71,7 +79,8 @@ class ReducedSBT:
         self._last = self._pivots(diagonal, block)
 
     def _pivots(self, pivot: Array, block: Array) -> tuple[Array, Array]:
-        """S V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added to the totals."""
+        """S V / sqrt|d| and the signs of d of pivot blocks (batch, O, B, B); their inertia is added
+        to the totals."""
         xp = self._xp
         scale = _equilibration(SBT(pivot, pivot[:, :0]), ROUNDING)
         values, vectors = xp.linalg.eigh(scale[..., :, None] * pivot * scale[..., None, :])
@@ -83,7 +92,9 @@ class ReducedSBT:
         excess = negatives > self._expected
         found = xp.where(excess.any(axis=1), block[xp.argmax(excess, axis=1)], -1)
         self.excess_block = xp.where(self.excess_block < 0, found, self.excess_block)
-        return scale[..., None] * vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[..., None]
+        return scale[..., None] * vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[
+            ..., None
+        ]
 
     def solve(self, rhs: Array) -> Array:
         """x (batch, D, B, count), without refinement."""
@@ -110,7 +121,8 @@ class ReducedSBT:
 
 
 def _equilibration(matrix: SBT, least: float = 0.0) -> Array:
-    """Scales s (batch, D, B) that bring the largest entry of every row of diag(s) M diag(s), above ``least``, close to 1."""
+    """Scales s (batch, D, B) that bring the largest entry of every row of diag(s) M diag(s), above
+    ``least``, close to 1."""
     xp = array_module(matrix.diagonal)
     diagonal, lower = xp.abs(matrix.diagonal), xp.abs(matrix.lower)
     scale = xp.ones(diagonal.shape[:3])
@@ -125,11 +137,13 @@ def _equilibration(matrix: SBT, least: float = 0.0) -> Array:
 
 
 class CyclicReductionFactor:
-    """A factored batch of KKT matrices, with the interface of ``EliminationFactor``; H, A and sigma held by reference.
+    """A factored batch of KKT matrices, with the interface of ``EliminationFactor``; H, A and sigma
+    held by reference.
 
-    negative (batch,): negative eigenvalues beyond the number of constraints; first_bad (batch,): first unit of the
-    first block found to have more of them than it has constraint rows, −1 where no single block shows it;
-    shifted (batch,): eigenvalues that were rounding (rows of fixed units, dependent rows); usable (batch,): can solve.
+    negative (batch,): negative eigenvalues beyond the number of constraints; first_bad (batch,):
+    first unit of the first block found to have more of them than it has constraint rows, −1 where
+    no single block shows it; shifted (batch,): eigenvalues that were rounding (rows of fixed units,
+    dependent rows); usable (batch,): can solve.
     """
 
     def __init__(self, H: Array, A: Array, sigma: Array | None = None):
@@ -140,7 +154,9 @@ class CyclicReductionFactor:
         self._xp, self._sigma = xp, sigma
         self._blocks = KKTBlocks(H, A, xp.zeros((batch, K, nc)), xp.zeros((batch, K, ma)))
         matrix = self._blocks.sbt(sigma)
-        finite = xp.isfinite(matrix.diagonal).all(axis=(1, 2, 3)) & xp.isfinite(matrix.lower).all(axis=(1, 2, 3))
+        finite = xp.isfinite(matrix.diagonal).all(axis=(1, 2, 3)) & xp.isfinite(matrix.lower).all(
+            axis=(1, 2, 3)
+        )
         keep = finite[:, None, None, None]  # one member that is not finite must not stop the others
         identity = xp.eye(matrix.diagonal.shape[-1])
         matrix = SBT(xp.where(keep, matrix.diagonal, identity), xp.where(keep, matrix.lower, 0.0))
@@ -155,7 +171,8 @@ class CyclicReductionFactor:
 
     @property
     def inertia_ok(self) -> Array:
-        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        """True (batch,) where the Hessian is positive definite on the null space of the
+        constraints."""
         return self.usable & (self.negative == 0)
 
     def solve(
@@ -167,11 +184,14 @@ class CyclicReductionFactor:
         tolerance: float = 1e-10,
         check: bool = False,
     ) -> tuple[Array, Array]:
-        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in ``EliminationFactor.solve``."""
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in
+        ``EliminationFactor.solve``."""
         xp, (batch, K, nc, ma) = self._xp, self.shape
         columns_v = rhs_v if rhs_v.ndim == 4 else rhs_v[..., None]
         if columns_v.shape[:3] != (batch, K, nc):
-            raise ShapeError("rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns")
+            raise ShapeError(
+                "rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns"
+            )
         if rhs_c is None:
             columns_c: Any = xp.zeros((batch, K, ma, columns_v.shape[3]))
         else:
@@ -190,7 +210,8 @@ class CyclicReductionFactor:
             coarse = (self.residual > tolerance).any(axis=1)[:, None, None, None]
             if step == refine or not bool(coarse.any()):
                 break
-            more_v, more_lam = self._once(left_v, left_c)  # of the coarse members only: no member depends on another
+            # of the coarse members only: no member depends on another
+            more_v, more_lam = self._once(left_v, left_c)
             dv, lam = xp.where(coarse, dv + more_v, dv), xp.where(coarse, lam + more_lam, lam)
         keep = self.usable[:, None, None, None]
         dv, lam = xp.where(keep, dv, xp.nan), xp.where(keep, lam, xp.nan)
@@ -198,7 +219,9 @@ class CyclicReductionFactor:
 
     def _once(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         with blas.one_thread():
-            return separate(self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2])
+            return separate(
+                self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2]
+            )
 
     def _largest(self, part_v: Array, part_c: Array) -> Array:
         """(batch, count) largest entry of both parts."""

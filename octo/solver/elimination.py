@@ -1,11 +1,13 @@
-"""Window elimination: the KKT matrix factored unit by unit, backward in time (elimination.c), the CPU's fast way.
+"""Window elimination: the KKT matrix factored unit by unit, backward in time (elimination.c), the
+CPU's fast way.
 
-With two threads for a problem one of them comes forward in time to meet the other. The answer is then the same up to
-rounding; with any other number of threads it is the same to the last bit.
+With two threads for a problem one of them comes forward in time to meet the other. The answer is
+then the same up to rounding; with any other number of threads it is the same to the last bit.
 
-A unit's constraint rows are solved for as many of its variables as they have rank; what is left of the Hessian is
-eliminated by Cholesky, so its pivots are those of the Hessian on the null space of the constraints. Hence the
-inertia: the KKT matrix has K·ma negative eigenvalues, and no more, exactly when all those pivots are positive.
+A unit's constraint rows are solved for as many of its variables as they have rank; what is left of
+the Hessian is eliminated by Cholesky, so its pivots are those of the Hessian on the null space of
+the constraints. Hence the inertia: the KKT matrix has K·ma negative eigenvalues, and no more,
+exactly when all those pivots are positive.
 """
 
 from __future__ import annotations
@@ -26,8 +28,11 @@ _POINTER: Any = ctypes.c_void_p
 _INT: Any = ctypes.c_int
 _DOUBLE: Any = ctypes.c_double
 _SIZE: Any = ctypes.c_ssize_t
-SHARED_WORK = 40_000  # K·nc² from which two threads for one problem save more than starting the second costs
-_MUCH = 2**24  # bytes, from which the C library is asked to give back what it keeps of them too: that takes milliseconds
+# K·nc² from which two threads for one problem save more than starting the second costs
+SHARED_WORK = 40_000
+# bytes, from which the C library is asked to give back what it keeps of them too: that takes
+# milliseconds
+_MUCH = 2**24
 _trim: Any = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
 _POOLED = 4  # memories kept for the next factorisation of the same shape
 
@@ -47,7 +52,13 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
     made.octo_factor_batch.argtypes = [_INT] * 4 + [_POINTER] * 3 + [_INT] * 2 + [_POINTER] * 4
     made.octo_factor_batch.restype = None
     made.octo_solve_batch.argtypes = (
-        [_INT] * 4 + [_POINTER] * 3 + [_INT] + [_POINTER] * 3 + [_INT] + [_POINTER] * 2 + [_INT, _DOUBLE, _INT]
+        [_INT] * 4
+        + [_POINTER] * 3
+        + [_INT]
+        + [_POINTER] * 3
+        + [_INT]
+        + [_POINTER] * 2
+        + [_INT, _DOUBLE, _INT]
     ) + [_POINTER] * 4
     made.octo_solve_batch.restype = None
     made.octo_receding_bytes.restype = _SIZE
@@ -62,7 +73,9 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
     if ma > 0:
         made.octo_normal_factor.argtypes = [_INT] * 3 + [_POINTER] * 3
         made.octo_normal_factor.restype = None
-        made.octo_normal_solve.argtypes = [_INT] * 3 + [_POINTER] * 3 + [_INT, _POINTER, _INT] + [_POINTER] * 3
+        made.octo_normal_solve.argtypes = (
+            [_INT] * 3 + [_POINTER] * 3 + [_INT, _POINTER, _INT] + [_POINTER] * 3
+        )
         made.octo_normal_solve.restype = None
     return made
 
@@ -75,12 +88,14 @@ def aligned(doubles: int) -> Floats:
 
 
 def _split(batch: int, threads: int, K: int, nc: int) -> int:
-    """Units that a second thread eliminates from the front, where there are two threads for each problem; else 0."""
+    """Units that a second thread eliminates from the front, where there are two threads for each
+    problem; else 0."""
     return (K - 2) // 2 if threads >= 2 * batch and K >= 8 and K * nc * nc >= SHARED_WORK else 0
 
 
 class Memory:
-    """What a factor is stored in; reused, because first touching megabytes costs as much as factoring."""
+    """What a factor is stored in; reused, because first touching megabytes costs as much as
+    factoring."""
 
     def __init__(self, made: ctypes.CDLL, batch: int, K: int, threads: int):
         self.units = aligned((made.octo_unit_bytes() * batch * K + 7) // 8)
@@ -97,7 +112,8 @@ class Memory:
         return address(self._scratch)
 
 
-_pool: dict[tuple[int, ...], list[Memory]] = {}  # changed by single operations: threads, and what ends in any of them, share it
+# changed by single operations: threads, and what ends in any of them, share it
+_pool: dict[tuple[int, ...], list[Memory]] = {}
 
 
 def _pooled(key: tuple[int, ...]) -> Memory | None:
@@ -109,8 +125,13 @@ def _pooled(key: tuple[int, ...]) -> Memory | None:
 
 
 def release() -> None:
-    """Give back the memories that are kept for the next factorisation: at the end of a solve there is none."""
-    kept = sum(memory.units.nbytes + memory.store.nbytes for free in list(_pool.values()) for memory in list(free))
+    """Give back the memories that are kept for the next factorisation: at the end of a solve there
+    is none."""
+    kept = sum(
+        memory.units.nbytes + memory.store.nbytes
+        for free in list(_pool.values())
+        for memory in list(free)
+    )
     _pool.clear()
     if kept > _MUCH and _trim is not None:
         _trim(0)
@@ -124,33 +145,45 @@ def address(array: NDArray) -> int:
 class EliminationFactor:
     """A factored batch. Holds H, A and sigma by reference: they must not change while it is used.
 
-    negative (batch,): non-positive pivots met; first_bad (batch,): the unit of the first one (with two threads a
-    problem: of one of them), -1 for none; dependent (batch,): constraint rows that depend on others (their
-    multiplier is 0); usable (batch,): can solve.
+    negative (batch,): non-positive pivots met; first_bad (batch,): the unit of the first one (with
+    two threads a problem: of one of them), -1 for none; dependent (batch,): constraint rows that
+    depend on others (their multiplier is 0); usable (batch,): can solve.
     """
 
-    def __init__(self, H: Floats, A: Floats, sigma: Floats | None, *, stop: bool = True, threads: int = 1):
+    def __init__(
+        self, H: Floats, A: Floats, sigma: Floats | None, *, stop: bool = True, threads: int = 1
+    ):
         batch, K, _, nc, _ = H.shape
         made = library(nc, A.shape[3])
         if made is None:
-            raise DeviceError("the window elimination needs a C compiler; use the method 'cyclic_reduction'")
+            raise DeviceError(
+                "the window elimination needs a C compiler; use the method 'cyclic_reduction'"
+            )
         self.shape = (batch, K, nc, int(A.shape[3]))
         self._library, self._key = made, (*self.shape, threads)
         self._sizes = (batch, threads, K, _split(batch, threads, K, nc))
         self._held = (H, A, sigma)
         self._memory = _pooled(self._key) or Memory(made, batch, K, threads)
         per_variable = int(sigma is not None and sigma.ndim == 3)
-        self._problem = (address(H), address(A), None if sigma is None else address(sigma), per_variable)
+        self._problem = (
+            address(H),
+            address(A),
+            None if sigma is None else address(sigma),
+            per_variable,
+        )
         verdict = np.empty((batch, 4), dtype=np.int32)
         self._verdict = verdict
-        made.octo_factor_batch(*self._sizes, *self._problem, int(stop), *self._memory.at, address(verdict))
+        made.octo_factor_batch(
+            *self._sizes, *self._problem, int(stop), *self._memory.at, address(verdict)
+        )
         self.negative, self.first_bad, self.dependent = verdict[:, 0], verdict[:, 1], verdict[:, 2]
         self.usable = verdict[:, 3] != 0
         self.residual: Floats = np.full((batch, 1), np.nan)
 
     @property
     def inertia_ok(self) -> NDArray[np.bool_]:
-        """True (batch,) where the Hessian is positive definite on the null space of the constraints."""
+        """True (batch,) where the Hessian is positive definite on the null space of the
+        constraints."""
         return self.usable & (self.negative == 0)
 
     def __del__(self) -> None:
@@ -170,12 +203,13 @@ class EliminationFactor:
         tolerance: float = 1e-10,
         check: bool = False,
     ) -> tuple[Floats, Floats]:
-        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of KKT [dv; lam] = [rhs_v; rhs_c].
+        """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of KKT [dv; lam] = [rhs_v;
+        rhs_c].
 
-        rhs_c None is zero. At most `refine` refinements, while the relative residual exceeds `tolerance` (each wins
-        four digits or more: Nodes rarely needs one, Hermite one or two);
-        `residual` (batch, count) is then the last one computed, that of the answer itself with `check`.
-        A member that is not `usable` gets NaN.
+        rhs_c None is zero. At most `refine` refinements, while the relative residual exceeds
+        `tolerance` (each wins four digits or more: Nodes rarely needs one, Hermite one or two);
+        `residual` (batch, count) is then the last one computed, that of the answer itself with
+        `check`. A member that is not `usable` gets NaN.
         """
         batch, K, nc, ma = self.shape
         count = rhs_v.shape[3] if rhs_v.ndim == 4 else 1
@@ -186,7 +220,14 @@ class EliminationFactor:
         self.residual = np.full((batch, count), np.nan)
         self._library.octo_solve_batch(
             *(*self._sizes, *self._problem, *self._memory.at[:2], address(self._verdict)),
-            *(count, address(rhs_v), None if rhs_c is None else address(rhs_c), refine, tolerance, int(check)),
+            *(
+                count,
+                address(rhs_v),
+                None if rhs_c is None else address(rhs_c),
+                refine,
+                tolerance,
+                int(check),
+            ),
             *(self._memory.scratch(count), address(dv), address(lam), address(self.residual)),
         )
         return dv, lam
@@ -199,12 +240,18 @@ def _checked(name: str, array: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def factorize(
-    H: Floats, A: Floats, sigma: float | Floats | None = None, *, stop: bool = True, threads: int = 1
+    H: Floats,
+    A: Floats,
+    sigma: float | Floats | None = None,
+    *,
+    stop: bool = True,
+    threads: int = 1,
 ) -> EliminationFactor:
     """Factor [[H + diag(sigma), Aᵀ], [A, 0]]; H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc).
 
-    sigma: None, a number, (batch,), (batch, K) or (batch, K, nc). With `stop` a member is left at its first
-    non-positive pivot (its unit is `first_bad`); without, they are counted and the factor can still solve.
+    sigma: None, a number, (batch,), (batch, K) or (batch, K, nc). With `stop` a member is left at
+    its first non-positive pivot (its unit is `first_bad`); without, they are counted and the factor
+    can still solve.
     """
     H, A = np.ascontiguousarray(H, dtype=np.float64), np.ascontiguousarray(A, dtype=np.float64)
     if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:

@@ -1,4 +1,5 @@
-"""A motion in the conventions of other tools: MuJoCo's qpos and qvel, Pinocchio's q and v, a table of numbers."""
+"""A motion in the conventions of other tools: MuJoCo's qpos and qvel, Pinocchio's q and v, a table
+of numbers."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ Array = NDArray[np.float64]
 def to_mujoco(solution: Solution) -> tuple[Array, Array]:
     """qpos (N+1, nq) and qvel (N+1, nv) at x_0 … x_N.
 
-    A floating base is place (m, world), quaternion (w, x, y, z), velocity (m/s, world) and angular velocity (rad/s, body
-    axes); a ball joint is a quaternion and an angular velocity (child's axes). Joints keep the order of the robot's tree.
+    A floating base is place (m, world), quaternion (w, x, y, z), velocity (m/s, world) and angular
+    velocity (rad/s, body axes); a ball joint is a quaternion and an angular velocity (child's
+    axes). Joints keep the order of the robot's tree.
     """
     positions, velocities = [], []
     for part in _parts(solution):
@@ -36,13 +38,17 @@ def to_mujoco(solution: Solution) -> tuple[Array, Array]:
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
 
 
-def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None, circular: Collection[str] = ()) -> tuple[Array, Array]:
-    """q (N+1, nq) and v (N+1, nv) at x_0 … x_N, of a model with a free flyer at the root where the base floats.
+def to_pinocchio(
+    solution: Solution, joints: Sequence[str] | None = None, circular: Collection[str] = ()
+) -> tuple[Array, Array]:
+    """q (N+1, nq) and v (N+1, nv) at x_0 … x_N, of a model with a free flyer at the root where the
+    base floats.
 
-    The free flyer is place (m, world), quaternion (x, y, z, w), velocity (m/s) and angular velocity (rad/s), both in body
-    axes; a velocity is the change since the node before over dt. ``joints``: names of the other joints in the order of
-    the Pinocchio model (``model.names`` without the first two); by default the order of the robot's tree. ``circular``:
-    joints that Pinocchio keeps as cosine and sine (``continuous`` ones of a URDF).
+    The free flyer is place (m, world), quaternion (x, y, z, w), velocity (m/s) and angular velocity
+    (rad/s), both in body axes; a velocity is the change since the node before over dt. ``joints``:
+    names of the other joints in the order of the Pinocchio model (``model.names`` without the first
+    two); by default the order of the robot's tree. ``circular``: joints that Pinocchio keeps as
+    cosine and sine (``continuous`` ones of a URDF).
     """
     parts = _parts(solution)
     named = {part.name: part for part in parts if part.name}
@@ -60,7 +66,11 @@ def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None, circul
             velocities.append(part.velocity)
         else:
             real_last = quaternions(part.rotation)[:, [1, 2, 3, 0]]
-            in_body = np.einsum("ikj,ik->ij", part.rotation, part.velocity) if part.velocity.shape[1] else part.velocity
+            in_body = (
+                np.einsum("ikj,ik->ij", part.rotation, part.velocity)
+                if part.velocity.shape[1]
+                else part.velocity
+            )
             positions += [part.place, real_last]
             velocities += [in_body, part.angular]
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
@@ -69,31 +79,51 @@ def to_pinocchio(solution: Solution, joints: Sequence[str] | None = None, circul
 def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
     """A table with one row for each of x_0 … x_N; the first line has names and units.
 
-    Time, coordinates, the torques from this row to the next (none after the last), the contact forces in world axes
-    (none at x_0). What does not exist is nan.
+    Time, coordinates, the torques from this row to the next (none after the last), the contact
+    forces in world axes (none at x_0). What does not exist is nan.
     """
     target = ending("path", path, (".csv",))
     robot = solution.character
-    turns = [robot is not None and joint.kind == "hinge" for joint in robot.joints] if robot is not None else []
+    turns = (
+        [robot is not None and joint.kind == "hinge" for joint in robot.joints]
+        if robot is not None
+        else []
+    )
     places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
-    efforts = [("N m" if turns[j] else "N") for j in robot.actuated] if robot is not None else [""] * solution.u.shape[1]
+    efforts = (
+        [("N m" if turns[j] else "N") for j in robot.actuated]
+        if robot is not None
+        else [""] * solution.u.shape[1]
+    )
     contacts = len(solution.contact_names)
     names = [
         "time (s)",
         *_headed(solution.joint_names, places),
         *_headed([f"torque {name}" for name in solution.actuated_names], efforts),
-        *_headed([f"force {name} {axis}" for name in solution.contact_names for axis in "xyz"], ["N"] * 3 * contacts),
+        *_headed(
+            [f"force {name} {axis}" for name in solution.contact_names for axis in "xyz"],
+            ["N"] * 3 * contacts,
+        ),
     ]
     force = solution.contact_force.reshape(len(solution.contact_force), -1)
     torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
     rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
     with replacing(target) as beside:
-        np.savetxt(beside, rows, delimiter=",", header=",".join(names), comments="", fmt="%.10g", encoding="utf-8")
+        np.savetxt(
+            beside,
+            rows,
+            delimiter=",",
+            header=",".join(names),
+            comments="",
+            fmt="%.10g",
+            encoding="utf-8",
+        )
 
 
 def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Names with their units, without what a table reads as its own: commas, quotes, line breaks."""
+    """Names with their units, without what a table reads as its own: commas, quotes, line
+    breaks."""
     headed = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     return [" ".join(name.replace(",", ";").replace('"', "'").split()) for name in headed]
 
@@ -101,11 +131,19 @@ def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
 class _Part:
     """One joint of the other tool: a free base, a ball, or one coordinate."""
 
-    def __init__(self, name: str, place: Array, velocity: Array, rotation: Array | None = None, dt: float = 1.0):
+    def __init__(
+        self,
+        name: str,
+        place: Array,
+        velocity: Array,
+        rotation: Array | None = None,
+        dt: float = 1.0,
+    ):
         self.name = name
         self.place, self.velocity = place, velocity  # (N+1, 3, 1 or 0 of a ball)
         self.rotation = None if rotation is None else rotation[1:]  # (N+1, 3, 3)
-        self.angular = None if rotation is None else turning(rotation) / dt  # (N+1, 3) rad/s, turning axes
+        # (N+1, 3) rad/s, turning axes
+        self.angular = None if rotation is None else turning(rotation) / dt
 
 
 def _parts(solution: Solution) -> list[_Part]:
@@ -133,13 +171,17 @@ def _parts(solution: Solution) -> list[_Part]:
 
 
 def _ball(robot: Character, j: int, end: int) -> str:
-    """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on; "" where there is none."""
+    """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on;
+    "" where there is none."""
     hinges = robot.joints[j : min(j + 3, end)]
     prefix = hinges[0].name.removesuffix("_z")
     if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
         return ""
     alike = all(
-        hinge.kind == "hinge" and not hinge.limited and np.array_equal(hinge.anchor, hinges[0].anchor) for hinge in hinges
+        hinge.kind == "hinge"
+        and not hinge.limited
+        and np.array_equal(hinge.anchor, hinges[0].anchor)
+        for hinge in hinges
     )
     outer, middle, inner = (hinge.axis for hinge in hinges)
     return prefix if alike and np.allclose(np.cross(outer, inner), middle, atol=1e-9) else ""

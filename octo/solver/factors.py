@@ -1,4 +1,5 @@
-"""KKT factors of a batch at one iterate, each member's with its own weight, and the steps they give."""
+"""KKT factors of a batch at one iterate, each member's with its own weight, and the steps they
+give."""
 
 from __future__ import annotations
 
@@ -21,11 +22,18 @@ Three = tuple[Numbers, Numbers, Numbers]
 class Attempt:
     """A KKT step Δ (batch, K, nc) with its multipliers (batch, K, ma), and what decides about it.
 
-    trial: the evaluation at Δ times its first length, where it came in one copy with the numbers; None: not evaluated yet.
-    numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the iterate and bᵀΔ (batch,), on the host.
+    trial: the evaluation at Δ times its first length, where it came in one copy with the numbers;
+    None: not evaluated yet. numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the
+    iterate and bᵀΔ (batch,), on the host.
     """
 
-    def __init__(self, delta: Array, multipliers: Array, numbers: Callable[[], Three], trial: Evaluation | None = None):
+    def __init__(
+        self,
+        delta: Array,
+        multipliers: Array,
+        numbers: Callable[[], Three],
+        trial: Evaluation | None = None,
+    ):
         self.delta, self.multipliers, self.trial, self._numbers = delta, multipliers, trial, numbers
 
     @cached_property
@@ -46,29 +54,39 @@ class Factors(Protocol):
         ...
 
     def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
-        """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members (batch,), weight (batch, K): where the inertia is right."""
+        """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members (batch,), weight (batch, K):
+        where the inertia is right."""
         ...
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
-        """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without a factor."""
+        """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without
+        a factor."""
         ...
 
     def attempt(
-        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+        self,
+        rhs_c: Array | None,
+        limit: Numbers | float,
+        cap: float,
+        members: NDArray[np.bool_] | None = None,
     ) -> Attempt:
-        """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap / ‖Δ‖∞), limit (batch,).
+        """The step with the right-hand side (−b, rhs_c). Its first length is min(limit, cap /
+        ‖Δ‖∞), limit (batch,).
 
-        rhs_c: None is −C, asked for before any other. members (batch,): those that it is for; None: all.
+        rhs_c: None is −C, asked for before any other. members (batch,): those that it is for; None:
+        all.
         """
         ...
 
 
 class HostFactors:
-    """On the CPU: only the members that are asked for are factored, and no trial is evaluated before it is wanted."""
+    """On the CPU: only the members that are asked for are factored, and no trial is evaluated
+    before it is wanted."""
 
     def __init__(self, blocks: KKTBlocks, lam: Array, options: SqpOptions, threads: int):
         self.blocks, self._lam, self._options, self._threads = blocks, lam, options, threads
-        self.groups: list[tuple[Numbers, Numbers, Any]] = []  # members factored together, which are good, their factor
+        # members factored together, which are good, their factor
+        self.groups: list[tuple[Numbers, Numbers, Any]] = []
 
     def clear(self) -> None:
         self.groups = []
@@ -77,7 +95,9 @@ class HostFactors:
         H, A, own = self.blocks.H, self.blocks.A, np.flatnonzero(members)
         if not every(members):
             H, A, weight = H[own], A[own], weight[own]
-        factor = kkt.factorize(H, A, weight, method=self._options.linear_solver, threads=self._threads)
+        factor = kkt.factorize(
+            H, A, weight, method=self._options.linear_solver, threads=self._threads
+        )
         found, good = np.zeros(len(members), dtype=bool), host(factor.inertia_ok)
         found[own] = good
         if some(good):
@@ -90,13 +110,19 @@ class HostFactors:
         xp = array_module(rhs_v)
         dv, lam = xp.full(rhs_v.shape, xp.nan), xp.full(rhs_c.shape, xp.nan)
         for members, good, factor in self.groups:
-            own, solved, kept = (like(index, rhs_v) for index in (members, members[good], np.flatnonzero(good)))
+            own, solved, kept = (
+                like(index, rhs_v) for index in (members, members[good], np.flatnonzero(good))
+            )
             v, multipliers = factor.solve(rhs_v[own], rhs_c[own])
             dv[solved], lam[solved] = v[kept], multipliers[kept]
         return dv, lam
 
     def attempt(
-        self, rhs_c: Array | None, limit: Numbers | float, cap: float, members: NDArray[np.bool_] | None = None
+        self,
+        rhs_c: Array | None,
+        limit: Numbers | float,
+        cap: float,
+        members: NDArray[np.bool_] | None = None,
     ) -> Attempt:
         blocks, lam = self.blocks, self._lam
         delta, multipliers = self.solve(-blocks.b, -blocks.C if rhs_c is None else rhs_c)

@@ -1,7 +1,8 @@
-"""The filter of a line search (Fletcher and Leyffer; constants of Wächter and Biegler 2006, §2.3): batched.
+"""The filter of a line search (Fletcher and Leyffer; constants of Wächter and Biegler 2006, §2.3):
+batched.
 
-A step is refused when an entry (‖C‖₁, E) is better than it in both. An iterate becomes an entry when the step from it
-was taken for its constraints and not for a sufficient decrease of E.
+A step is refused when an entry (‖C‖₁, E) is better than it in both. An iterate becomes an entry
+when the step from it was taken for its constraints and not for a sufficient decrease of E.
 """
 
 from __future__ import annotations
@@ -39,18 +40,22 @@ class Filter:
         return part
 
     def descends(self, slope: Numbers, length: Numbers, violation: Numbers) -> Mask:
-        """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease (switching condition)."""
+        """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease
+        (switching condition)."""
         return length * np.maximum(-slope, 0.0) ** SWITCH_E > violation**SWITCH_C
 
     def accepts(self, at: Pair, trial: Pair, slope: Numbers, length: Numbers) -> Mask:
-        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken, never to one that is not finite.
+        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken, never to
+        one that is not finite.
 
         ``slope`` is bᵀΔ.
         """
         (violation, energy), (new_violation, new_energy) = at, trial
         blocked = (new_violation[:, None] >= self.violation) & (new_energy[:, None] >= self.energy)
         free = np.isfinite(new_energy) & (new_violation <= self.large) & ~blocked.any(axis=1)
-        either = (new_violation <= (1.0 - GAMMA_C) * violation) | (new_energy <= energy - GAMMA_E * violation)
+        either = (new_violation <= (1.0 - GAMMA_C) * violation) | (
+            new_energy <= energy - GAMMA_E * violation
+        )
         near = violation <= self.small
         if some(near):
             must_descend = near & self.descends(slope, length, violation)
@@ -58,7 +63,8 @@ class Filter:
         return free & either
 
     def add(self, violation: Numbers, energy: Numbers, members: Mask) -> None:
-        """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than they are."""
+        """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than
+        they are."""
         chosen = members.nonzero()[0]
         if len(chosen):
             place, violation = self.count[chosen] % CAPACITY, violation[chosen]

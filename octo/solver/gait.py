@@ -26,7 +26,8 @@ TOUCHDOWN = 0.05  # of mg: a stance begins
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
-LOW, LOW_PART = 0.015, 0.06  # m, and part of ℓ: the smaller of the two is the least clearance of a foot that is not dragged
+# m, and part of ℓ: the smaller of the two is the least clearance of a foot that is not dragged
+LOW, LOW_PART = 0.015, 0.06
 ONE_SIDED = 0.3  # of the time: mammals that paced for more fell over in MuJoCo at 0.5 m/s
 FOUR = 4  # feet, with fewer of which standing on one side is walking
 LIFT_OFF = 0.01  # of mg: it ends; lower than TOUCHDOWN, so that a load that wavers is one stance
@@ -169,11 +170,14 @@ def measure_cycle(solution: Solution) -> Gait | None:
 
 
 def flaws(solution: Solution) -> int:
-    """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, dragged feet, one side at a time."""
+    """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, dragged
+    feet, one side at a time."""
     gait = solution.gait
     if gait is None or gait.touchdowns is None:
         return 5
-    brief = sum(t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing))
+    brief = sum(
+        t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing)
+    )
     shaky = gait.torque_high is not None and gait.torque_high > SHAKY
     drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * solution.length)
     return brief + (gait.touchdowns > TAPS) + shaky + drags + ((gait.one_sided or 0.0) > ONE_SIDED)
@@ -264,7 +268,8 @@ def _window(solution: Solution, first: float, last: float | None) -> tuple[int, 
     end = min(solution.steps, math.floor(until / solution.dt + ROUNDING))
     if begin >= end:
         raise ValueRangeError(
-            f"first is {first} s and last is {until} s, at least one step of {solution.dt} s of the "
+            f"first is {first} s and last is {until} s, at least one step of {solution.dt} s of "
+            "the "
             f"motion of {duration:g} s must be between them"
         )
     return begin, end

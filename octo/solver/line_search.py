@@ -1,7 +1,8 @@
-"""The default step: the regularised KKT step with exact curvature, shortened until a filter accepts it.
+"""The default step: the regularised KKT step with exact curvature, shortened until a filter accepts
+it.
 
-Wächter and Biegler 2006, with a second-order correction, on the block factors of Eq. 12. Where no length is accepted,
-the constraints alone are restored by Newton steps of least norm.
+Wächter and Biegler 2006, with a second-order correction, on the block factors of Eq. 12. Where no
+length is accepted, the constraints alone are restored by Newton steps of least norm.
 """
 
 from __future__ import annotations
@@ -11,7 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, choose, every, host, inner, largest, like, scaled, some
+from octo.arrays import (
+    Array,
+    Numbers,
+    array_module,
+    choose,
+    every,
+    host,
+    inner,
+    largest,
+    like,
+    scaled,
+    some,
+)
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.factors import Attempt, Factors
@@ -23,9 +36,13 @@ from octo.solver.rule import Clock, Move
 Mask = NDArray[np.bool_]
 HALVINGS = 12
 CORRECTIONS = 3  # second-order corrections of the full step
-HOLDS, HELD, HELD_PART = 3, 0.4, 0.1  # a few units that would move more than HELD get weights of their own
-STRETCHES, STRETCHED, GAIN = 5, 0.1, 1.5  # doublings of a step, its largest change, how much more E must fall each time
-POLISH = 10.0  # step tolerances: where the gradient is within its own and the step near, only the constraints are left to mend
+# a few units that would move more than HELD get weights of their own
+HOLDS, HELD, HELD_PART = 3, 0.4, 0.1
+# doublings of a step, its largest change, how much more E must fall each time
+STRETCHES, STRETCHED, GAIN = 5, 0.1, 1.5
+# step tolerances: where the gradient is within its own and the step near, only the constraints are
+# left to mend
+POLISH = 10.0
 BLAME, FORGET = 0.1, 1.0 / 3.0
 RESTORATIONS = 8  # of one member, before it counts as stalled
 RESTORATION_STEPS = 10
@@ -33,7 +50,8 @@ RESTORATION_STEPS = 10
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """Where the line goes: Δ (batch, K, nc), of it ‖Δ‖∞ and bᵀΔ (batch,), 0 where it does not, and the first length's trial."""
+    """Where the line goes: Δ (batch, K, nc), of it ‖Δ‖∞ and bᵀΔ (batch,), 0 where it does not, and
+    the first length's trial."""
 
     delta: Array
     largest: Numbers
@@ -44,7 +62,14 @@ class _Direction:
 class LineSearch:
     """The rule of SqpOptions(step="line_search")."""
 
-    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
+    def __init__(
+        self,
+        problem: CompiledProblem,
+        at: Evaluation,
+        options: SqpOptions,
+        clock: Clock,
+        backend: Backend = CPU,
+    ):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
         self.filter = Filter(at.size)
         self.regularisation = Regularisation(problem.batch, problem.K, options)
@@ -67,17 +92,25 @@ class LineSearch:
         o, full = self.options, choose(has, attempt.largest, np.inf)
         feasible, level = at.largest <= o.tolerance, dual <= o.dual_tolerance
         converged = feasible & level & (full <= o.step_tolerance)
-        polish = ~feasible & ((self.flat >= o.plateau) | (level & (full <= POLISH * o.step_tolerance)))
-        if some(polish):  # E or its gradient has settled and the constraints have not: a step for them alone
+        polish = ~feasible & (
+            (self.flat >= o.plateau) | (level & (full <= POLISH * o.step_tolerance))
+        )
+        # E or its gradient has settled and the constraints have not: a step for them alone
+        if some(polish):
             with self.clock("solve"):
                 still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
             delta, first = choose(polish & has, still, delta), None
-            slope, most = host(inner(model.b, choose(has, delta, 0.0))), host(largest(choose(has, delta, 0.0)))
+            slope = host(inner(model.b, choose(has, delta, 0.0)))
+            most = host(largest(choose(has, delta, 0.0)))
         else:
             most = full
         pending = has & ~converged
-        direction = _Direction(delta, choose(pending, most, 0.0), choose(pending, slope, 0.0), first)
-        accepted, length, after, step, corrected = self._search(at, model, factors, direction, pending)
+        direction = _Direction(
+            delta, choose(pending, most, 0.0), choose(pending, slope, 0.0), first
+        )
+        accepted, length, after, step, corrected = self._search(
+            at, model, factors, direction, pending
+        )
         whole = accepted & ~polish
         growing = whole & ~corrected & (sigma > 0.0) & (length == 1.0)
         after, step = self._stretch(at, direction, growing, after, step)
@@ -89,9 +122,19 @@ class LineSearch:
         change = abs(after.energy - at.energy) <= o.plateau_change / o.plateau * abs(at.energy)
         self.flat = (self.flat + 1) * change
         return Move(
-            at=after, lam=lam, accepted=~converged, failed=failed, dual=dual, step=full, taken=step, ratio=length,
-            radius=o.cap, sigma=sigma, factorizations=self.regularisation.factorizations, converged=converged,
-        )  # fmt: skip
+            at=after,
+            lam=lam,
+            accepted=~converged,
+            failed=failed,
+            dual=dual,
+            step=full,
+            taken=step,
+            ratio=length,
+            radius=o.cap,
+            sigma=sigma,
+            factorizations=self.regularisation.factorizations,
+            converged=converged,
+        )
 
     def _step(self, factors: Factors) -> tuple[Attempt, Numbers, Mask]:
         """The KKT step, the weights of its factors (batch,), and where there is one.
@@ -122,7 +165,8 @@ class LineSearch:
     def _stretch(
         self, at: Evaluation, direction: _Direction, growing: Mask, new: Evaluation, step: Numbers
     ) -> tuple[Evaluation, Numbers]:
-        """Double a regularised full step while E falls faster: sigma shortens steps along directions of negative curvature."""
+        """Double a regularised full step while E falls faster: sigma shortens steps along
+        directions of negative curvature."""
         growing = growing & (new.energy < at.energy)
         for attempt in range(STRETCHES):
             factor = 2.0 ** (attempt + 1)
@@ -137,7 +181,8 @@ class LineSearch:
         return new, step
 
     def _blame(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
-        """Raise the weights of the units where a refused full step broke the constraints or raised E; forget the others."""
+        """Raise the weights of the units where a refused full step broke the constraints or raised
+        E; forget the others."""
         local = self.regularisation.local
         if not some(refused):
             local *= FORGET
@@ -153,8 +198,8 @@ class LineSearch:
     def _search(
         self, at: Evaluation, model: Model, factors: Factors, direction: _Direction, pending: Mask
     ) -> tuple[Mask, Numbers, Evaluation, Numbers, Mask]:
-        """Halve the length until the filter accepts: accepted (batch,), lengths, the new evaluation, ‖·‖∞ of the steps
-        taken, and which of them are second-order corrections."""
+        """Halve the length until the filter accepts: accepted (batch,), lengths, the new
+        evaluation, ‖·‖∞ of the steps taken, and which of them are second-order corrections."""
         here, batch = (at.size, at.energy), len(pending)
         slope, most = direction.slope, direction.largest
         length = np.minimum(1.0, self.options.cap / np.maximum(most, 1e-300))
@@ -165,7 +210,9 @@ class LineSearch:
                 break
             moved, trial = length * most, direction.first if attempt == 0 else None
             if trial is None:
-                trial = self._evaluate(at, choose(pending, scaled(length, direction.delta), 0.0), pending)
+                trial = self._evaluate(
+                    at, choose(pending, scaled(length, direction.delta), 0.0), pending
+                )
             there = (trial.size, trial.energy)
             good = pending & self.filter.accepts(here, there, slope, length)
             if attempt == 0:
@@ -173,7 +220,9 @@ class LineSearch:
                 self._blame(at, trial, refused)
                 worse = refused & trial.finite & (there[0] >= here[0])
                 if some(worse):
-                    corrected, trial, moved = self._correct(at, model, factors, trial, moved, (here, slope, length), worse)
+                    corrected, trial, moved = self._correct(
+                        at, model, factors, trial, moved, (here, slope, length), worse
+                    )
                     good |= corrected
             result, taken = result.replaced(good, trial), choose(good, moved, taken)
             accepted |= good
@@ -186,7 +235,8 @@ class LineSearch:
         return accepted, length, result, taken, corrected
 
     def _evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
-        """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be computed."""
+        """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be
+        computed."""
         with self.clock("evaluate"):
             if every(members) or self.backend.together(self.problem):
                 return self.backend.evaluate(self.problem, at.unknowns + step)
@@ -197,10 +247,17 @@ class LineSearch:
             return whole
 
     def _correct(
-        self, at: Evaluation, model: Model, factors: Factors, trial: Evaluation, moved: Numbers,
-        search: tuple[tuple[Numbers, Numbers], Numbers, Numbers], pending: Mask,
-    ) -> tuple[Mask, Evaluation, Numbers]:  # fmt: skip
-        """Second-order corrections of a refused full step: where one is accepted, and ``trial`` and ‖·‖∞ ``moved`` with those."""
+        self,
+        at: Evaluation,
+        model: Model,
+        factors: Factors,
+        trial: Evaluation,
+        moved: Numbers,
+        search: tuple[tuple[Numbers, Numbers], Numbers, Numbers],
+        pending: Mask,
+    ) -> tuple[Mask, Evaluation, Numbers]:
+        """Second-order corrections of a refused full step: where one is accepted, and ``trial`` and
+        ‖·‖∞ ``moved`` with those."""
         here, slope, length = search
         found, pending = np.zeros(len(slope), dtype=bool), pending.copy()
         residual = scaled(length, model.C) + trial.C
@@ -210,11 +267,14 @@ class LineSearch:
                 step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf, pending)
             corrected = step.trial
             if corrected is None:
-                corrected = self._evaluate(at, choose(pending, scaled(length, step.delta), 0.0), pending)
+                corrected = self._evaluate(
+                    at, choose(pending, scaled(length, step.delta), 0.0), pending
+                )
             after = corrected.size
             good = pending & self.filter.accepts(here, (after, corrected.energy), slope, length)
             if some(good):
-                trial, moved = trial.replaced(good, corrected), choose(good, length * step.largest, moved)
+                trial = trial.replaced(good, corrected)
+                moved = choose(good, length * step.largest, moved)
                 found |= good
             pending &= ~good & corrected.finite & (after <= 0.99 * before)
             if not some(pending):

@@ -27,7 +27,9 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
     if problem.ma == 0:
         return np.zeros(problem.batch), np.zeros(problem.batch)
     reduced = np.abs(at.C).max(axis=(1, 2)) * weight
-    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale[:, None]).max(axis=(1, 2))
+    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale[:, None]).max(
+        axis=(1, 2)
+    )
     return reduced, rows * weight
 
 
@@ -54,7 +56,9 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
-        "parameters": {name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)},
+        "parameters": {
+            name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)
+        },
         "asked": asked(problem, at.nodes[member], member),
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
@@ -67,12 +71,18 @@ def asked(problem: CompiledProblem, nodes: Array, member: int) -> tuple[Asked, .
     for k, term in enumerate(described.costs):
         weights = problem.q[member][:, k]
         if term is not described.anchor and weights.any():
-            made.append(term.asked(Motion(nodes[1:], float(described.dt), described.character, weights), described.setting))
+            made.append(
+                term.asked(
+                    Motion(nodes[1:], float(described.dt), described.character, weights),
+                    described.setting,
+                )
+            )
     return tuple(one for one in made if one is not None)
 
 
 def stride(problem: CompiledProblem, at: Evaluation, member: int) -> Stride | None:
-    """What a cycle is carried on with, and how well the laws of physics hold for its mirror image; None of other motions."""
+    """What a cycle is carried on with, and how well the laws of physics hold for its mirror image;
+    None of other motions."""
     made = Stride.of(problem.problems[member])
     if made is None or not made.mirrored:
         return made
@@ -81,7 +91,9 @@ def stride(problem: CompiledProblem, at: Evaluation, member: int) -> Stride | No
     return replace(made, asymmetry=float(violations(alone, image)[1][0]))
 
 
-def _contacts(dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem) -> dict[str, Any]:
+def _contacts(
+    dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem
+) -> dict[str, Any]:
     steps = len(nodes) - 2
     count = len(dynamics.character.terrain_contacts) if isinstance(dynamics, RobotDynamics) else 0
     vectors = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
@@ -91,7 +103,8 @@ def _contacts(dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProbl
     at = ca.repmat(ca.DM(p), 1, steps)
     *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
     out: dict[str, Any] = {
-        name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0) for name, value in zip(vectors, values, strict=True)
+        name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0)
+        for name, value in zip(vectors, values, strict=True)
     }
     robot = dynamics.character
     out["contact_depth"] = np.asarray(depth).T.reshape(steps, count)
@@ -101,8 +114,10 @@ def _contacts(dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProbl
 
 
 def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]:
-    """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around`` (..., 3)."""
-    low, high = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN, around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
+    """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around``
+    (..., 3)."""
+    low = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN
+    high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     point, symbol = ca.SX.sym("point", 3), ca.SX.sym("p", dynamics.layout.size)

@@ -1,9 +1,11 @@
-"""AAᵀ of the constraints, factored: the normal step v_N = −Aᵀ(AAᵀ)⁻¹C and least-squares multipliers.
+"""AAᵀ of the constraints, factored: the normal step v_N = −Aᵀ(AAᵀ)⁻¹C and least-squares
+multipliers.
 
-A has block lags 0, 1, 2, and so has AAᵀ: a banded Cholesky factorisation (normal.c), or the same by blocks in NumPy.
-Rows are first scaled to length 1. A row that is zero or depends on rows before it leaves no pivot above rounding and
-is dropped (its multiplier is 0); the NumPy way uses the pseudo-inverse of the pivot block. Where the system is
-consistent, as for multipliers, the product Aᵀ(AAᵀ)⁻¹r is the same whichever row was dropped.
+A has block lags 0, 1, 2, and so has AAᵀ: a banded Cholesky factorisation (normal.c), or the same by
+blocks in NumPy. Rows are first scaled to length 1. A row that is zero or depends on rows before it
+leaves no pivot above rounding and is dropped (its multiplier is 0); the NumPy way uses the
+pseudo-inverse of the pivot block. Where the system is consistent, as for multipliers, the product
+Aᵀ(AAᵀ)⁻¹r is the same whichever row was dropped.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ class NormalFactor:
         self._library = library(nc, ma) if ma and compiled is not False else None
         if self._library is not None:
             self._units = aligned((self._library.octo_normal_bytes() * batch * K + 7) // 8)
-            self._library.octo_normal_factor(batch, threads, K, address(self.A), address(self._units), address(self.dropped))
+            self._library.octo_normal_factor(
+                batch, threads, K, address(self.A), address(self._units), address(self.dropped)
+            )
         elif ma:
             with blas.one_thread():
                 self._blocks = _Blocks(self.A)
@@ -47,7 +51,8 @@ class NormalFactor:
         return self._both(rhs, refine)[0]
 
     def least_norm(self, rhs: Floats, *, refine: int = 1) -> Floats:
-        """The shortest x (batch, K, nc[, count]) with A x = rhs (batch, K, ma[, count]); v_N is least_norm(−C)."""
+        """The shortest x (batch, K, nc[, count]) with A x = rhs (batch, K, ma[, count]); v_N is
+        least_norm(−C)."""
         return self._both(rhs, refine)[1]
 
     def multipliers(self, gradient: Floats, *, refine: int = 1) -> Floats:
@@ -62,7 +67,9 @@ class NormalFactor:
         """lam and Aᵀ lam."""
         batch, K, _, ma, nc = self.A.shape
         if rhs.shape[:3] != (batch, K, ma) or rhs.ndim > 4:
-            raise ShapeError("rhs", rhs.shape, f"{(batch, K, ma)}, or with one more axis of columns")
+            raise ShapeError(
+                "rhs", rhs.shape, f"{(batch, K, ma)}, or with one more axis of columns"
+            )
         columns = rhs if rhs.ndim == 4 else rhs[..., None]
         if ma == 0:
             lam, x = np.empty(columns.shape), np.zeros((batch, K, nc, columns.shape[3]))
@@ -71,7 +78,9 @@ class NormalFactor:
         else:
             lam = self._blocks.solve(columns)
             for _ in range(refine):  # the residual uses A itself: AAᵀ squares its rounding
-                lam = lam + self._blocks.solve(columns - block_times(self.A, transposed_times(self.A, lam)))
+                lam = lam + self._blocks.solve(
+                    columns - block_times(self.A, transposed_times(self.A, lam))
+                )
             x = transposed_times(self.A, lam)
         return (lam, x) if rhs.ndim == 4 else (lam[..., 0], x[..., 0])
 
@@ -83,17 +92,25 @@ class NormalFactor:
         lam, x = np.empty((batch, count, K, ma)), np.empty((batch, count, K, nc))
         scratch = np.empty(self._threads * K * ma)
         self._library.octo_normal_solve(
-            *(batch, self._threads, K, address(self.A), address(self._units), address(self.dropped)),
+            *(
+                batch,
+                self._threads,
+                K,
+                address(self.A),
+                address(self._units),
+                address(self.dropped),
+            ),
             *(count, address(turned), refine, address(lam), address(x), address(scratch)),
         )
         return np.moveaxis(lam, 1, 3), np.moveaxis(x, 1, 3)
 
 
 class _Blocks:
-    """AAᵀ = L Lᵀ by blocks of lags 0..2, the batch at once; ``half`` is the (pseudo-)inverse of L's diagonal, transposed.
+    """AAᵀ = L Lᵀ by blocks of lags 0..2, the batch at once; ``half`` is the (pseudo-)inverse of L's
+    diagonal, transposed.
 
-    The pivot block V diag(d) Vᵀ has the factor V √d and the half inverse V / √d: multiplying by half inverses on
-    either side keeps Cholesky's accuracy, which an inverse would lose.
+    The pivot block V diag(d) Vᵀ has the factor V √d and the half inverse V / √d: multiplying by
+    half inverses on either side keeps Cholesky's accuracy, which an inverse would lose.
     """
 
     def __init__(self, A: Floats):
@@ -113,11 +130,15 @@ class _Blocks:
                 coupling = (rows[:, k, 1:] @ _turned(rows[:, k - 1, :2])).sum(axis=1)
                 coupling -= self.lag2[:, k] @ _turned(self.lag1[:, k - 1])
                 self.lag1[:, k] = coupling @ self.half[:, k - 1]
-            pivot -= self.lag2[:, k] @ _turned(self.lag2[:, k]) + self.lag1[:, k] @ _turned(self.lag1[:, k])
+            pivot -= self.lag2[:, k] @ _turned(self.lag2[:, k]) + self.lag1[:, k] @ _turned(
+                self.lag1[:, k]
+            )
             values, vectors = np.linalg.eigh(pivot)
             kept = values > DROP
             self.dropped += ma - kept.sum(axis=1, dtype=np.int32)
-            self.half[:, k] = vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
+            self.half[:, k] = (
+                vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
+            )
         self.dropped[~finite] = -1
 
     def solve(self, rhs: Floats) -> Floats:

@@ -21,22 +21,26 @@ LOOSEST = 1.0  # of every tolerance: the weight, a radian, E of order one
 
 @dataclass(frozen=True)
 class SqpOptions:
-    """How Algorithm 1 runs. The defaults are the exact-curvature line search; :meth:`paper` is the paper's own.
+    """How Algorithm 1 runs. The defaults are the exact-curvature line search; :meth:`paper` is the
+    paper's own.
 
     Attributes
     ----------
-    hessian: "exact" adds to JᵀJ the curvature of lamᵀC and of the torque terms, and of the terms over contacts once E has
-        settled: of itself less than ``settled`` over ten iterations; "dynamics" leaves the contacts' out; "gauss_newton" is JᵀJ.
+    hessian: "exact" adds to JᵀJ the curvature of lamᵀC and of the torque terms, and of the terms
+        over contacts once E has settled: of itself less than ``settled`` over ten iterations;
+        "dynamics" leaves the contacts' out; "gauss_newton" is JᵀJ.
     step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.
-    tolerance: of ‖C‖∞ in mg (line_search), in N (trust_region). The default is 1e-5 N at 49 N of weight.
+    tolerance: of ‖C‖∞ in mg (line_search), in N (trust_region). The default is 1e-5 N at 49 N of
+        weight.
     step_tolerance: of ‖Δ‖∞ of the full KKT step, rad and m.
     dual_tolerance: of ‖∇E + Aᵀlam‖∞; E is of order one where nothing moves yet.
     cap: rad and m, largest change of one number in one step.
     first_sigma: the first regularisation weight that is tried when the inertia is wrong.
     c_max: N, the paper's C_max: a step that ends above it is refused unless it reduces ‖C‖.
-    plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so many iterations.
+    plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so
+        many iterations.
     """
 
     hessian: Literal["exact", "dynamics", "gauss_newton"] = "exact"
@@ -63,18 +67,24 @@ class SqpOptions:
         for name in TOLERANCES:
             if getattr(self, name) > LOOSEST:
                 value = getattr(self, name)
-                raise ValueRangeError(f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would converge")
+                raise ValueRangeError(
+                    f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would "
+                    "converge"
+                )
         if not (isinstance(self.time_limit, (float, np.floating)) and self.time_limit == np.inf):
             positive("time_limit", self.time_limit, "s")
         for name in ("plateau_change", "settled"):
             if not 0.0 <= number(name, getattr(self, name)) < 1.0:
-                raise ValueRangeError(f"{name} is {said(getattr(self, name))}, must be from 0 to less than 1")
+                raise ValueRangeError(
+                    f"{name} is {said(getattr(self, name))}, must be from 0 to less than 1"
+                )
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
 
     @classmethod
     def paper(cls, **changes: Any) -> SqpOptions:
-        """§6.1 verbatim: JᵀJ, Φ = μ/2‖C‖² + E, Eq. 11, radius ∞ then ‖Δ‖, × 1.2 or 0.8‖Δ‖, C_max 0.1, ε_E 1e-3, ε_C 1e-5.
+        """§6.1 verbatim: JᵀJ, Φ = μ/2‖C‖² + E, Eq. 11, radius ∞ then ‖Δ‖, × 1.2 or 0.8‖Δ‖, C_max
+        0.1, ε_E 1e-3, ε_C 1e-5.
 
         E is normalised as §8 says: E_obj is 1 at the start, E_reg is 1e-4‖u‖².
         """

@@ -1,8 +1,10 @@
-"""One iteration of Algorithm 1 for a receding horizon, with nothing but the C entry points between two measurements.
+"""One iteration of Algorithm 1 for a receding horizon, with nothing but the C entry points between
+two measurements.
 
-The trajectory is the problem's in the basis Nodes, with x_{-1} and x_0 as two units more that are measured, not solved
-for. The step FD_i touches x_{i-1}, x_i, x_{i+1}, so all that the measurement enters are the steps 0 and 1: the others are
-linearised and eliminated before it arrives (Diehl, Bock and Schlöder 2005, real-time iteration), and what is left is exact.
+The trajectory is the problem's in the basis Nodes, with x_{-1} and x_0 as two units more that are
+measured, not solved for. The step FD_i touches x_{i-1}, x_i, x_{i+1}, so all that the measurement
+enters are the steps 0 and 1: the others are linearised and eliminated before it arrives (Diehl,
+Bock and Schlöder 2005, real-time iteration), and what is left is exact.
 """
 
 from __future__ import annotations
@@ -28,28 +30,42 @@ class RecedingHorizon:
 
     Parameters
     ----------
-    compiled: one problem in the basis Nodes. Its p and q are read at every call: changing them in place changes the problem.
+    compiled: one problem in the basis Nodes. Its p and q are read at every call: changing them in
+        place changes the problem.
 
     Attributes
     ----------
     nodes: (N+2, n) rad and m, x_{-1}, x_0 … x_N: where the model is taken. The caller writes it.
-    fd: (N, n) N m or N, FD at ``nodes``. terms: (N, terms), of E. C: (N, m), scaled; of the last :meth:`evaluate`.
+    fd: (N, n) N m or N, FD at ``nodes``. terms: (N, terms), of E. C: (N, m), scaled; of the last
+        :meth:`evaluate`.
     step: (N, n) rad and m, of the last :meth:`solve`, of x_1 … x_N. lam: (N, m), its multipliers.
     sigma: (1,) the regularisation weight.
     """
 
     def __init__(self, compiled: CompiledProblem, sigma: float = 1e-6):
         library = compiled.library
-        if library is None or compiled.basis.name != "nodes" or compiled.batch != 1 or compiled.ends.any():
-            raise DeviceError("a receding horizon needs a C compiler, the basis 'nodes' and one problem with a free end")
+        if (
+            library is None
+            or compiled.basis.name != "nodes"
+            or compiled.batch != 1
+            or compiled.ends.any()
+        ):
+            raise DeviceError(
+                "a receding horizon needs a C compiler, the basis 'nodes' and one problem with a "
+                "free end"
+            )
         self.compiled, self._library = compiled, library
         N, n, m = compiled.steps, compiled.n, compiled.m
         K = N + PAST
         self.steps, self.sigma = N, np.array([sigma])
         self.nodes, self.fd = np.zeros((N + 2, n)), np.zeros((N, n))
         self.terms = np.zeros((N, len(compiled.functions.references.terms)))
-        self._H, self._A, self._b = aligned(K * 3 * n * n), aligned(max(K * 3 * m * n, 1)), np.zeros((K, n))
-        self._C, self._lam, self._step = np.zeros((K, max(m, 1))), np.zeros((K, m)), np.zeros((K, n))
+        self._H = aligned(K * 3 * n * n)
+        self._A = aligned(max(K * 3 * m * n, 1))
+        self._b = np.zeros((K, n))
+        self._C = np.zeros((K, max(m, 1)))
+        self._lam = np.zeros((K, m))
+        self._step = np.zeros((K, n))
         self._residual = np.zeros((K, max(m, 1)))
         self.step, self.lam, self.C = self._step[PAST:], self._lam[PAST:], self._residual[PAST:, :m]
         self.guess = np.zeros((K, m))  # multipliers that exact curvature is taken at
@@ -57,11 +73,14 @@ class RecedingHorizon:
         self._task, self._kept = self._make_task(N)
         self._task_at = ctypes.addressof(self._task)
         for name in ("octo_linearize_part", "octo_join_parts", "octo_evaluate"):
-            getattr(library, name).argtypes = [ctypes.c_void_p, ctypes.c_int][: 1 if name == "octo_join_parts" else 2]
+            getattr(library, name).argtypes = [ctypes.c_void_p, ctypes.c_int][
+                : 1 if name == "octo_join_parts" else 2
+            ]
         self._prepare_factor(K, n, m)
 
     def _make_task(self, N: int) -> tuple[ctypes.Structure, list[NDArray]]:
-        """octo_task with every node a unit, in two chunks: the steps 0 and 1, which see the measurement, and the others."""
+        """octo_task with every node a unit, in two chunks: the steps 0 and 1, which see the
+        measurement, and the others."""
         compiled = self.compiled
         count = N + PAST
         unit = np.arange(count, dtype=np.int32)
@@ -69,11 +88,19 @@ class RecedingHorizon:
         if N <= PAST:
             raise DeviceError(f"steps is {N}, must be at least {PAST + 1} for a receding horizon")
         tables: list[NDArray] = [
-            *chunks, unit, np.zeros(count, np.int32), np.ones(count), unit[PAST:].copy(), np.zeros(N, np.int32), np.ones(N),
-        ]  # fmt: skip
+            *chunks,
+            unit,
+            np.zeros(count, np.int32),
+            np.ones(count),
+            unit[PAST:].copy(),
+            np.zeros(N, np.int32),
+            np.ones(N),
+        ]
         n, m = compiled.n, compiled.m
         halo = np.zeros((2, 6 * n * n + 3 * m * n + 2 * n + m))
-        task = task_of((1, N, count, 1, 1, 1, 2), tables, (compiled.p, compiled.q, compiled.row_scale), halo)
+        task = task_of(
+            (1, N, count, 1, 1, 1, 2), tables, (compiled.p, compiled.q, compiled.row_scale), halo
+        )
         task.nodes, task.fd = self.nodes.ctypes.data, self.fd.ctypes.data
         task.h, task.a, task.b = (array.ctypes.data for array in (self._H, self._A, self._b))
         return task, [*tables, halo]
@@ -87,12 +114,26 @@ class RecedingHorizon:
         self._state_at = address(self._state)
         units, store, windows = self._memory.at
         made.octo_receding_start(
-            self._state_at, K, PAST, address(self._H), address(self._A), address(self._weights), units, store, windows,
+            self._state_at,
+            K,
+            PAST,
+            address(self._H),
+            address(self._A),
+            address(self._weights),
+            units,
+            store,
+            windows,
             self._memory.scratch(1),
-        )  # fmt: skip
-        self._at = {"b": address(self._b), "C": address(self._C), "step": address(self._step), "lam": address(self._lam)}
+        )
+        self._at = {
+            "b": address(self._b),
+            "C": address(self._C),
+            "step": address(self._step),
+            "lam": address(self._lam),
+        }
         self._gain = np.zeros((n, 2 * n))
-        self._ahead = False  # the units behind the measured steps stand eliminated, and nothing after them
+        # the units behind the measured steps stand eliminated, and nothing after them
+        self._ahead = False
 
     @property
     def energy(self) -> float:
@@ -100,7 +141,8 @@ class RecedingHorizon:
         return float(self.terms.sum())
 
     def prepare(self, exact: bool = False) -> bool:
-        """What does not depend on x_0 and x_{-1}; with ``exact`` the curvature at ``guess`` too. False: wrong inertia."""
+        """What does not depend on x_0 and x_{-1}; with ``exact`` the curvature at ``guess`` too.
+        False: wrong inertia."""
         if exact:
             self.evaluate()
         self._linearize(1, exact)
@@ -121,7 +163,9 @@ class RecedingHorizon:
             self.evaluate()
         self._linearize(0, exact)
         self._library.octo_join_parts(self._task_at)
-        done = usable and self._eliminate(2 * PAST - 1 if self._ahead else self.steps + PAST - 1, PAST)
+        done = usable and self._eliminate(
+            2 * PAST - 1 if self._ahead else self.steps + PAST - 1, PAST
+        )
         self._ahead = False
         for _ in range(RETRIES):
             if done or not exact:
@@ -130,7 +174,9 @@ class RecedingHorizon:
             self._weights[:] = self.sigma[0] + FLOOR
             done = self._eliminate(self.steps + PAST - 1, PAST)
         if done:
-            self._factor_library.octo_receding_solve(self._state_at, self._at["step"], self._at["lam"])
+            self._factor_library.octo_receding_solve(
+                self._state_at, self._at["step"], self._at["lam"]
+            )
         return done
 
     def _linearize(self, chunk: int, exact: bool) -> None:
@@ -141,7 +187,11 @@ class RecedingHorizon:
             raise MemoryError("octo_linearize could not allocate its work arrays")
 
     def _eliminate(self, first: int, last: int) -> bool:
-        return bool(self._factor_library.octo_receding_eliminate(self._state_at, first, last, self._at["b"], self._at["C"]))
+        return bool(
+            self._factor_library.octo_receding_eliminate(
+                self._state_at, first, last, self._at["b"], self._at["C"]
+            )
+        )
 
     def evaluate(self) -> None:
         """``fd``, ``terms`` and ``C`` at ``nodes``."""
@@ -150,6 +200,7 @@ class RecedingHorizon:
         self._library.octo_evaluate(self._task_at, 1)
 
     def gain(self) -> Array:
-        """(n, 2n) the derivative of the next x_1 with respect to (x_0, x_{-1}), of the last factor."""
+        """(n, 2n) the derivative of the next x_1 with respect to (x_0, x_{-1}), of the last
+        factor."""
         self._factor_library.octo_receding_gain(self._state_at, address(self._gain))
         return self._gain

@@ -1,4 +1,5 @@
-"""A receding horizon where there is no compiler: the general evaluation and the general KKT factor, slowly."""
+"""A receding horizon where there is no compiler: the general evaluation and the general KKT factor,
+slowly."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from octo.solver.regularisation import FLOOR, GROW
 
 
 class InterpretedHorizon:
-    """What :class:`octo.solver.receding.RecedingHorizon` offers. Nothing is done ahead: ``feedback`` does it all."""
+    """What :class:`octo.solver.receding.RecedingHorizon` offers. Nothing is done ahead:
+    ``feedback`` does it all."""
 
     def __init__(self, compiled: CompiledProblem, sigma: float = 1e-6):
         N, n, m = compiled.steps, compiled.n, compiled.m
@@ -36,7 +38,9 @@ class InterpretedHorizon:
 
     def feedback(self, exact: bool = False, usable: bool = True) -> bool:
         whole = self._whole
-        model = whole.linearize(whole.evaluate(self.nodes[None].copy()), self.guess[None] if exact else None)
+        model = whole.linearize(
+            whole.evaluate(self.nodes[None].copy()), self.guess[None] if exact else None
+        )
         H, A = (np.array(blocks[:, PAST:]) for blocks in (model.H, model.A))
         self._past = _columns(H), _columns(A)
         for blocks in (H, A):
@@ -61,10 +65,13 @@ class InterpretedHorizon:
 
 
 def _columns(blocks: Array) -> Array:
-    """(1, N, rows, 2n) of the solved units against x_0 and x_{-1}, from lag blocks (1, N, 3, rows, n)."""
+    """(1, N, rows, 2n) of the solved units against x_0 and x_{-1}, from lag blocks (1, N, 3, rows,
+    n)."""
     n = blocks.shape[-1]
     out = np.zeros((*blocks.shape[:2], blocks.shape[3], 2 * n))
-    out[:, 0, :, :n], out[:, 0, :, n:], out[:, 1, :, :n] = blocks[:, 0, 1], blocks[:, 0, 2], blocks[:, 1, 2]
+    out[:, 0, :, :n] = blocks[:, 0, 1]
+    out[:, 0, :, n:] = blocks[:, 0, 2]
+    out[:, 1, :, :n] = blocks[:, 1, 2]
     return out
 
 
@@ -73,8 +80,12 @@ def _every_node_a_unit(compiled: CompiledProblem) -> CompiledProblem:
     N, K = compiled.steps, compiled.steps + PAST
     whole: CompiledProblem = object.__new__(CompiledProblem)
     cached = ("_free_tasks", "_chunks", "_machine", "_test_matrix")
-    whole.__dict__.update({name: value for name, value in compiled.__dict__.items() if name not in cached})
+    whole.__dict__.update(
+        {name: value for name, value in compiled.__dict__.items() if name not in cached}
+    )
     unit, none = np.arange(K, dtype=np.int32)[:, None], np.zeros((K, 1), dtype=np.int32)
-    whole.stencil = Stencil(K, 1, unit, none, np.ones((K, 1)), unit[PAST:].copy(), none[PAST:].copy(), np.ones((N, 1)))
+    whole.stencil = Stencil(
+        K, 1, unit, none, np.ones((K, 1)), unit[PAST:].copy(), none[PAST:].copy(), np.ones((N, 1))
+    )
     whole.K, whole.constant = K, np.zeros((1, K, compiled.n))
     return whole

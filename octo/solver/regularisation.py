@@ -1,7 +1,8 @@
 """Factor the KKT matrix with the smallest weight sigma that gives it the right inertia.
 
-An exact Hessian is indefinite. The weight is raised until the matrix has as many negative eigenvalues as constraints
-and no more (Wächter and Biegler 2006, Algorithm IC), and remembered: the next iteration tries a third of it.
+An exact Hessian is indefinite. The weight is raised until the matrix has as many negative
+eigenvalues as constraints and no more (Wächter and Biegler 2006, Algorithm IC), and remembered: the
+next iteration tries a third of it.
 """
 
 from __future__ import annotations
@@ -28,12 +29,15 @@ class Regularisation:
 
     def take(self, members: Numbers) -> None:
         """Keep some members only."""
-        self.last, self.factorizations, self.local = self.last[members], self.factorizations[members], self.local[members]
+        self.last = self.last[members]
+        self.factorizations = self.factorizations[members]
+        self.local = self.local[members]
 
     def factorize(self, factors: Factors, again: Numbers | None = None) -> tuple[Numbers, Numbers]:
         """Fills ``factors``: the weights used (batch,), and where there is a factor (batch,) bool.
 
-        again (batch,) bool: factor these members only, weight 0 for the others, whose factors stay; None: all.
+        again (batch,) bool: factor these members only, weight 0 for the others, whose factors stay;
+        None: all.
         """
         batch = len(self.last)
         sigma, pending = np.zeros(batch), np.ones(batch, dtype=bool)

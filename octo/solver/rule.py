@@ -18,7 +18,8 @@ STAGES = ("linearize", "factor", "solve", "evaluate")
 
 @dataclass(eq=False)
 class Clock:
-    """Seconds by stage. ``finish`` waits for what a stage has begun, where somebody wants to know how long that takes."""
+    """Seconds by stage. ``finish`` waits for what a stage has begun, where somebody wants to know
+    how long that takes."""
 
     finish: Callable[[], None] = lambda: None
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))

@@ -1,4 +1,5 @@
-"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how it was found."""
+"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how
+it was found."""
 
 from __future__ import annotations
 
@@ -35,12 +36,23 @@ LOADED = 0.01  # of the weight: a contact that carries more counts as loaded
 class Status(Enum):
     """Why the solver stopped, in words."""
 
-    CONVERGED = "converged: the full step, the constraints and the gradient of the Lagrangian are within tolerance"
-    ACCEPTABLE = "acceptable: the constraints are within tolerance and E has changed by less than 1e-4 of itself in 20 iterations"
-    STALLED = "stalled: no step improves the merit any more, and the tests of convergence do not hold"
+    CONVERGED = (
+        "converged: the full step, the constraints and the gradient of the Lagrangian are "
+        "within tolerance"
+    )
+    ACCEPTABLE = (
+        "acceptable: the constraints are within tolerance and E has changed by less than "
+        "1e-4 of itself in 20 iterations"
+    )
+    STALLED = (
+        "stalled: no step improves the merit any more, and the tests of convergence do not hold"
+    )
     ITERATION_LIMIT = "stopped at the limit of iterations before it converged"
     TIME_LIMIT = "stopped at the time limit before it converged"
-    JOINED = "joined: every piece converged with its ends fixed; as one problem it did not converge, or stumbled"
+    JOINED = (
+        "joined: every piece converged with its ends fixed; as one problem it did not "
+        "converge, or stumbled"
+    )
     INTERRUPTED = "interrupted: this is the best iterate so far"
     NOT_FINITE = "stopped: the dynamics at the start are not finite"
     SIMULATED = "simulated: every implicit step was solved"
@@ -74,36 +86,42 @@ HISTORY = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Shown):
-    """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came from.
+    """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came
+    from.
 
-    A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a row is of:
+    A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a
+    row is of:
 
-    ===========================  ==============  =======================================================
-    array                        shape           row i
-    ===========================  ==============  =======================================================
-    times                        (N+1,)          moment i, s
-    x[1:]                        (N+1, nx)       configuration at moment i
-    x                            (N+2, nx)       the same behind one row for moment −1, which says v[0]
-    v                            (N+1, nx)       velocity over the step that ends at moment i
-    com, yaw                     (N+1, 3), (N+1) at moment i
-    u                            (N, nu)         torque from moment i to moment i+1
-    contact_*, normal_force,
-    loaded, stance               (N, c, …)       at moment i+1
-    ===========================  ==============  =======================================================
+    ===========================  ==============
+    ======================================================= array                        shape
+    row i ===========================  ==============
+    ======================================================= times                        (N+1,)
+    moment i, s x[1:]                        (N+1, nx)       configuration at moment i x
+    (N+2, nx)       the same behind one row for moment −1, which says v[0] v
+    (N+1, nx)       velocity over the step that ends at moment i com, yaw                     (N+1,
+    3), (N+1) at moment i u                            (N, nu)         torque from moment i to
+    moment i+1 contact_*, normal_force, loaded, stance               (N, c, …)       at moment i+1
+    ===========================  ==============
+    =======================================================
 
     Attributes
     ----------
     name: of the robot, or "custom". character: None for user-written dynamics.
-    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m. u: (N, nu) N m or N; u[i] acts from x_i to x_{i+1}.
+    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m. u: (N, nu) N m or N; u[i] acts from
+        x_i to x_{i+1}.
     unknowns (K, nc), multipliers (K, ma): the solver's own variables, for warm starts.
-    terms: E by term; energy: their sum. violation: ‖C‖∞ in N. pointwise_residual: ‖U_/FD‖∞ in N (moments over ℓ).
-    contact_names: the spheres that touch the terrain (c of them); contact_force, contact_point, contact_velocity,
-        contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m, m/s.
+    terms: E by term; energy: their sum. violation: ‖C‖∞ in N. pointwise_residual: ‖U_/FD‖∞ in N
+        (moments over ℓ).
+    contact_names: the spheres that touch the terrain (c of them); contact_force, contact_point,
+        contact_velocity, contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m,
+        m/s.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
     history: one column per name of HISTORY, one row per iteration of every pass.
-    processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an idle machine.
+    processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an
+        idle machine.
     cycle: what a cycle is carried on with; None of other motions.
-    passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by stage.
+    passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by
+        stage.
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
 
@@ -146,7 +164,7 @@ class Solution(Shown):
     starts: tuple[dict[str, Any], ...] = ()
     asked: tuple[Asked, ...] = ()
 
-    # -- the motion -----------------------------------------------------------------------------------------------
+    # -- the motion --------------------------------------------------------------------------------
 
     @property
     def steps(self) -> int:
@@ -159,7 +177,8 @@ class Solution(Shown):
 
     @property
     def v(self) -> Array:
-        """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as x."""
+        """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as
+        x."""
         return np.diff(self.x, axis=0) / self.dt
 
     @property
@@ -208,7 +227,7 @@ class Solution(Shown):
         """
         return tiled(self, strides)
 
-    # -- what the feet do -----------------------------------------------------------------------------------------
+    # -- what the feet do --------------------------------------------------------------------------
 
     @property
     def normal_force(self) -> Array:
@@ -222,7 +241,8 @@ class Solution(Shown):
 
     @property
     def stance(self) -> NDArray[np.bool_]:
-        """(N, c) contacts that stand at x_1 … x_N, without the flicker of a threshold: what ``gait`` counts."""
+        """(N, c) contacts that stand at x_1 … x_N, without the flicker of a threshold: what
+        ``gait`` counts."""
         return stances(self.normal_force, self.weight)
 
     def _loaded(self, values: Array) -> Array:
@@ -242,12 +262,16 @@ class Solution(Shown):
     def slip(self) -> float:
         """m/s, root mean square of the tangential velocity over loaded contact-steps."""
         normal = self.contact_normal
-        along = self.contact_velocity - normal * np.sum(normal * self.contact_velocity, axis=-1, keepdims=True)
+        along = self.contact_velocity - normal * np.sum(
+            normal * self.contact_velocity, axis=-1, keepdims=True
+        )
         return float(np.sqrt(np.mean(self._loaded(np.sum(along**2, axis=-1)))))
 
     def _friction_use(self) -> Array:
         force = self.normal_force
-        tangential = np.linalg.norm(self.contact_force - self.contact_normal * force[..., None], axis=-1)
+        tangential = np.linalg.norm(
+            self.contact_force - self.contact_normal * force[..., None], axis=-1
+        )
         return self._loaded(tangential / np.where(self.loaded, force, 1.0))
 
     @property
@@ -270,7 +294,8 @@ class Solution(Shown):
 
     @property
     def power(self) -> float:
-        """W, mean of Σ|u dq/dt| over the motion: work done by the joints and on them; 0 for user-written dynamics."""
+        """W, mean of Σ|u dq/dt| over the motion: work done by the joints and on them; 0 for
+        user-written dynamics."""
         if self.character is None:
             return 0.0
         turned = np.diff(self.x[1:], axis=0)[:, self.character.actuated]  # (N, nu) rad and m
@@ -278,18 +303,21 @@ class Solution(Shown):
 
     @cached_property
     def gait(self) -> Gait | None:
-        """How good the motion is, in figures; of a cycle, carried on for some strides. None for user-written dynamics."""
+        """How good the motion is, in figures; of a cycle, carried on for some strides. None for
+        user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before the motion is used, whatever its status: leaps from one node to the next, a dt too long."""
+        """What to know before the motion is used, whatever its status: leaps from one node to the
+        next, a dt too long."""
         return warnings(self)
 
-    # -- words and numbers ----------------------------------------------------------------------------------------
+    # -- words and numbers -------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
-        """The numbers of report.json; every one is finite, or None in ``gait`` where there is nothing to measure.
+        """The numbers of report.json; every one is finite, or None in ``gait`` where there is
+        nothing to measure.
 
         A cycle has more: period, speed, sideways, turn, mirrored, and power.
         """
@@ -347,15 +375,19 @@ class Solution(Shown):
     def __str__(self) -> str:
         lines = [
             f"{self.name}, {self._sampled}: {self.status.value}",
-            f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = {self.energy:.5g} "
+            f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = "
+            f"{self.energy:.5g} "
             f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
-            f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual {self.pointwise_residual:.1e} N",
+            f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual "
+            f"{self.pointwise_residual:.1e} N",
         ]
         if self.character is not None:
             travel = self.com[-1] - self.com[0]
             lines.append(
-                f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, {travel[2]:.2f}) m; feet sink "
-                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
+                f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, "
+                f"{travel[2]:.2f}) m; feet sink "
+                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest "
+                f"|u|/limit {self.torque_excess:.2f}"
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
@@ -363,31 +395,39 @@ class Solution(Shown):
         lines += [f"  warning: {sentence}" for sentence in self.warnings]
         return "\n".join(lines)
 
-    # -- other tools ----------------------------------------------------------------------------------------------
+    # -- other tools -------------------------------------------------------------------------------
 
     def to_mujoco(self) -> tuple[Array, Array]:
         """MuJoCo's qpos (N+1, nq) and qvel (N+1, nv)."""
         return export.to_mujoco(self)
 
-    def to_pinocchio(self, joints: Sequence[str] | None = None, circular: Collection[str] = ()) -> tuple[Array, Array]:
+    def to_pinocchio(
+        self, joints: Sequence[str] | None = None, circular: Collection[str] = ()
+    ) -> tuple[Array, Array]:
         """Pinocchio's q (N+1, nq) and v (N+1, nv).
 
-        ``joints`` names the order of its joints after the free flyer, ``circular`` those it keeps as cosine and sine.
+        ``joints`` names the order of its joints after the free flyer, ``circular`` those it keeps
+        as cosine and sine.
         """
         return export.to_pinocchio(self, joints, circular)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """A table: time, coordinates, torques, contact forces; the first line has names and units."""
+        """A table: time, coordinates, torques, contact forces; the first line has names and
+        units."""
         export.to_csv(self, path)
 
-    # -- files ----------------------------------------------------------------------------------------------------
+    # -- files -------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
         target = ending("path", path, (".npz",))
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-        arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {f"history_{k}": v for k, v in self.history.items()}
-        plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS}
+        arrays |= {f"ground_{k}": v for k, v in self.ground.items()} | {
+            f"history_{k}": v for k, v in self.history.items()
+        }
+        plain = {
+            f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in _ARRAYS
+        }
         for name in ("ground", "history"):
             plain.pop(name)
         if self.cycle is not None:
@@ -402,15 +442,18 @@ class Solution(Shown):
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Solution:
-        """Read a solution that :meth:`save` wrote: the file, or the folder of a command that holds a solution.npz.
+        """Read a solution that :meth:`save` wrote: the file, or the folder of a command that holds
+        a solution.npz.
 
         Raises
         ------
-        RobotFileError: the file is missing, or something in it is not as octo writes it; one line that says what.
+        RobotFileError: the file is missing, or something in it is not as octo writes it; one line
+            that says what.
         """
         with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
             status = _status(file.word("status"))
-            failed = status in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)  # what may be not finite
+            # what may be not finite
+            failed = status in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)
             return Solution(**saved.fields_of(file, failed), status=status)
 
 
@@ -431,11 +474,22 @@ def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
     """
     found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
     if not isinstance(found, Solution):
-        raise ProblemError(f"solution is {said(found)}, must be a Solution, or the path of a file or folder of octo's")
+        raise ProblemError(
+            f"solution is {said(found)}, must be a Solution, or the path of a file or folder of "
+            "octo's"
+        )
     return found
 
 
 _ARRAYS = (
-    "x", "u", "unknowns", "multipliers", "torque_limit", "contact_force", "contact_point", "contact_velocity",
-    "contact_normal", "contact_depth",
-)  # fmt: skip
+    "x",
+    "u",
+    "unknowns",
+    "multipliers",
+    "torque_limit",
+    "contact_force",
+    "contact_point",
+    "contact_velocity",
+    "contact_normal",
+    "contact_depth",
+)

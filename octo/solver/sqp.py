@@ -1,7 +1,8 @@
 """Algorithm 1 over a batch: linearise, ask the rule for a step, take it, test for convergence.
 
-The rule (line_search.py or trust_region.py) owns the step and its acceptance; this file owns the iterate, the tests,
-the clock and the history. Members that are done leave the batch, so none waits for another and none disturbs another.
+The rule (line_search.py or trust_region.py) owns the step and its acceptance; this file owns the
+iterate, the tests, the clock and the history. Members that are done leave the batch, so none waits
+for another and none disturbs another.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from octo.solver.trust_region import TrustRegion
 
 @dataclass(eq=False)
 class Iterate:
-    """What a callback sees after an iteration; arrays are over the members still at work, and the callback's to change."""
+    """What a callback sees after an iteration; arrays are over the members still at work, and the
+    callback's to change."""
 
     number: int  # of the pass, counted from 1
     passes: int
@@ -72,7 +74,9 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(self.number, self.passes, iteration, at.energy.copy(), violation.copy(), at)
+        self.last = Iterate(
+            self.number, self.passes, iteration, at.energy.copy(), violation.copy(), at
+        )
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
@@ -99,15 +103,23 @@ class Result:
 
     def after(self, before: Result) -> Result:
         """This result with the iterations, time and history that led to it."""
-        joined = [{n: np.concatenate([a[n], b[n]]) for n in HISTORY} for a, b in zip(before.history, self.history, strict=True)]
+        joined = [
+            {n: np.concatenate([a[n], b[n]]) for n in HISTORY}
+            for a, b in zip(before.history, self.history, strict=True)
+        ]
         return replace(
-            self, iterations=before.iterations + self.iterations, factorizations=before.factorizations + self.factorizations,
-            history=joined, stages={n: before.stages[n] + self.stages[n] for n in STAGES}, seconds=before.seconds + self.seconds,
+            self,
+            iterations=before.iterations + self.iterations,
+            factorizations=before.factorizations + self.factorizations,
+            history=joined,
+            stages={n: before.stages[n] + self.stages[n] for n in STAGES},
+            seconds=before.seconds + self.seconds,
             processor_seconds=before.processor_seconds + self.processor_seconds,
-        )  # fmt: skip
+        )
 
 
-SETTLING = 10  # iterations over which E settles before terms over contacts have all of their curvature
+# iterations over which E settles before terms over contacts have all of their curvature
+SETTLING = 10
 
 
 def _level(energies: list[float], count: int, part: float) -> bool:
@@ -121,11 +133,13 @@ class _Records:
 
     def __init__(self, batch: int, options: SqpOptions):
         self._options = options
-        self._iterations: list[tuple[NDArray[np.intp], tuple[Any, ...]]] = []  # the members at work, their columns of HISTORY
+        # the members at work, their columns of HISTORY
+        self._iterations: list[tuple[NDArray[np.intp], tuple[Any, ...]]] = []
         self._energies: list[list[float]] = [[] for _ in range(batch)]
 
     def add(self, members: NDArray[np.intp], energy: Numbers, *columns: Any) -> NDArray[np.bool_]:
-        """Columns of HISTORY from E on, numbers or (members,): where E changed by less than a small part of itself lately."""
+        """Columns of HISTORY from E on, numbers or (members,): where E changed by less than a small
+        part of itself lately."""
         self._iterations.append((members, (energy.copy(), *columns)))
         for k, value in zip(members.tolist(), energy.tolist(), strict=True):
             self._energies[k].append(value)
@@ -134,7 +148,10 @@ class _Records:
 
     def settled(self, members: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Where E has changed by less than a part of itself over the last SETTLING iterations."""
-        return np.array([_level(self._energies[k], SETTLING, self._options.settled) for k in members], dtype=bool)
+        return np.array(
+            [_level(self._energies[k], SETTLING, self._options.settled) for k in members],
+            dtype=bool,
+        )
 
     def histories(self) -> list[dict[str, Array]]:
         rows: list[list[Any]] = [[] for _ in self._energies]
@@ -156,18 +173,25 @@ def run(
     monitor: Monitor | None = None,
     backend: Backend = CPU,
 ) -> Result:
-    """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by default.
+    """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by
+    default.
 
-    ``problem``, ``unknowns`` and ``lam`` are where ``backend`` keeps its arrays; the result is NumPy's.
+    ``problem``, ``unknowns`` and ``lam`` are where ``backend`` keeps its arrays; the result is
+    NumPy's.
     """
     return _Run(problem, unknowns, lam, options, monitor or Monitor(), backend).run()
 
 
 class _Run:
     def __init__(
-        self, problem: CompiledProblem, unknowns: Array, lam: Array | None, options: SqpOptions, monitor: Monitor,
+        self,
+        problem: CompiledProblem,
+        unknowns: Array,
+        lam: Array | None,
+        options: SqpOptions,
+        monitor: Monitor,
         backend: Backend,
-    ):  # fmt: skip
+    ):
         self.options, self.monitor, self.clock = options, monitor, Clock(backend.finish)
         self.problem = problem
         self.began, self.began_processor = time.perf_counter(), time.process_time()
@@ -182,7 +206,9 @@ class _Run:
         self.active = np.arange(problem.batch)
         self.records = _Records(problem.batch, options)
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
-        self.best, self.best_lam, self.best_score = self.at, self.lam, np.full(problem.batch, np.inf)
+        self.best = self.at
+        self.best_lam = self.lam
+        self.best_score = np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
         self.moved = np.ones(problem.batch, dtype=bool)
         self.settled = np.zeros(problem.batch, dtype=bool)  # where E has settled once
@@ -206,10 +232,14 @@ class _Run:
         return self._result()
 
     def _iterate(self, iteration: int) -> None:
-        exact = self.options.hessian != "gauss_newton" and iteration >= self.options.gauss_newton_first
+        exact = (
+            self.options.hessian != "gauss_newton" and iteration >= self.options.gauss_newton_first
+        )
         if self.model is None or some(self.moved) or iteration == self.options.gauss_newton_first:
             with self.clock("linearize"):
-                self.model = self.backend.linearize(self.problem, self.at, self.lam, exact, self.settled)
+                self.model = self.backend.linearize(
+                    self.problem, self.at, self.lam, exact, self.settled
+                )
         self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
         plateau = self._record(move)
@@ -220,7 +250,11 @@ class _Run:
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
             stalled = move.failed & ~(acceptable | move.converged)
-            status = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE), (stalled, Status.STALLED)]
+            status = [
+                (move.converged, Status.CONVERGED),
+                (acceptable, Status.ACCEPTABLE),
+                (stalled, Status.STALLED),
+            ]
             if stopped:
                 status.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
             self._leave_all(status)
@@ -238,28 +272,43 @@ class _Run:
     @property
     def tolerance(self) -> float:
         """N."""
-        return self.options.tolerance * (self.problem.weight if self.options.step == "line_search" else 1.0)
+        return self.options.tolerance * (
+            self.problem.weight if self.options.step == "line_search" else 1.0
+        )
 
     def _remember(self) -> None:
         """Keep what is at hand where it is better than the best so far."""
         score = self.score
         better = score <= self.best_score
         if some(better):
-            self.best, self.best_lam = self.best.replaced(better, self.at), choose(better, self.lam, self.best_lam)
+            self.best, self.best_lam = (
+                self.best.replaced(better, self.at),
+                choose(better, self.lam, self.best_lam),
+            )
             self.best_score = choose(better, score, self.best_score)
 
     def _record(self, move: Move) -> NDArray[np.bool_]:
         """Where E has not changed lately."""
         return self.records.add(
-            self.active, self.at.energy, self.violation, move.dual, move.step, move.taken, move.ratio, move.radius, move.sigma,
-            move.factorizations, time.perf_counter() - self.began,
-        )  # fmt: skip
+            self.active,
+            self.at.energy,
+            self.violation,
+            move.dual,
+            move.step,
+            move.taken,
+            move.ratio,
+            move.radius,
+            move.sigma,
+            move.factorizations,
+            time.perf_counter() - self.began,
+        )
 
     def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
         self._leave_all([(mask, status)])
 
     def _leave_all(self, groups: list[tuple[NDArray[np.bool_], Status]]) -> None:
-        """Members that are done go out of the batch; those that did not converge keep their best iterate."""
+        """Members that are done go out of the batch; those that did not converge keep their best
+        iterate."""
         gone = np.zeros(len(self.active), dtype=bool)
         for mask, status in groups:
             if not some(mask):
@@ -267,10 +316,18 @@ class _Run:
             gone |= mask
             score = self.score
             for place in np.flatnonzero(mask):
-                better = status.converged or score[place] <= self.best_score[place] or not np.isfinite(self.best_score[place])
+                better = (
+                    status.converged
+                    or score[place] <= self.best_score[place]
+                    or not np.isfinite(self.best_score[place])
+                )
                 at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
                 k = int(place)
-                self.done[int(self.active[k])] = (status, at.take([k]).on_host(), host(lam[k : k + 1]))
+                self.done[int(self.active[k])] = (
+                    status,
+                    at.take([k]).on_host(),
+                    host(lam[k : k + 1]),
+                )
         if not some(gone):
             return
         keep = np.flatnonzero(~gone)
@@ -280,19 +337,30 @@ class _Run:
             self.problem = self.problem.take(keep)
             self.at, self.lam, self.moved = self.at.take(keep), self.lam[own], self.moved[keep]
             self.settled = self.settled[keep]
-            self.best, self.best_lam, self.best_score = self.best.take(keep), self.best_lam[own], self.best_score[keep]
+            self.best, self.best_lam, self.best_score = (
+                self.best.take(keep),
+                self.best_lam[own],
+                self.best_score[keep],
+            )
             self.model = None
             self.rule.take(keep, self.problem)
 
     def _result(self) -> Result:
         ends, histories = [self.done[k] for k in range(self.batch)], self.records.histories()
-        at = Evaluation(*(np.concatenate([getattr(e[1], part.name) for e in ends]) for part in fields(Evaluation)))
+        at = Evaluation(
+            *(
+                np.concatenate([getattr(e[1], part.name) for e in ends])
+                for part in fields(Evaluation)
+            )
+        )
         return Result(
             at=at,
             lam=np.concatenate([e[2] for e in ends]),
             status=[e[0] for e in ends],
             iterations=np.array([len(history["energy"]) for history in histories]),
-            factorizations=np.array([int(history["factorizations"].max(initial=0.0)) for history in histories]),
+            factorizations=np.array(
+                [int(history["factorizations"].max(initial=0.0)) for history in histories]
+            ),
             history=histories,
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,

@@ -29,8 +29,9 @@ class Stride:
     matrix (n, n), constant (n,): of a configuration. torque (nu, nu): of u.
     rotation (3, 3), shift (3,) m: of a point of the world; reflected where mirrored.
     contacts (c,): the contact that each one's place is taken by.
-    asymmetry: N, ‖U_/FD‖∞ of the mirror image (moments over ℓ): that of the motion itself where the robot's left and right
-        are exactly alike, more by what the robot's file says of differences between them.
+    asymmetry: N, ‖U_/FD‖∞ of the mirror image (moments over ℓ): that of the motion itself where the
+        robot's left and right are exactly alike, more by what the robot's file says of differences
+        between them.
     """
 
     period: float
@@ -54,17 +55,28 @@ class Stride:
             return None
         first = robot.base_coordinate
         mirrored = closure.mirrored
-        rotation = np.diag([1.0, -1.0, 1.0]) if mirrored else closure.forward[first : first + 3, first : first + 3]
+        rotation = (
+            np.diag([1.0, -1.0, 1.0])
+            if mirrored
+            else closure.forward[first : first + 3, first : first + 3]
+        )
         touching = list(robot.terrain_contacts)
         images = np.arange(len(touching))
         if closure.mirror is not None and mirrored:
             images = np.array([touching.index(int(closure.mirror.contacts[k])) for k in touching])
         return cls(
-            period=problem.steps * problem.dt * (2.0 if mirrored else 1.0), speed=cycle.velocity, sideways=cycle.sideways,
-            turn=cycle.turn, mirrored=mirrored, matrix=closure.forward, constant=closure.forward_constant,
-            torque=closure.forward[np.ix_(robot.actuated, robot.actuated)], rotation=rotation,
-            shift=closure.forward_constant[first : first + 3], contacts=images,
-        )  # fmt: skip
+            period=problem.steps * problem.dt * (2.0 if mirrored else 1.0),
+            speed=cycle.velocity,
+            sideways=cycle.sideways,
+            turn=cycle.turn,
+            mirrored=mirrored,
+            matrix=closure.forward,
+            constant=closure.forward_constant,
+            torque=closure.forward[np.ix_(robot.actuated, robot.actuated)],
+            rotation=rotation,
+            shift=closure.forward_constant[first : first + 3],
+            contacts=images,
+        )
 
     def on(self, x: Array) -> Array:
         """Configurations (…, n) one solved piece later."""
@@ -75,16 +87,23 @@ class Stride:
         whole = self
         for _ in range(count - 1):
             whole = replace(
-                whole, matrix=self.matrix @ whole.matrix, constant=self.matrix @ whole.constant + self.constant,
-                torque=self.torque @ whole.torque, rotation=self.rotation @ whole.rotation,
-                shift=self.rotation @ whole.shift + self.shift, contacts=whole.contacts[self.contacts],
-            )  # fmt: skip
+                whole,
+                matrix=self.matrix @ whole.matrix,
+                constant=self.matrix @ whole.constant + self.constant,
+                torque=self.torque @ whole.torque,
+                rotation=self.rotation @ whole.rotation,
+                shift=self.rotation @ whole.shift + self.shift,
+                contacts=whole.contacts[self.contacts],
+            )
         return replace(whole, mirrored=False, asymmetry=0.0)
 
     def in_words(self, duration: float) -> str:
         """What moves on so, of a motion of ``duration`` s."""
         strides = round(duration / self.period)
-        words = [f"{strides} strides" if strides > 1 else "a cycle", f"of {self.period:.4g} s at {self.speed:g} m/s"]
+        words = [
+            f"{strides} strides" if strides > 1 else "a cycle",
+            f"of {self.period:.4g} s at {self.speed:g} m/s",
+        ]
         if self.sideways != 0.0:
             words.append(f"and {self.sideways:g} m/s sideways")
         if self.turn != 0.0:
@@ -102,8 +121,8 @@ ARRAYS = ("matrix", "constant", "torque", "rotation", "shift", "contacts")  # of
 def tiled(solution: Solution, strides: int) -> Solution:
     """``strides`` whole strides of a solved cycle, one after the other.
 
-    Of a mirrored one ``violation`` and ``pointwise_residual`` are those of the image too, which is larger where the robot is
-    not exactly its own mirror image.
+    Of a mirrored one ``violation`` and ``pointwise_residual`` are those of the image too, which is
+    larger where the robot is not exactly its own mirror image.
 
     Raises
     ------
@@ -111,17 +130,24 @@ def tiled(solution: Solution, strides: int) -> Solution:
     """
     stride = solution.cycle
     if stride is None:
-        raise ProblemError("this motion is no cycle, it cannot be tiled: solve a Problem with cycle=octo.Cycle(…)")
+        raise ProblemError(
+            "this motion is no cycle, it cannot be tiled: solve a Problem with cycle=octo.Cycle(…)"
+        )
     pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
     vectors = ("contact_force", "contact_velocity", "contact_normal")
-    made: dict[str, list[Array]] = {name: [getattr(solution, name)] for name in ("u", "contact_point", "contact_depth", *vectors)}
+    made: dict[str, list[Array]] = {
+        name: [getattr(solution, name)]
+        for name in ("u", "contact_point", "contact_depth", *vectors)
+    }
     made["x"] = [solution.x[2:]]
     for _ in range(pieces - 1):
         last = {name: blocks[-1] for name, blocks in made.items()}
         made["x"].append(stride.on(last["x"]))
         made["u"].append(last["u"] @ stride.torque.T)
         made["contact_depth"].append(last["contact_depth"][:, stride.contacts])
-        made["contact_point"].append(last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift)
+        made["contact_point"].append(
+            last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift
+        )
         for name in vectors:
             made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
     joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
@@ -129,9 +155,13 @@ def tiled(solution: Solution, strides: int) -> Solution:
     for name in ("violation", "pointwise_residual"):
         joined[name] = max(getattr(solution, name), stride.asymmetry)
     return replace(
-        solution, **joined, ground=_plane_around(solution.ground, joined["contact_point"]), cycle=stride.times(pieces),
-        unknowns=solution.unknowns[:0], multipliers=solution.multipliers[:0],
-    )  # fmt: skip
+        solution,
+        **joined,
+        ground=_plane_around(solution.ground, joined["contact_point"]),
+        cycle=stride.times(pieces),
+        unknowns=solution.unknowns[:0],
+        multipliers=solution.multipliers[:0],
+    )
 
 
 def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
@@ -141,6 +171,9 @@ def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
     (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
     slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
     (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
-    wide = [np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2) for a, lo, hi in zip((x, y), low, high, strict=True)]
+    wide = [
+        np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2)
+        for a, lo, hi in zip((x, y), low, high, strict=True)
+    ]
     height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
     return {"x": wide[0], "y": wide[1], "z": height}

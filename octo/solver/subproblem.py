@@ -12,12 +12,14 @@ from typing import Any, TypeAlias
 from octo.arrays import Array, Numbers, array_module, inner, like
 from octo.solver.blocks import KKTBlocks
 
-RELAXATION = 0.8  # of the radius: how much of it the normal step may use (Nocedal and Wright, §18.5)
+# of the radius: how much of it the normal step may use (Nocedal and Wright, §18.5)
+RELAXATION = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """What one linearisation gives, whatever the radius: the solutions with its factors, each (batch, K, nc)."""
+    """What one linearisation gives, whatever the radius: the solutions with its factors, each
+    (batch, K, nc)."""
 
     full: Array  # p_f, the KKT step of Eq. 12
     tangential: Array  # p(C_0 = 0), the KKT step without the constraints' residual
@@ -39,7 +41,8 @@ Two: TypeAlias = tuple[Array, Array]
 
 
 def two_by_two(hessian: Three, gradient: Two, radius: Array) -> Two:
-    """Minimise gᵀz + ½zᵀBz over ‖z‖ ≤ radius (batch,), B = [[a, b], [b, c]]: bisection on the multiplier of the ball."""
+    """Minimise gᵀz + ½zᵀBz over ‖z‖ ≤ radius (batch,), B = [[a, b], [b, c]]: bisection on the
+    multiplier of the ball."""
     xp = array_module(radius)
     (a, b, c), (g1, g2) = hessian, gradient
     mean, half = 0.5 * (a + c), xp.sqrt((0.5 * (a - c)) ** 2 + b**2)
@@ -65,7 +68,11 @@ def two_by_two(hessian: Three, gradient: Two, radius: Array) -> Two:
 
 
 def minimize(
-    blocks: KKTBlocks, at: Directions, project: Any, radius: Numbers, ball: Callable[[Three, Two, Array], Two] = two_by_two
+    blocks: KKTBlocks,
+    at: Directions,
+    project: Any,
+    radius: Numbers,
+    ball: Callable[[Three, Two, Array], Two] = two_by_two,
 ) -> Step:
     """Minimise the model over v + span{p(θ) − v, −P(b + Hv)} in the ball of ``radius`` (batch,).
 

@@ -1,4 +1,5 @@
-"""The paper's step (§6.1): JᵀJ, two directions in a trust region, the merit Φ = μ/2‖C‖² + E, verbatim."""
+"""The paper's step (§6.1): JᵀJ, two directions in a trust region, the merit Φ = μ/2‖C‖² + E,
+verbatim."""
 
 from __future__ import annotations
 
@@ -22,7 +23,14 @@ EFFORT = 1e-4  # of ‖u‖², §8
 class TrustRegion:
     """The rule of SqpOptions.paper()."""
 
-    def __init__(self, problem: CompiledProblem, at: Evaluation, options: SqpOptions, clock: Clock, backend: Backend = CPU):
+    def __init__(
+        self,
+        problem: CompiledProblem,
+        at: Evaluation,
+        options: SqpOptions,
+        clock: Clock,
+        backend: Backend = CPU,
+    ):
         self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
         self.regularisation = Regularisation(problem.batch, problem.K, options)
         self.radius = np.full(problem.batch, np.inf)
@@ -31,7 +39,8 @@ class TrustRegion:
 
     @staticmethod
     def normalised(problem: CompiledProblem, unknowns: Array) -> CompiledProblem:
-        """E as §8 scales it: the objective is 1 at the start, effort is 1e-4‖u‖² summed over the steps."""
+        """E as §8 scales it: the objective is 1 at the start, effort is 1e-4‖u‖² summed over the
+        steps."""
         scaled = problem.take(np.arange(problem.batch))
         values = host(problem.term_values(problem.evaluate(unknowns)))
         terms = problem.problems[0].costs
@@ -49,7 +58,9 @@ class TrustRegion:
         """Keep some members only, those of ``problem``."""
         self.problem = problem
         self.regularisation.take(members)
-        self.radius, self.mu, self.refused = self.radius[members], self.mu[members], self.refused[members]
+        self.radius = self.radius[members]
+        self.mu = self.mu[members]
+        self.refused = self.refused[members]
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration of Algorithm 1, lines 3 to 20."""
@@ -66,16 +77,27 @@ class TrustRegion:
             radius = np.where(np.isfinite(self.radius), self.radius, UNBOUNDED)
             step = minimize(blocks, directions, normal.project, radius, self.backend.two_by_two)
             square, wanted = inner(step.delta, step.delta), inner(model.C, model.C)
-            numbers = [square, wanted, step.energy, step.residual, largest(step.delta), largest(full), dual]
+            numbers = [
+                square,
+                wanted,
+                step.energy,
+                step.residual,
+                largest(step.delta),
+                largest(full),
+                dual,
+            ]
         with self.clock("evaluate"):
-            trial, numbers = self.backend.evaluate_with(self.problem, at.unknowns + step.delta, numbers)
+            trial, numbers = self.backend.evaluate_with(
+                self.problem, at.unknowns + step.delta, numbers
+            )
         square, wanted, energy, residual, moved, most, dual = numbers
         self._raise_penalty(wanted, energy, residual)
         length = np.sqrt(square)
         self.radius = np.where(np.isfinite(self.radius), self.radius, length)
         weight = self.problem.weight
         violation = trial.largest * weight
-        ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))  # length 0: nothing is left to do
+        # length 0: nothing is left to do
+        ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))
         ok &= (violation < self.options.c_max) | (violation < at.largest * weight)
         reduction = self._merit(at) - self._merit(trial)
         self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
@@ -84,18 +106,26 @@ class TrustRegion:
         self.refused = np.where(ok, 0, self.refused + 1)
         left = after.largest * weight
         return Move(
-            at=after, lam=lam, accepted=ok, failed=~has | (self.refused > 200),
-            dual=dual, step=most, taken=np.where(ok, moved, 0.0),
-            ratio=reduction / np.maximum(-energy, 1e-300), radius=self.radius.copy(), sigma=sigma,
+            at=after,
+            lam=lam,
+            accepted=ok,
+            failed=~has | (self.refused > 200),
+            dual=dual,
+            step=most,
+            taken=np.where(ok, moved, 0.0),
+            ratio=reduction / np.maximum(-energy, 1e-300),
+            radius=self.radius.copy(),
+            sigma=sigma,
             factorizations=self.regularisation.factorizations,
             converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
-        )  # fmt: skip
+        )
 
     def _merit(self, at: Evaluation) -> Numbers:
         return at.energy + 0.5 * self.mu * at.square
 
     def _raise_penalty(self, square: Numbers, energy: Numbers, residual: Numbers) -> None:
-        """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0, ``square`` ‖C_0‖₂²: monotone."""
+        """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0, ``square`` ‖C_0‖₂²:
+        monotone."""
         gain = 0.5 * (square - residual**2)
         needed = np.where(gain > 1e-30, energy / ((1.0 - RHO) * np.maximum(gain, 1e-30)), 0.0)
         self.mu = np.maximum(self.mu, needed)

@@ -56,7 +56,9 @@ class Page:
     def _repr_html_(self) -> str:
         """A frame: the page's script and style see nothing of the notebook."""
         document = html.escape(self.text, quote=True)
-        return f'<iframe srcdoc="{document}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
+        return (
+            f'<iframe srcdoc="{document}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
+        )
 
 
 def view(
@@ -112,7 +114,9 @@ def view(
         raise ShapeError("labels", (len(names),), f"one for each solution: ({len(solutions)},)")
     loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
     if loop:  # from half a stride on the other half is its mirror image
-        solutions = [s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions]
+        solutions = [
+            s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions
+        ]
     times = frame_times(solutions)
     if apart is None:
         sizes = [size(s.character) for s in solutions if s.character is not None]
@@ -158,7 +162,8 @@ def _server(viser: Any) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without viser's banner: it prints by rich, which in a notebook does not write to stdout but makes an output."""
+    """Without viser's banner: it prints by rich, which in a notebook does not write to stdout but
+    makes an output."""
     console = importlib.import_module("rich").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -29,7 +29,8 @@ SAME_HEADING = 1e-3  # rad
 
 
 def frame_times(solutions: Sequence[Solution]) -> Array:
-    """(frames,) s, nodes of the first solution, about RATE in a second, and the end of the longest."""
+    """(frames,) s, nodes of the first solution, about RATE in a second, and the end of the
+    longest."""
     end = max(s.steps * s.dt for s in solutions)
     frame = solutions[0].dt * max(1, round(1.0 / (RATE * solutions[0].dt)))
     return np.append(np.arange(0.0, end - 1e-3 * frame, frame), end)

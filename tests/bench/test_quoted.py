@@ -1,4 +1,5 @@
-"""Every number that the pages quote from octo bench is the one in the committed records, to the printed digits."""
+"""Every number that the pages quote from octo bench is the one in the committed records, to the
+printed digits."""
 
 from __future__ import annotations
 

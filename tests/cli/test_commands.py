@@ -1,4 +1,5 @@
-"""What the commands write, print and return; the solver is a stand-in that returns a simulated motion."""
+"""What the commands write, print and return; the solver is a stand-in that returns a simulated
+motion."""
 
 from __future__ import annotations
 
@@ -25,18 +26,49 @@ from octo.solver.solution import Solution, Status
 
 FILES = ["motion.html", "plot.png", "report.json", "solution.npz"]
 NUMBERS = (
-    "iterations", "factorizations", "energy", "violation", "pointwise_residual", "weight", "goal_error", "penetration",
-    "penetration_max", "slip", "friction_use", "friction_use_95", "torque_excess", "seconds", "setup_seconds",
-    "seconds_per_iteration", "steps", "dt", "seed",
-)  # fmt: skip
-OTHERS = ("status", "converged", "terms", "com_travel", "stages", "passes", "device", "basis", "robot", "starts")
+    "iterations",
+    "factorizations",
+    "energy",
+    "violation",
+    "pointwise_residual",
+    "weight",
+    "goal_error",
+    "penetration",
+    "penetration_max",
+    "slip",
+    "friction_use",
+    "friction_use_95",
+    "torque_excess",
+    "seconds",
+    "setup_seconds",
+    "seconds_per_iteration",
+    "steps",
+    "dt",
+    "seed",
+)
+OTHERS = (
+    "status",
+    "converged",
+    "terms",
+    "com_travel",
+    "stages",
+    "passes",
+    "device",
+    "basis",
+    "robot",
+    "starts",
+)
 
 
 def standing(problem: Problem, status: Status) -> Solution:
     """The start held still, as a solution with the given status."""
     x = np.repeat(problem.start[None], problem.steps + 2, axis=0)
     motion = Motion(
-        x, np.zeros((problem.steps, problem.dynamics.nu)), problem.dt, np.ones(problem.steps, dtype=bool), np.zeros(1)
+        x,
+        np.zeros((problem.steps, problem.dynamics.nu)),
+        problem.dt,
+        np.ones(problem.steps, dtype=bool),
+        np.zeros(1),
     )
     made = replace(simulate.measured_motion(problem, motion, 0.1, 0.2), status=status)
     return replace(made, starts=(made.report(),))
@@ -46,7 +78,9 @@ def standing(problem: Problem, status: Status) -> Solution:
 def solver(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Sets what the solver and the pictures do."""
 
-    def given(status: Status = Status.CONVERGED, view: bool = True, interrupt: bool = False) -> None:
+    def given(
+        status: Status = Status.CONVERGED, view: bool = True, interrupt: bool = False
+    ) -> None:
         def solve(problem: Problem, **options: Any) -> Solution:
             if interrupt:
                 raise KeyboardInterrupt
@@ -66,14 +100,36 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 def walk(out: Path, *more: str) -> int:
     """The stand-in stands whatever is asked: it meets one goal."""
-    return main(["solve", "chain", "--goal", "stand", "--costs", "paper", "--seconds", "0.1", "--out", str(out), *more])
+    return main(
+        [
+            "solve",
+            "chain",
+            "--goal",
+            "stand",
+            "--costs",
+            "paper",
+            "--seconds",
+            "0.1",
+            "--out",
+            str(out),
+            *more,
+        ]
+    )
 
 
 @pytest.mark.parametrize(
     ("status", "code"),
-    [(Status.CONVERGED, 0), (Status.ACCEPTABLE, 0), (Status.STALLED, 1), (Status.ITERATION_LIMIT, 1), (Status.INTERRUPTED, 130)],
+    [
+        (Status.CONVERGED, 0),
+        (Status.ACCEPTABLE, 0),
+        (Status.STALLED, 1),
+        (Status.ITERATION_LIMIT, 1),
+        (Status.INTERRUPTED, 130),
+    ],
 )
-def test_exit_codes_and_files(status: Status, code: int, solver: Callable[..., None], tmp_path: Path) -> None:
+def test_exit_codes_and_files(
+    status: Status, code: int, solver: Callable[..., None], tmp_path: Path
+) -> None:
     solver(status)
     assert walk(tmp_path / "walk") == code
     assert sorted(path.name for path in (tmp_path / "walk").iterdir()) == FILES
@@ -86,7 +142,10 @@ def test_a_missed_goal_is_said_and_exits_with_1(
     solver()
     assert walk(tmp_path, "--goal", "walk") == 1
     said = capsys.readouterr().out
-    assert "goal walk missed: the centre of mass moves at (0.00, 0.00) m/s, asked for was (0.50, 0.00)" in said
+    assert (
+        "goal walk missed: the centre of mass moves at (0.00, 0.00) m/s, asked for was "
+        "(0.50, 0.00)" in said
+    )
     assert "off by 0.5 m/s, 0.05 is allowed" in said
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
     assert walk(tmp_path, "--goal", "walk", "--accept-missed") == 0
@@ -99,17 +158,24 @@ def test_a_missed_goal_is_said_and_exits_with_1(
     assert walk(tmp_path, "--goal", "walk") == 130
 
 
-def test_report_has_every_key_and_finite_numbers(solver: Callable[..., None], tmp_path: Path) -> None:
+def test_report_has_every_key_and_finite_numbers(
+    solver: Callable[..., None], tmp_path: Path
+) -> None:
     solver()
     assert walk(tmp_path, "--goal", "walk", "--accept-missed") == 0
-    report = json.loads((tmp_path / "report.json").read_text(), parse_constant=lambda word: pytest.fail(f"{word} in report.json"))
+    report = json.loads(
+        (tmp_path / "report.json").read_text(),
+        parse_constant=lambda word: pytest.fail(f"{word} in report.json"),
+    )
     for name in NUMBERS:
         assert isinstance(report[name], (int, float)), name
     assert set(OTHERS) <= set(report)
     assert report["converged"] is True and report["status"] == "converged"
     assert report["goal_error"] == pytest.approx(1.0)  # it stands, and should walk
     assert report["goal_met"] is False
-    assert all(value is None or isinstance(value, (int, float)) for value in report["gait"].values())
+    assert all(
+        value is None or isinstance(value, (int, float)) for value in report["gait"].values()
+    )
     assert report["gait"]["joint_speed"] == 0.0 and report["gait"]["shortest_swing"] is None
     assert report["energy"] == pytest.approx(sum(report["terms"].values()))
     assert len(report["starts"]) == 1 and report["starts"][0]["status"] == "converged"
@@ -126,7 +192,10 @@ def test_without_pictures_one_line_says_so(
 
 
 def test_a_picture_that_fails_costs_no_numbers(
-    solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    solver: Callable[..., None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def broken(solution: Solution, path: Path) -> None:
         path.write_text("half a picture")
@@ -149,10 +218,22 @@ def test_a_picture_that_fails_costs_no_numbers(
 
 
 def test_interrupted_before_there_is_an_iterate(
-    solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    solver: Callable[..., None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     solver(interrupt=True)
-    words = ["solve", "chain", "--goal", "stand", "--seconds", "0.1", "--out", str(tmp_path / "walk")]
+    words = [
+        "solve",
+        "chain",
+        "--goal",
+        "stand",
+        "--seconds",
+        "0.1",
+        "--out",
+        str(tmp_path / "walk"),
+    ]
     monkeypatch.setattr(sys, "argv", ["octo", *words])
     with pytest.raises(SystemExit) as stopped:
         run()
@@ -162,7 +243,10 @@ def test_interrupted_before_there_is_an_iterate(
 
 
 def test_default_folder_and_why_the_cpu(
-    solver: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    solver: Callable[..., None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     solver()
     monkeypatch.chdir(tmp_path)
@@ -173,7 +257,11 @@ def test_default_folder_and_why_the_cpu(
     assert "using the CPU" not in capsys.readouterr().err
     sys.modules["octo.solve"]._say_cpu.cache_clear()
     assert main([*words, "--verbose"]) == 0
-    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: using the CPU: ")]
+    said = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("octo: using the CPU: ")
+    ]
     assert len(said) == 1
 
 
@@ -187,7 +275,11 @@ def test_every_goal_makes_a_problem(goal: str, costs: str) -> None:
     wanted = {"turn": "BaseAngularVelocity"}.get(goal, "CenterOfMassVelocity")
     at_rest = costs == "natural" and goal == "stand"  # nothing is asked but to end where it began
     assert (wanted in labels) != at_rest and (made.end is not None) == at_rest
-    assert "Effort" in labels and ("FootLift" in labels) == (costs == "robot") and ("BodyLoad" in labels) == (costs == "natural")
+    assert (
+        "Effort" in labels
+        and ("FootLift" in labels) == (costs == "robot")
+        and ("BodyLoad" in labels) == (costs == "natural")
+    )
 
 
 def test_a_failed_write_leaves_the_old_files(tmp_path: Path) -> None:
@@ -197,7 +289,9 @@ def test_a_failed_write_leaves_the_old_files(tmp_path: Path) -> None:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OutputError, match="cannot be written: No space left"):
-        OutputFolder(tmp_path).write({"first": lambda path: path.write_text("new") and None, "second": fail})
+        OutputFolder(tmp_path).write(
+            {"first": lambda path: path.write_text("new") and None, "second": fail}
+        )
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("first", "old")]
 
 
@@ -215,7 +309,9 @@ def test_friction_and_terrain_reach_the_problem(tmp_path: Path) -> None:
     assert law_of("viscous") is None and law_of("coulomb") is not None
     assert terrain_of("slope:10").parameters["normal_x"] == pytest.approx(-np.sin(np.deg2rad(10)))
     file = tmp_path / "hills.py"
-    file.write_text("import casadi as ca\ndef hills(point, p):\n    return point[2] - 0.1 * ca.sin(point[0])\n")
+    file.write_text(
+        "import casadi as ca\ndef hills(point, p):\n    return point[2] - 0.1 * ca.sin(point[0])\n"
+    )
     assert terrain_of(f"{file}:hills").parameters == {}
 
 
@@ -238,15 +334,36 @@ def test_info_and_robots(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(values) >= {"name", "nx", "nu", "mass", "bodies", "contacts", "pairs", "dropped"}
     assert (values["nx"], values["nu"]) == (18, 12)
     assert main(["robots"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(octo.gallery.CHARACTERS)
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(
+        octo.gallery.CHARACTERS
+    )
     assert main(["info", "--devices", "--json"]) == 0
     assert set(json.loads(capsys.readouterr().out)) == {"cpu", "cuda"}
 
 
 def test_simulate_and_view(solver: Callable[..., None], tmp_path: Path) -> None:
     solver()
-    assert main(["simulate", "biped", "--seconds", "0.5", "--hold", "--height", "0.05", "--out", str(tmp_path)]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["motion.html", "report.json", "solution.npz"]
+    assert (
+        main(
+            [
+                "simulate",
+                "biped",
+                "--seconds",
+                "0.5",
+                "--hold",
+                "--height",
+                "0.05",
+                "--out",
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "motion.html",
+        "report.json",
+        "solution.npz",
+    ]
     motion = Solution.load(tmp_path / "solution.npz")
     assert motion.status is Status.SIMULATED and motion.com[-1, 2] < motion.com[0, 2] - 0.03
     picture = tmp_path / "pictures" / "fall.html"
@@ -261,4 +378,13 @@ def test_help_says_the_defaults(capsys: pytest.CaptureFixture[str]) -> None:
         main(["solve", "--help"])
     assert stopped.value.code == 0
     printed = capsys.readouterr().out
-    assert all(option in printed for option in ("--goal", "--terrain", "--max-iterations", "default 0.025", "octo-ROBOT-GOAL"))
+    assert all(
+        option in printed
+        for option in (
+            "--goal",
+            "--terrain",
+            "--max-iterations",
+            "default 0.025",
+            "octo-ROBOT-GOAL",
+        )
+    )

@@ -16,10 +16,27 @@ from octo.solver.solution import Solution
 
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
 FIELDS = (
-    "status", "converged", "iterations", "energy", "terms", "violation", "pointwise_residual", "goal_error", "penetration",
-    "slip", "seconds", "processor_seconds", "setup_seconds", "seconds_per_iteration", "solver", "basis", "seed", "pass",
-    "tolerances", "iteration_limit",
-)  # fmt: skip
+    "status",
+    "converged",
+    "iterations",
+    "energy",
+    "terms",
+    "violation",
+    "pointwise_residual",
+    "goal_error",
+    "penetration",
+    "slip",
+    "seconds",
+    "processor_seconds",
+    "setup_seconds",
+    "seconds_per_iteration",
+    "solver",
+    "basis",
+    "seed",
+    "pass",
+    "tolerances",
+    "iteration_limit",
+)
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
@@ -28,11 +45,17 @@ def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     pytest.importorskip("matplotlib")
     file = tmp_path / "out" / "compare.json"
     assert main([*TINY, "--passes", "2", "--with", "ipopt,fatrop", "--json", str(file)]) == 0
-    records = json.loads(file.read_text(), parse_constant=lambda word: pytest.fail(f"{word} in the list"))
-    assert [(r["solver"], r["pass"]) for r in records] == [(name, k) for k in (1, 2) for name in ("octo", "ipopt", "fatrop")]
+    records = json.loads(
+        file.read_text(), parse_constant=lambda word: pytest.fail(f"{word} in the list")
+    )
+    assert [(r["solver"], r["pass"]) for r in records] == [
+        (name, k) for k in (1, 2) for name in ("octo", "ipopt", "fatrop")
+    ]
     for record in records:
         assert set(FIELDS) <= set(record)
-        assert record["basis"] == "nodes" and record["seed"] == 0 and record["iteration_limit"] == 1500
+        assert (
+            record["basis"] == "nodes" and record["seed"] == 0 and record["iteration_limit"] == 1500
+        )
         assert record["converged"] and record["seconds"] > 0.0 and record["processor_seconds"] > 0.0
         assert record["setup_seconds"] > 0.0
     for number in (1, 2):
@@ -40,14 +63,37 @@ def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert np.ptp(energies) <= 1e-6
     assert (tmp_path / "out" / "compare.png").stat().st_size > 10_000
     printed = capsys.readouterr().out
-    assert "octo/ipopt, medians over 1: iterations" in printed and "pass 2: converged of 1 starts: octo 1" in printed
+    assert (
+        "octo/ipopt, medians over 1: iterations" in printed
+        and "pass 2: converged of 1 starts: octo 1" in printed
+    )
 
 
 @needs_compiler
-def test_hermite_and_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys.modules["octo.solve"].cuda, "reason", lambda: None)  # as where there is a GPU
+def test_hermite_and_seeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # as where there is a GPU
+    monkeypatch.setattr(sys.modules["octo.solve"].cuda, "reason", lambda: None)
     file = tmp_path / "list.json"
-    assert main([*TINY, "--basis", "hermite", "--seeds", "2", "--seed", "3", "--max-iterations", "3", "--json", str(file)]) == 0
+    assert (
+        main(
+            [
+                *TINY,
+                "--basis",
+                "hermite",
+                "--seeds",
+                "2",
+                "--seed",
+                "3",
+                "--max-iterations",
+                "3",
+                "--json",
+                str(file),
+            ]
+        )
+        == 0
+    )
     records = json.loads(file.read_text())
     assert [(r["solver"], r["seed"], r["status"]) for r in records] == [
         (name, seed, "iteration_limit") for seed in (3, 4) for name in ("octo", "ipopt")
@@ -59,10 +105,25 @@ def test_hermite_and_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
 @needs_compiler
 def test_cycle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "list.json"
-    words = ["compare", "biped", "--cycle", "--period", "0.5", "--speed", "0.4", "--no-mirror", "--turn", "0.3", "--dt", "0.05"]
+    words = [
+        "compare",
+        "biped",
+        "--cycle",
+        "--period",
+        "0.5",
+        "--speed",
+        "0.4",
+        "--no-mirror",
+        "--turn",
+        "0.3",
+        "--dt",
+        "0.05",
+    ]
     assert main([*words, "--max-iterations", "3", "--json", str(file)]) == 0
     records = json.loads(file.read_text())
-    assert [(r["solver"], r["status"]) for r in records] == [(name, "iteration_limit") for name in ("octo", "ipopt")]
+    assert [(r["solver"], r["status"]) for r in records] == [
+        (name, "iteration_limit") for name in ("octo", "ipopt")
+    ]
     assert "biped, 10 steps of 0.05 s, nodes, cycle" in capsys.readouterr().out
 
 
@@ -72,7 +133,10 @@ def test_cycle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["--cycle", "--with", "fatrop"], "fatrop cannot solve a cycle"),
         (["--cycle", "--turn", "0.3"], "a turning stride cannot be mirrored"),
         (["--turn", "0.3"], "--turn is given without --cycle"),
-        (["--with", "ipopt,fatrop", "--basis", "hermite"], "fatrop cannot solve in the hermite basis"),
+        (
+            ["--with", "ipopt,fatrop", "--basis", "hermite"],
+            "fatrop cannot solve in the hermite basis",
+        ),
         (["--with", "snopt"], "solver 'snopt' is not known"),
         (["--out", "there"], "option '--out' is not known"),
         (["--json", "/proc/none/list.json"], "cannot be written"),
@@ -92,5 +156,9 @@ def test_joined_solutions_add_up(tmp_path: Path) -> None:
     whole: Solution = joined(parts)
     assert whole.iterations == sum(part.iterations for part in parts)
     assert whole.seconds == pytest.approx(parts[0].seconds + parts[1].seconds)
-    assert whole.processor_seconds == pytest.approx(parts[0].processor_seconds + parts[1].processor_seconds)
-    assert (np.diff(whole.history["seconds"]) > 0).all() and (np.diff(whole.history["iteration"]) == 1).all()
+    assert whole.processor_seconds == pytest.approx(
+        parts[0].processor_seconds + parts[1].processor_seconds
+    )
+    assert (np.diff(whole.history["seconds"]) > 0).all() and (
+        np.diff(whole.history["iteration"]) == 1
+    ).all()

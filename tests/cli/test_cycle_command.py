@@ -1,4 +1,5 @@
-"""``octo cycle``: what it writes, prints and returns; refusals in one line before anything is compiled."""
+"""``octo cycle``: what it writes, prints and returns; refusals in one line before anything is
+compiled."""
 
 from __future__ import annotations
 
@@ -27,7 +28,23 @@ SHORT = ("--passes", "1", "--seeds", "1", "--device", "cpu")
 def stride(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a mirrored cycle."""
     out = tmp_path_factory.mktemp("stride")
-    assert main(["cycle", "mammal", "--passes", "1", "--seeds", "2", "--device", "cpu", "--out", str(out)]) == 0
+    assert (
+        main(
+            [
+                "cycle",
+                "mammal",
+                "--passes",
+                "1",
+                "--seeds",
+                "2",
+                "--device",
+                "cpu",
+                "--out",
+                str(out),
+            ]
+        )
+        == 0
+    )
     return out
 
 
@@ -60,21 +77,30 @@ def test_the_page_shows_whole_strides(stride: Path) -> None:
 
 def test_what_is_printed(stride: Path) -> None:
     solution = Solution.load(stride / "solution.npz")
-    said = "mammal, a cycle of 0.8 s at 0.5 m/s, half of it solved for and mirrored, 16 steps of 0.025 s"
+    said = (
+        "mammal, a cycle of 0.8 s at 0.5 m/s, half of it solved for and mirrored, 16 steps "
+        "of 0.025 s"
+    )
     assert str(solution).startswith(said)
     assert "in half a stride the centre of mass travels (0.20, " in str(solution)
-    assert str(solution.tile(3)).startswith("mammal, 3 strides of 0.8 s at 0.5 m/s, 96 steps of 0.025 s")
+    assert str(solution.tile(3)).startswith(
+        "mammal, 3 strides of 0.8 s at 0.5 m/s, 96 steps of 0.025 s"
+    )
 
 
 def test_a_range_of_periods(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["cycle", "mammal", "--period", "0.5,0.8", "--steps", "10", "--out", str(tmp_path), *SHORT])
+    code = main(
+        ["cycle", "mammal", "--period", "0.5,0.8", "--steps", "10", "--out", str(tmp_path), *SHORT]
+    )
     assert code == 0, capsys.readouterr().err
     report = json.loads((tmp_path / "report.json").read_text())
     periods = [record["period"] for record in report["starts"]]
     assert periods == pytest.approx(np.geomspace(0.5, 0.8, 5))
     assert all(record["dt"] == pytest.approx(record["period"] / 20) for record in report["starts"])
     chosen = [record for record in report["starts"] if record["period"] == report["period"]]
-    assert chosen[0]["power"] == min(record["power"] for record in report["starts"] if record["converged"])
+    assert chosen[0]["power"] == min(
+        record["power"] for record in report["starts"] if record["converged"]
+    )
     assert report["com_travel"][0] == pytest.approx(0.5 * report["period"] / 2, abs=1e-6)
 
 
@@ -99,11 +125,27 @@ def test_turning_and_sideways_are_whole_strides() -> None:
         assert problem.cycle is not None and not problem.cycle.mirrored and problem.steps == 32
 
 
-def test_a_robot_without_a_mirror(lopsided: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["cycle", str(lopsided), "--steps", "20", "--max-iterations", "2", "--out", str(tmp_path / "out"), *SHORT]
+def test_a_robot_without_a_mirror(
+    lopsided: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = [
+        "cycle",
+        str(lopsided),
+        "--steps",
+        "20",
+        "--max-iterations",
+        "2",
+        "--out",
+        str(tmp_path / "out"),
+        *SHORT,
+    ]
     assert main([*command, "--mirror"]) == 2
     refused = capsys.readouterr().err
-    assert "no left-right mirror" in refused and len(refused.splitlines()) == 1 and not (tmp_path / "out").exists()
+    assert (
+        "no left-right mirror" in refused
+        and len(refused.splitlines()) == 1
+        and not (tmp_path / "out").exists()
+    )
     assert main(command) == 1  # two iterations are not enough
     said = [line for line in capsys.readouterr().err.splitlines() if "mirror" in line]
     assert len(said) == 1 and "a whole stride is solved for, as with --no-mirror" in said[0]
@@ -119,21 +161,27 @@ def lopsided(tmp_path: Path) -> Path:
     legs = "".join(
         f'<body name="leg{k}" pos="{x} {y} 0"><joint name="hip{k}" axis="0 1 0" range="-1 1"/>'
         f'<geom type="capsule" fromto="0 0 0 0 0 -{length}" size=".02" mass=".3"/></body>'
-        for k, (x, y, length) in enumerate([(0.2, 0.1, 0.3), (0.2, -0.1, 0.33), (-0.2, 0.1, 0.3), (-0.2, -0.1, 0.3)])
+        for k, (x, y, length) in enumerate(
+            [(0.2, 0.1, 0.3), (0.2, -0.1, 0.33), (-0.2, 0.1, 0.3), (-0.2, -0.1, 0.3)]
+        )
     )
     motors = "".join(f'<motor joint="hip{k}"/>' for k in range(4))
     path = tmp_path / "lopsided.xml"
     path.write_text(
         '<mujoco><compiler angle="radian"/><worldbody><body name="trunk" pos="0 0 .35"><freejoint/>'
-        f'<geom type="box" size=".2 .1 .05" mass="3"/>{legs}</body></worldbody><actuator>{motors}</actuator></mujoco>'
+        '<geom type="box" size=".2 .1 .05" '
+        f'mass="3"/>{legs}</body></worldbody><actuator>{motors}</actuator></mujoco>'
     )
     return path
 
 
 @pytest.mark.parametrize(
-    ("status", "code"), [(Status.CONVERGED, 0), (Status.ACCEPTABLE, 0), (Status.STALLED, 1), (Status.INTERRUPTED, 130)]
+    ("status", "code"),
+    [(Status.CONVERGED, 0), (Status.ACCEPTABLE, 0), (Status.STALLED, 1), (Status.INTERRUPTED, 130)],
 )
-def test_exit_codes(status: Status, code: int, stride: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exit_codes(
+    status: Status, code: int, stride: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def solve(problem: Problem, **options: Any) -> Solution:
         assert options["seeds"] == 5 and options["progress"] is True
         return replace(Solution.load(stride / "solution.npz"), status=status)
@@ -170,14 +218,20 @@ REFUSED = {
 
 @pytest.mark.parametrize("case", REFUSED.values(), ids=list(REFUSED))
 def test_refused(
-    case: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    case: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def load(*_: Any) -> None:
         raise AssertionError("compiled before it was refused")
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(native, "load", load)
-    Path("hills.py").write_text("import casadi as ca\n\ndef hills(point, p):\n    return point[2] - 0.01 * ca.sin(point[0])\n")
+    Path("hills.py").write_text(
+        "import casadi as ca\n\ndef hills(point, p):\n    return point[2] - 0.01 * "
+        "ca.sin(point[0])\n"
+    )
     options, *words = case
     assert main(["cycle", "mammal", *options.split()]) == 2
     error = capsys.readouterr().err
@@ -186,7 +240,9 @@ def test_refused(
     assert [path.name for path in Path().iterdir()] == ["hills.py"]
 
 
-def test_a_fixed_base_is_refused(tmp_path: Path, lopsided: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fixed_base_is_refused(
+    tmp_path: Path, lopsided: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     fixed = tmp_path / "fixed.xml"
     fixed.write_text(lopsided.read_text().replace("<freejoint/>", ""))
     assert main(["cycle", str(fixed), "--out", str(tmp_path / "out")]) == 2

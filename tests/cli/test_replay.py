@@ -21,7 +21,8 @@ from octo.solver.solution import Solution, Status
 
 @pytest.fixture(scope="module")
 def standing() -> Solution:
-    """A mammal that stands still for half a second: the start with the torques and forces that hold it."""
+    """A mammal that stands still for half a second: the start with the torques and forces that hold
+    it."""
     problem = Problem(octo.gallery.mammal(), steps=20, dt=0.025, costs=[octo.Effort()])
     x = np.repeat(problem.start[None], problem.steps + 2, axis=0)
     motion = Motion(x, np.zeros((20, 12)), 0.025, np.ones(20, dtype=bool), np.zeros(1))
@@ -38,21 +39,32 @@ def folder(standing: Solution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     replace(standing, character=None).save("custom.npz")
     base = replace(standing.character, base="fixed")
     replace(standing, character=base).save("fixed.npz")
-    parameters = {name: value for name, value in standing.parameters.items() if not name.startswith("terrain.")}
+    parameters = {
+        name: value
+        for name, value in standing.parameters.items()
+        if not name.startswith("terrain.")
+    }
     replace(standing, parameters=parameters).save("hills.npz")
     (tmp_path / "text.npz").write_text("no archive")
     return tmp_path
 
 
-def test_it_writes_two_files_and_says_who_stood(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_writes_two_files_and_says_who_stood(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", "walk", "--starts", "2", "--seed", "3", "--out", "out"]) == 0
     report = json.loads((folder / "out" / "report.json").read_text())
-    assert sorted(path.name for path in (folder / "out").iterdir()) == ["motion.html", "report.json"]
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [
+        "motion.html",
+        "report.json",
+    ]
     assert report["falls"] == 0
     assert report["seconds_upright"] == pytest.approx(0.5)
     assert [start["start"] for start in report["starts"]] == [0, 1]
     assert all(start["tracking_error"] > 0.0 for start in report["starts"])
-    assert report["tracking_error"] == pytest.approx(np.mean([start["tracking_error"] for start in report["starts"]]))
+    assert report["tracking_error"] == pytest.approx(
+        np.mean([start["tracking_error"] for start in report["starts"]])
+    )
     assert report["drift"] < 0.05
     assert report["feedback"] == "base" and report["perturbed"] is True and report["seed"] == 3
     assert "2 of 2 stood" in capsys.readouterr().out
@@ -61,18 +73,39 @@ def test_it_writes_two_files_and_says_who_stood(folder: Path, capsys: pytest.Cap
 
 
 def test_a_fall_is_no_failure(standing: Solution, folder: Path) -> None:
-    names = ("u", *(f"contact_{name}" for name in ("force", "point", "velocity", "normal", "depth")))
+    names = (
+        "u",
+        *(f"contact_{name}" for name in ("force", "point", "velocity", "normal", "depth")),
+    )
     longer = {name: np.repeat(getattr(standing, name), 5, axis=0) for name in names}
     longer["u"] = np.zeros_like(longer["u"])
     replace(standing, x=np.repeat(standing.x, 5, axis=0)[:102], **longer).save("limp.npz")
-    assert main(["replay", "limp.npz", "--feedback", "none", "--kp", "0.01", "--kd", "0.001", "--out", "out"]) == 0
+    assert (
+        main(
+            [
+                "replay",
+                "limp.npz",
+                "--feedback",
+                "none",
+                "--kp",
+                "0.01",
+                "--kd",
+                "0.001",
+                "--out",
+                "out",
+            ]
+        )
+        == 0
+    )
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["falls"] == 1 and report["perturbed"] is False
     assert 0.1 < report["seconds_upright"] < 2.5
     assert report["starts"][0]["fell"] is True
 
 
-def test_a_plan_that_did_not_converge_is_named(standing: Solution, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_that_did_not_converge_is_named(
+    standing: Solution, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     replace(standing, status=Status.STALLED).save("stalled.npz")
     assert main(["replay", "stalled.npz", "--out", "out"]) == 0
     assert "the plan is stalled" in capsys.readouterr().err
@@ -91,11 +124,19 @@ CASES = {
     "no starts": ("replay standing.npz --starts 0", "--starts", "at least 1"),
     "half a seed": ("replay standing.npz --seed 0.5", "--seed", "whole number"),
     "no time step": ("replay standing.npz --timestep 0", "--timestep", "positive"),
-    "a time step that does not fit": ("replay standing.npz --timestep 0.002", "timestep is 0.002", "0.025"),
+    "a time step that does not fit": (
+        "replay standing.npz --timestep 0.002",
+        "timestep is 0.002",
+        "0.025",
+    ),
     "user-written dynamics": ("replay custom.npz", "robot", "floating base"),
     "a fixed base": ("replay fixed.npz", "floating base"),
     "a terrain that is no plane": ("replay hills.npz", "terrain", "plane"),
-    "a folder that cannot be": ("replay standing.npz --out /dev/null/x", "/dev/null/x", "cannot be written"),
+    "a folder that cannot be": (
+        "replay standing.npz --out /dev/null/x",
+        "/dev/null/x",
+        "cannot be written",
+    ),
 }
 
 

@@ -1,4 +1,5 @@
-"""``octo solve`` of natural terms: a walk around a stride, one problem where there is none, what stops it."""
+"""``octo solve`` of natural terms: a walk around a stride, one problem where there is none, what
+stops it."""
 
 from __future__ import annotations
 
@@ -40,10 +41,16 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_walk_goes_from_rest_to_rest_in_strides(walked: Path) -> None:
     solution = Solution.load(walked / "solution.npz")
     report = json.loads((walked / "report.json").read_text())
-    assert sorted(path.name for path in walked.iterdir()) == ["motion.html", "plot.png", "report.json", "solution.npz"]
+    assert sorted(path.name for path in walked.iterdir()) == [
+        "motion.html",
+        "plot.png",
+        "report.json",
+        "solution.npz",
+    ]
     assert at_rest(solution) and solution.steps == 100 and solution.cycle is None
     assert solution.com[-1] - solution.com[0] == pytest.approx([1.25, 0.0, 0.0], abs=1e-3)
-    np.testing.assert_allclose(solution.x[-1, 6:], solution.x[1, 6:], atol=1e-9)  # it stands as it stood
+    # it stands as it stood
+    np.testing.assert_allclose(solution.x[-1, 6:], solution.x[1, 6:], atol=1e-9)
     assert solution.pointwise_residual < 1e-6 * solution.weight
     assert report["goal"] == "walk" and report["goal_met"] is True and report["goal_error"] < 0.01
     assert [record["period"] for record in report["starts"]] == pytest.approx([0.6])
@@ -51,10 +58,15 @@ def test_a_walk_goes_from_rest_to_rest_in_strides(walked: Path) -> None:
     assert report["penetration"] < 0.004 and report["seconds"] > 0.1
 
 
-def test_what_is_too_short_for_a_stride_is_one_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_too_short_for_a_stride_is_one_problem(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["solve", "mammal", "--goal", "stride", *SHORT, *QUICK, str(tmp_path)]) == 0
     said = [line for line in capsys.readouterr().err.splitlines() if "without a stride" in line]
-    assert said == ["octo: 0.5 s are too short for a stride between rest and rest: solved as one problem, without a stride"]
+    assert said == [
+        "octo: 0.5 s are too short for a stride between rest and rest: solved as one "
+        "problem, without a stride"
+    ]
     solution = Solution.load(tmp_path / "solution.npz")
     assert at_rest(solution) and solution.converged
     assert solution.x[-1, :3] - solution.x[1, :3] == pytest.approx([0.0, 0.1, 0.0], abs=1e-6)
@@ -64,13 +76,15 @@ def test_uneven_ground_has_no_stride(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "ground.py").write_text(HILLS)
     words = ["--seconds", "2.5", "--speed", "0.1", "--period", "0.6", "--time-limit", "1e-3"]
     words += ["--terrain", f"{tmp_path}/ground.py:hills"]
-    assert main(["solve", "mammal", *words, *QUICK, str(tmp_path / "walk")]) == 1  # there was no time
+    # there was no time
+    assert main(["solve", "mammal", *words, *QUICK, str(tmp_path / "walk")]) == 1
     said = [line for line in capsys.readouterr().err.splitlines() if "without a stride" in line]
     assert len(said) == 1 and "a cycle needs ground that is the same everywhere" in said[0]
     solution = Solution.load(tmp_path / "walk" / "solution.npz")
     assert at_rest(solution) and solution.status is Status.TIME_LIMIT
     assert solution.x[-1, 0] - solution.x[1, 0] == pytest.approx(0.25)
-    assert solution.x[-1, 2] - solution.x[1, 2] == pytest.approx(0.02 * np.sin(0.75), abs=0.01)  # it stands higher there
+    # it stands higher there
+    assert solution.x[-1, 2] - solution.x[1, 2] == pytest.approx(0.02 * np.sin(0.75), abs=0.01)
 
 
 def test_a_turn_ends_turned() -> None:
@@ -102,7 +116,9 @@ def test_a_stand_ends_where_it_began(tmp_path: Path) -> None:
     assert main(["solve", "mammal", *words, *QUICK, str(tmp_path)]) == 0
     solution = Solution.load(tmp_path / "solution.npz")
     assert at_rest(solution) and np.array_equal(solution.x[1], solution.x[-1])
-    assert {"LoadSharing", "BodyLoad", "SlipPower"} <= set(solution.terms) and "CenterOfMassVelocity" not in solution.terms
+    assert {"LoadSharing", "BodyLoad", "SlipPower"} <= set(
+        solution.terms
+    ) and "CenterOfMassVelocity" not in solution.terms
 
 
 def test_hermite_has_the_terms_of_the_paper(tmp_path: Path) -> None:

@@ -19,7 +19,9 @@ from octo.model.terrain import Plane
 def _gallery(name: str) -> tuple[RobotDynamics, np.ndarray]:
     dynamics = RobotDynamics(CHARACTERS[name]())
     weight = dynamics.character.mass * 9.81
-    return dynamics, dynamics.layout.pack(**{"contact.w_perp": weight / 1.6e-3, "contact.w_par": weight / 1.6e-4})
+    return dynamics, dynamics.layout.pack(
+        **{"contact.w_perp": weight / 1.6e-3, "contact.w_par": weight / 1.6e-4}
+    )
 
 
 @pytest.fixture
@@ -32,9 +34,13 @@ def gallery() -> Callable[[str], tuple[RobotDynamics, np.ndarray]]:
 def _block_character() -> Character:
     """A flat block of 2 kg on four spheres of 1 cm."""
     corners = [(0.2 * a, 0.1 * b, -0.02) for a in (1, -1) for b in (1, -1)]
-    contacts = tuple(ContactSphere(f"corner_{k}", 0, np.array(c), 0.01) for k, c in enumerate(corners))
+    contacts = tuple(
+        ContactSphere(f"corner_{k}", 0, np.array(c), 0.01) for k, c in enumerate(corners)
+    )
     inertia = 2.0 / 12.0 * np.diag([0.2**2 + 0.06**2, 0.4**2 + 0.06**2, 0.4**2 + 0.2**2])
-    return Character("block", (Body("block", -1, floating_base(), mass=2.0, inertia=inertia),), contacts)
+    return Character(
+        "block", (Body("block", -1, floating_base(), mass=2.0, inertia=inertia),), contacts
+    )
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
-"""As dt -> 0 along a smooth trajectory FD is what MuJoCo's inverse dynamics returns for the same robot file."""
+"""As dt -> 0 along a smooth trajectory FD is what MuJoCo's inverse dynamics returns for the same
+robot file."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def random_joints(rng: np.random.Generator, body: int) -> str:
         kind = rng.choice(["hinge", "hinge", "slide"])
         text += (
             f'<joint name="joint_{body}_{k}" type="{kind}" axis="{numbers(rng.normal(size=3))}"'
-            f' pos="{numbers(rng.normal(0.0, 0.1, 3))}" ref="{rng.normal(0.0, 0.3):.6g}" springref="{rng.normal(0.0, 0.3):.6g}"'
+            f' pos="{numbers(rng.normal(0.0, 0.1, 3))}" ref="{rng.normal(0.0, 0.3):.6g}" '
+            f'springref="{rng.normal(0.0, 0.3):.6g}"'
             f' armature="{rng.uniform(0.0, 0.1):.6g}" damping="{rng.uniform(0.0, 1.0):.6g}"'
             f' stiffness="{rng.uniform(0.0, 5.0):.6g}"/>'
         )
@@ -45,7 +47,8 @@ def random_inertial(rng: np.random.Generator) -> str:
     inertia = np.trace(second) * np.eye(3) - second
     full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return (
-        f'<inertial pos="{numbers(rng.normal(0.0, 0.1, 3))}" mass="{rng.uniform(0.5, 2.0):.6g}" fullinertia="{numbers(full)}"/>'
+        f'<inertial pos="{numbers(rng.normal(0.0, 0.1, 3))}" '
+        f'mass="{rng.uniform(0.5, 2.0):.6g}" fullinertia="{numbers(full)}"/>'
     )
 
 
@@ -53,10 +56,14 @@ def random_robot(seed: int, floating: bool) -> str:
     """MJCF of a random tree of six bodies without geoms."""
     rng = np.random.default_rng(seed)
     parents = [-1] + [int(rng.integers(0, b)) for b in range(1, 6)]
-    children: dict[int, list[int]] = {b: [c for c in range(6) if parents[c] == b] for b in range(-1, 6)}
+    children: dict[int, list[int]] = {
+        b: [c for c in range(6) if parents[c] == b] for b in range(-1, 6)
+    }
 
     def body(b: int) -> str:
-        first = '<joint name="first" type="hinge" axis="0 1 0"/>' if not floating else "<freejoint/>"
+        first = (
+            '<joint name="first" type="hinge" axis="0 1 0"/>' if not floating else "<freejoint/>"
+        )
         joints = first if b == 0 else random_joints(rng, b)
         place = f'pos="{numbers(rng.normal(0.0, 0.3, 3))}" quat="{numbers(rng.normal(size=4))}"'
         inside = joints + random_inertial(rng) + "".join(body(c) for c in children[b])
@@ -80,7 +87,8 @@ class Trajectory:
 
 
 def base_rates(robot: Character, x: np.ndarray) -> np.ndarray:
-    """B (6, 6): MuJoCo's velocity of a free joint (linear in the world, angular in the body) is B times the base's ẋ."""
+    """B (6, 6): MuJoCo's velocity of a free joint (linear in the world, angular in the body) is B
+    times the base's ẋ."""
     body, rates = robot.bodies[0], np.zeros((6, 6))
     rotation = np.asarray(body.rotation)
     columns = []
@@ -116,7 +124,9 @@ def mujoco_inverse(robot: Character, model: Any, at: Trajectory, t: float) -> np
         mujoco.mju_mat2Quat(data.qpos[3:7], rotation[0].ravel())
     small = 1e-5  # s
     rates = rates_of(robot, model, x)
-    change = (rates_of(robot, model, at(t + small)) - rates_of(robot, model, at(t - small))) / (2.0 * small)
+    change = (rates_of(robot, model, at(t + small)) - rates_of(robot, model, at(t - small))) / (
+        2.0 * small
+    )
     data.qvel[:] = rates @ v
     data.qacc[:] = rates @ a + change @ v
     mujoco.mj_inverse(model, data)
@@ -132,7 +142,8 @@ def discrete(dynamics: RobotDynamics, at: Trajectory, t: float) -> tuple[np.ndar
 
 
 def extrapolated(values: np.ndarray) -> np.ndarray:
-    """Richardson's limit of values (LEVELS, nx) whose error is a power series in dt, which halves from row to row."""
+    """Richardson's limit of values (LEVELS, nx) whose error is a power series in dt, which halves
+    from row to row."""
     order = 1
     while len(values) > 1:
         values = (2.0**order * values[1:] - values[:-1]) / (2.0**order - 1.0)

@@ -1,4 +1,5 @@
-"""Time steps in the lanes of a vector: the numbers of one step at a time, whatever stands in the other lanes."""
+"""Time steps in the lanes of a vector: the numbers of one step at a time, whatever stands in the
+other lanes."""
 
 from __future__ import annotations
 
@@ -51,7 +52,9 @@ def test_the_cases_are_mixed(mixed):
     """Some steps are off the ground, and some pairs touch at some nodes only."""
     dynamics, nodes, p, lam = mixed
     numbers = p.copy()
-    numbers[:, [dynamics.layout.names.index(f"contact.{name}") for name in ("w_perp", "w_par")]] = 0.0
+    numbers[:, [dynamics.layout.names.index(f"contact.{name}") for name in ("w_perp", "w_par")]] = (
+        0.0
+    )
     free = (dynamics.evaluate(nodes, numbers)[0] == dynamics.evaluate(nodes, p)[0]).all(axis=2)
     assert free.any() and not free.all()
     pairs = np.array([touching(dynamics.character, nodes[:1, k:]) for k in range(25)])
@@ -72,7 +75,11 @@ def test_equal_one_step_at_a_time(mixed, batch, steps):
 @pytest.mark.parametrize("threads", [2, 3, 40])
 def test_threads_do_not_change_a_bit(mixed, threads):
     dynamics, nodes, p, lam = mixed
-    for one, other in zip(dynamics.evaluate(nodes, p, lam, 2), dynamics.evaluate(nodes, p, lam, 2, threads=threads), strict=True):
+    for one, other in zip(
+        dynamics.evaluate(nodes, p, lam, 2),
+        dynamics.evaluate(nodes, p, lam, 2, threads=threads),
+        strict=True,
+    ):
         np.testing.assert_array_equal(one, other)
 
 
@@ -93,13 +100,40 @@ def test_a_nan_stays_in_its_lane(mixed, node):
 def every_operation(x_next, x, x_prev, p):
     """All that emit.py knows."""
     y, z = ca.sin(x) / 2, p["push"] + x_prev
-    smooth = ca.tan(y) + ca.asin(y) + ca.acos(y) + ca.atan(z) + ca.sinh(y) + ca.cosh(y) + ca.tanh(z) + ca.asinh(z)
-    smooth += ca.acosh(2 + y) + ca.atanh(y) + ca.exp(y) + ca.expm1(y) + ca.log(2 + y) + ca.log1p(y) + ca.erf(z)
-    smooth += ca.sqrt(2 + y) + ca.cos(z) + ca.fabs(z) + ca.sign(z) + (2 + y) ** 1.7 + (2 + y) ** z + ca.atan2(y, z)
+    smooth = (
+        ca.tan(y)
+        + ca.asin(y)
+        + ca.acos(y)
+        + ca.atan(z)
+        + ca.sinh(y)
+        + ca.cosh(y)
+        + ca.tanh(z)
+        + ca.asinh(z)
+    )
+    smooth += (
+        ca.acosh(2 + y)
+        + ca.atanh(y)
+        + ca.exp(y)
+        + ca.expm1(y)
+        + ca.log(2 + y)
+        + ca.log1p(y)
+        + ca.erf(z)
+    )
+    smooth += (
+        ca.sqrt(2 + y)
+        + ca.cos(z)
+        + ca.fabs(z)
+        + ca.sign(z)
+        + (2 + y) ** 1.7
+        + (2 + y) ** z
+        + ca.atan2(y, z)
+    )
     smooth += ca.hypot(y, z) + ca.fmin(y, z) + ca.fmax(y, x_next)
     steps = ca.floor(z) + ca.ceil(z) + ca.fmod(z, 0.7) + ca.copysign(y, z)
     steps += ca.if_else(ca.logic_and(z > 0, y < 0.2), z, -y * 3)
-    choice = ca.if_else(ca.logic_or(ca.logic_not(z >= 0.1), x_next == x), 1 / (2 + y), y**2) + (y != z)
+    choice = ca.if_else(ca.logic_or(ca.logic_not(z >= 0.1), x_next == x), 1 / (2 + y), y**2) + (
+        y != z
+    )
     return smooth + steps + choice + (x_next - 2 * x + x_prev) / p["dt"] ** 2
 
 
@@ -112,19 +146,28 @@ def test_every_operation(n):
     p = np.tile(dynamics.layout.pack(), (2, 1))
     for order in (0, 1, 2):
         found = dynamics.evaluate(nodes, p, lam, order)
-        wanted = [np.empty((2, 10, n)), np.empty((2, 10, n, 3 * n)), np.empty((2, 10, 3 * n, 3 * n))]
+        wanted = [
+            np.empty((2, 10, n)),
+            np.empty((2, 10, n, 3 * n)),
+            np.empty((2, 10, 3 * n, 3 * n)),
+        ]
         dynamics._interpret(nodes, p, lam, *wanted)
         for one, other in zip(found, wanted, strict=True):
             if one is not None:
-                np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12 * max(1.0, np.abs(other).max()))
+                np.testing.assert_allclose(
+                    one, other, rtol=0.0, atol=1e-12 * max(1.0, np.abs(other).max())
+                )
 
 
 def test_every_operation_over_numbers():
-    """Values and derivatives as plain C, not-a-number and signed zeros too, against CasADi's own machine."""
+    """Values and derivatives as plain C, not-a-number and signed zeros too, against CasADi's own
+    machine."""
     inputs = [ca.SX.sym(name) for name in ("x_next", "x", "x_prev", "push")]
     value = every_operation(*inputs[:3], {"push": inputs[3], "dt": 0.1})
     sign = ca.sign(inputs[0]) * ca.if_else(inputs[1] > 0.0, ca.inf, -2.0)
-    outputs = ca.vertcat(value, ca.gradient(value, ca.vertcat(*inputs)), sign, 3.0 / inputs[0], inputs[1] / inputs[0])
+    outputs = ca.vertcat(
+        value, ca.gradient(value, ca.vertcat(*inputs)), sign, 3.0 / inputs[0], inputs[1] / inputs[0]
+    )
     function = ca.Function("octo_every", inputs, [outputs], {"cse": True})
     arrays = "const double *a[] = {x, x + 1, x + 2, x + 3}; double *r[] = {y};"
     entry = f"void run(const double *x, double *y) {{ {arrays} octo_every(a, r); }}"
@@ -138,7 +181,9 @@ def test_every_operation_over_numbers():
 
 
 def test_an_unknown_operation_is_refused_by_name():
-    dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.erfinv(x_next) + x - x_prev, 1, [0], {})
+    dynamics = CustomDynamics(
+        lambda x_next, x, x_prev, p: ca.erfinv(x_next) + x - x_prev, 1, [0], {}
+    )
     with pytest.raises(ModelError, match="erfinv"):
         dynamics.lanes_text()
     with pytest.raises(ModelError, match="erfinv"):

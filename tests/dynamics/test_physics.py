@@ -18,7 +18,8 @@ G = 9.81  # m/s²
 
 
 def momentum(robot: Character, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Linear (N+1, 3) kg m/s and angular momentum (N+1, 3) kg m²/s about the centre of mass, at x_0 … x_N."""
+    """Linear (N+1, 3) kg m/s and angular momentum (N+1, 3) kg m²/s about the centre of mass, at x_0
+    … x_N."""
     rotation, origin = body_poses(robot, motion.x)
     center = center_of_mass(robot, motion.x)
     linear, angular = np.zeros((len(motion.x) - 1, 3)), np.zeros((len(motion.x) - 1, 3))
@@ -29,7 +30,9 @@ def momentum(robot: Character, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         # Σ m r×v over the body's points: that of its centre, and the axial vector of Ṙ M Rᵀ
         angular += body.mass * np.cross((com - center)[1:], v)
         spin = turn @ mass_matrix_of_points(body) @ np.swapaxes(R[1:], -1, -2)
-        angular += np.stack([spin[:, k, i] - spin[:, i, k] for i, k in ((1, 2), (2, 0), (0, 1))], axis=-1)
+        angular += np.stack(
+            [spin[:, k, i] - spin[:, i, k] for i, k in ((1, 2), (2, 0), (0, 1))], axis=-1
+        )
     return linear, angular
 
 
@@ -96,7 +99,9 @@ def thrown(gallery):
     v0 = np.concatenate([[0.5, -0.3, 2.0], rng.normal(0.0, 1.0, 3), rng.normal(0.0, 0.5, 12)])
 
     def throw(dt: float) -> Motion:
-        return simulate(dynamics, x0, v0, seconds=0.4, dt=dt, parameters={"w_joint": 0.0, "w_self": 0.0})
+        return simulate(
+            dynamics, x0, v0, seconds=0.4, dt=dt, parameters={"w_joint": 0.0, "w_self": 0.0}
+        )
 
     return dynamics.character, throw
 
@@ -137,7 +142,8 @@ def test_a_dropped_block_comes_to_rest_as_deep_as_its_load_says(block, block_dyn
 
 @pytest.mark.parametrize("name", CHARACTERS)
 def test_every_character_survives_a_fall_at_a_large_time_step(gallery, name):
-    """Dropped from 0.2 m, limp, at dt = 0.05: finite, never above the energy it started with, and down at the end."""
+    """Dropped from 0.2 m, limp, at dt = 0.05: finite, never above the energy it started with, and
+    down at the end."""
     dynamics, p = gallery(name)
     robot = dynamics.character
     x0 = static_pose(dynamics, p)
@@ -177,14 +183,22 @@ def test_controls_as_a_table_and_as_a_function_agree(gallery):
     x0 = dynamics.character.default_pose
     table = np.sin(np.arange(12.0))[:, None] * np.ones(dynamics.nu)
     played = simulate(dynamics, x0, controls=table, dt=0.02)
-    asked = simulate(dynamics, x0, controls=lambda t, q, v: np.sin(t / 0.02) * np.ones(dynamics.nu), steps=12, dt=0.02)
+    asked = simulate(
+        dynamics,
+        x0,
+        controls=lambda t, q, v: np.sin(t / 0.02) * np.ones(dynamics.nu),
+        steps=12,
+        dt=0.02,
+    )
     np.testing.assert_allclose(asked.x, played.x, atol=1e-12)
     np.testing.assert_array_equal(played.u, table)
     assert played.x.shape == (14, dynamics.nx) and played.time[-1] == pytest.approx(0.24)
 
 
 def test_a_character_without_motors_is_simulated(block):
-    motion = simulate(block, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), steps=3, law=Smooth(friction=Viscous()))
+    motion = simulate(
+        block, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), steps=3, law=Smooth(friction=Viscous())
+    )
     assert motion.u.shape == (3, 0) and motion.converged.all()
 
 
@@ -194,7 +208,11 @@ def test_a_character_without_motors_is_simulated(block):
         ({"x0": np.zeros(5), "steps": 2}, ShapeError, "x0 has shape"),
         ({"x0": np.full(6, np.nan), "steps": 2}, ValueRangeError, "x0 is not finite"),
         ({"v0": np.zeros(7), "steps": 2}, ShapeError, "v0 has shape"),
-        ({"controls": np.zeros((4, 2))}, ShapeError, r"controls has shape \(4, 2\), expected \(4, 0\)"),
+        (
+            {"controls": np.zeros((4, 2))},
+            ShapeError,
+            r"controls has shape \(4, 2\), expected \(4, 0\)",
+        ),
         ({"controls": lambda t, q, v: np.zeros(3), "steps": 2}, ShapeError, "controls at step 0"),
         ({"controls": lambda t, q, v: np.zeros(0)}, ProblemError, "controls is a function"),
         ({}, ProblemError, "how long"),

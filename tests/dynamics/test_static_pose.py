@@ -31,20 +31,58 @@ def vector(*values: float) -> np.ndarray:
 
 
 def point_footed(passive: bool) -> Character:
-    """A trunk whose mass is ahead of its two point feet; with ``passive``, a sprung tail and a hanging arm besides."""
-    bodies = [Body("trunk", -1, floating_base(), mass=5.0, com=vector(0.03, 0.0, 0.1), inertia=0.05 * np.eye(3))]
+    """A trunk whose mass is ahead of its two point feet; with ``passive``, a sprung tail and a
+    hanging arm besides."""
+    bodies = [
+        Body(
+            "trunk",
+            -1,
+            floating_base(),
+            mass=5.0,
+            com=vector(0.03, 0.0, 0.1),
+            inertia=0.05 * np.eye(3),
+        )
+    ]
     contacts = []
     for side in (1.0, -1.0):
         hip = Joint(f"hip_{side}", "hinge", vector(0, 1, 0), lower=-1.0, upper=1.0)
-        leg = Body(f"leg_{side}", 0, (hip,), vector(0, 0.1 * side, 0), mass=1.0, com=vector(0, 0, -0.2), inertia=0.01 * np.eye(3))
+        leg = Body(
+            f"leg_{side}",
+            0,
+            (hip,),
+            vector(0, 0.1 * side, 0),
+            mass=1.0,
+            com=vector(0, 0, -0.2),
+            inertia=0.01 * np.eye(3),
+        )
         bodies.append(leg)
         contacts.append(ContactSphere(f"foot_{side}", len(bodies) - 1, vector(0, 0, -0.4), 0.05))
     if passive:
         tail = Joint("tail", "hinge", vector(0, 1, 0), actuated=False, stiffness=1.0, rest=0.3)
         arm = Joint("arm", "hinge", vector(1, 0, 0), actuated=False)
         inertia = 1e-3 * np.eye(3)
-        bodies.append(Body("tail", 0, (tail,), vector(-0.1, 0, 0), mass=1.0, com=vector(-0.2, 0, 0), inertia=inertia))
-        bodies.append(Body("arm", 0, (arm,), vector(0, 0.1, 0.2), mass=0.3, com=vector(0, 0.2, 0), inertia=inertia))
+        bodies.append(
+            Body(
+                "tail",
+                0,
+                (tail,),
+                vector(-0.1, 0, 0),
+                mass=1.0,
+                com=vector(-0.2, 0, 0),
+                inertia=inertia,
+            )
+        )
+        bodies.append(
+            Body(
+                "arm",
+                0,
+                (arm,),
+                vector(0, 0.1, 0.2),
+                mass=0.3,
+                com=vector(0, 0.2, 0),
+                inertia=inertia,
+            )
+        )
     return Character("point_footed", tuple(bodies), tuple(contacts))
 
 
@@ -55,12 +93,29 @@ def planar_walker() -> Character:
         Joint("z", "slide", vector(0, 0, 1), actuated=False),
         Joint("pitch", "hinge", vector(0, 1, 0), actuated=False),
     )
-    bodies = [Body("trunk", -1, root, vector(0, 0, 3.0), mass=4.0, com=vector(0, 0, 0.2), inertia=0.1 * np.eye(3))]
+    bodies = [
+        Body(
+            "trunk",
+            -1,
+            root,
+            vector(0, 0, 3.0),
+            mass=4.0,
+            com=vector(0, 0, 0.2),
+            inertia=0.1 * np.eye(3),
+        )
+    ]
     contacts = []
     for side in ("left", "right"):
         hip = Joint(f"{side}_hip", "hinge", vector(0, 1, 0), lower=-1.0, upper=0.0)
-        bodies.append(Body(f"{side}_leg", 0, (hip,), mass=2.0, com=vector(0, 0, -0.4), inertia=0.05 * np.eye(3)))
-        contacts += [ContactSphere(f"{side}_{x}", len(bodies) - 1, vector(x, 0, -0.9), 0.05) for x in (-0.15, 0.2)]
+        bodies.append(
+            Body(
+                f"{side}_leg", 0, (hip,), mass=2.0, com=vector(0, 0, -0.4), inertia=0.05 * np.eye(3)
+            )
+        )
+        contacts += [
+            ContactSphere(f"{side}_{x}", len(bodies) - 1, vector(x, 0, -0.9), 0.05)
+            for x in (-0.15, 0.2)
+        ]
     return Character("planar_walker", tuple(bodies), tuple(contacts), base="fixed")
 
 
@@ -111,7 +166,8 @@ def test_two_point_feet_are_balanced_and_passive_joints_hang(passive):
     assert center_of_mass(robot, x)[0] == pytest.approx(feet[:, 0].mean(), abs=1e-4)  # m
     if passive:
         rotation, _ = body_poses(robot, x)
-        assert rotation[robot.body_index("arm"), :, 1] @ vector(0, 0, 1) < -0.99  # straight down, up to the trunk's tilt
+        # straight down, up to the trunk's tilt
+        assert rotation[robot.body_index("arm"), :, 1] @ vector(0, 0, 1) < -0.99
 
 
 def test_a_planar_robot_is_not_held_by_its_root():
@@ -120,7 +176,8 @@ def test_a_planar_robot_is_not_held_by_its_root():
     x = static_pose(dynamics, p)
     assert unactuated_force(dynamics, p, x) < 1e-6
     assert abs(x[2]) < 0.2
-    np.testing.assert_allclose(x[3:], -0.05, atol=1e-12)  # on its limit, 0: moved in by 5 % of the range
+    # on its limit, 0: moved in by 5 % of the range
+    np.testing.assert_allclose(x[3:], -0.05, atol=1e-12)
 
 
 def test_a_fixed_base_keeps_its_pose_inside_the_limits():
@@ -171,7 +228,9 @@ def test_robots_of_gymnasium_stand(file):
     robot = load(Path(found.origin).parent / "envs" / "mujoco" / "assets" / file)
     dynamics = RobotDynamics(robot)
     weight = robot.mass * 9.81
-    p = dynamics.layout.pack(**{"contact.w_perp": weight / 1.6e-3, "contact.w_par": weight / 1.6e-4})
+    p = dynamics.layout.pack(
+        **{"contact.w_perp": weight / 1.6e-3, "contact.w_par": weight / 1.6e-4}
+    )
     x = static_pose(dynamics, p)
     assert unactuated_force(dynamics, p, x) < 1e-6
     tilts = [j for j in robot.unactuated if robot.joints[j].kind == "hinge"]
@@ -181,7 +240,9 @@ def test_robots_of_gymnasium_stand(file):
 
 def test_a_hill_written_by_the_user(block):
     """On the top of a paraboloid nothing slides."""
-    hill = Terrain(lambda point, p: point[2] + p["bend"] * (point[0] ** 2 + point[1] ** 2), {"bend": 0.3})
+    hill = Terrain(
+        lambda point, p: point[2] + p["bend"] * (point[0] ** 2 + point[1] ** 2), {"bend": 0.3}
+    )
     dynamics = RobotDynamics(block, terrain=hill)
     x = static_pose(dynamics, dynamics.layout.pack())
     assert unactuated_force(dynamics, dynamics.layout.pack(), x) < 1e-6
@@ -193,9 +254,12 @@ def test_both_charts_lie_flat_on_a_slope_of_any_direction(block, chart):
     ground = Plane(slope=0.3, direction=2.0)
     dynamics = RobotDynamics(replace(block, bodies=(body,), chart=chart), terrain=ground)
     pose = vector(0.4, -0.2, 0.0, 0.7, 0.0, 0.0)
-    rotation, _ = body_poses(dynamics.character, static_pose(dynamics, dynamics.layout.pack(), pose))
+    rotation, _ = body_poses(
+        dynamics.character, static_pose(dynamics, dynamics.layout.pack(), pose)
+    )
     outward = vector(*(ground.parameters[f"normal_{axis}"] for axis in "xyz"))
-    assert rotation[0, :, 2] @ outward > np.cos(0.02)  # friction's moment leans it by less than a degree
+    # friction's moment leans it by less than a degree
+    assert rotation[0, :, 2] @ outward > np.cos(0.02)
 
 
 def test_no_friction_at_all_slides_but_keeps_its_height(block):
@@ -210,7 +274,13 @@ def test_no_friction_at_all_slides_but_keeps_its_height(block):
 def seesaw() -> Character:
     """One foot under the end of a beam: no pose carries it."""
     beam = Body("beam", -1, floating_base(), mass=1.0, com=vector(0, 0, 0), inertia=0.1 * np.eye(3))
-    leg = Body("leg", 0, (Joint("knee", "hinge", vector(0, 1, 0), lower=-0.1, upper=0.1),), vector(0.6, 0, 0), mass=0.1)
+    leg = Body(
+        "leg",
+        0,
+        (Joint("knee", "hinge", vector(0, 1, 0), lower=-0.1, upper=0.1),),
+        vector(0.6, 0, 0),
+        mass=0.1,
+    )
     return Character("seesaw", (beam, leg), (ContactSphere("foot", 1, vector(0, 0, -0.3), 0.02),))
 
 
@@ -221,7 +291,9 @@ def test_a_robot_that_tips_over_is_refused():
 
 
 def test_nothing_to_stand_on():
-    robot = Character("stone", (Body("stone", -1, floating_base(), mass=1.0, inertia=0.1 * np.eye(3)),))
+    robot = Character(
+        "stone", (Body("stone", -1, floating_base(), mass=1.0, inertia=0.1 * np.eye(3)),)
+    )
     dynamics = RobotDynamics(robot)
     with pytest.raises(StaticPoseError, match="no contact to stand on"):
         static_pose(dynamics, dynamics.layout.pack())

@@ -1,4 +1,5 @@
-"""phases.c as a block of threads, the GPU's way, with POSIX threads and barriers on the CPU: the same numbers as in serial."""
+"""phases.c as a block of threads, the GPU's way, with POSIX threads and barriers on the CPU: the
+same numbers as in serial."""
 
 from __future__ import annotations
 
@@ -33,11 +34,13 @@ static void *octo_run_thread(void *argument) {
   octo_lane = t->lane;
   const double **in = t->in;
   double **out = t->out;
-  octo_step(in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], t->order, out[0], out[1], out[2], out[3]);
+  octo_step(in[0], in[1], in[2], in[3], in[4], in[5], in[6], in[7], t->order, out[0], out[1],
+    out[2], out[3]);
   return 0;
 }
 
-void octo_block(int threads, int order, const double *nodes, const double *p, const double *lam, double *fd, double *jac,
+void octo_block(int threads, int order, const double *nodes, const double *p, const double *lam,
+  double *fd, double *jac,
                 double *hess) {
   double *kin = malloc(3 * KIN * sizeof(double)), *work = malloc(WORK * sizeof(double));
   for (int k = 0; k < 3; ++k) octo_kin(nodes + k * NX, kin + k * KIN);

@@ -1,8 +1,9 @@
 """Bad input of every kind, made at random: ``python -m tests.fuzz --cases 2000 --seed 1``.
 
-Robot files, command lines, saved files, Python arguments, damaged caches and output folders. A case ends well with an answer or
-with one line that refuses it; tracebacks, crashes, hangs, wrong answers and what is left behind are counted, each with a line
-that runs it again. Exit code 0: there were none.
+Robot files, command lines, saved files, Python arguments, damaged caches and output folders. A case
+ends well with an answer or with one line that refuses it; tracebacks, crashes, hangs, wrong answers
+and what is left behind are counted, each with a line that runs it again. Exit code 0: there were
+none.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class Report:
                 .decode()
             )
             print(
-                f"FAULT {line}\n  python -m tests.fuzz --seed {self.seed} --case {number}   # {kind}",
+                f"FAULT {line}\n  python -m tests.fuzz --seed {self.seed} --case {number}   # "
+                f"{kind}",
                 flush=True,
             )
 
@@ -142,7 +144,8 @@ class Worker:
 
 
 def fuzz(seed: int, begin: int, end: int, seconds: float, kind: str | None = None) -> Report:
-    """Run the cases; a worker that dies is a fault of its case, and another one goes on behind it."""
+    """Run the cases; a worker that dies is a fault of its case, and another one goes on behind
+    it."""
     report, deadline, base = Report(seed), float("inf"), Path(tempfile.mkdtemp(prefix="octo-fuzz-"))
     try:
         while begin < end and time.monotonic() < deadline:

@@ -1,4 +1,5 @@
-"""Commands in processes of their own: damaged caches, disks that are full, odd consoles, signals at any moment."""
+"""Commands in processes of their own: damaged caches, disks that are full, odd consoles, signals at
+any moment."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ Change = Callable[[Random, Path, dict[str, str]], tuple[str, ...]]
 
 
 def _damaged_cache(random: Random, folder: Path, environment: dict[str, str]) -> tuple[str, ...]:
-    """Libraries that are cut, zeroed, empty or foreign; a digest that lies; folders in place of files."""
+    """Libraries that are cut, zeroed, empty or foreign; a digest that lies; folders in place of
+    files."""
     cache = folder / "cache"
     cache.mkdir(mode=0o700)
     for path in Path(os.environ["FUZZ_CACHE"]).glob("*"):
@@ -220,7 +222,10 @@ def _look(
         for key, value in environment.items()
         if os.environ.get(key) != value and key not in ("PYTHONPATH", "TMPDIR")
     }
-    what = f"{changed} octo {' '.join(words)}{stream}{f', stopped by {number}' if number else ''}, exit {code}"
+    what = (
+        f"{changed} octo "
+        f"{' '.join(words)}{stream}{f', stopped by {number}' if number else ''}, exit {code}"
+    )
     early = number and code in (-2, -15, -1)  # before Python ran a line of octo
     if "Traceback" in said and not (number and "octo" not in said):
         raise Fault(f"traceback: {said[-400:]!r} of {what}")

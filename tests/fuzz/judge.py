@@ -77,7 +77,8 @@ def check(solution: Solution) -> None:
         and solution.status.label != "simulated"
     ):
         raise Fault(
-            f"wrong: {solution.status.label} with a violation of {solution.violation:.2g} N of {solution.weight:.2g} N"
+            f"wrong: {solution.status.label} with a violation of {solution.violation:.2g} N of "
+            f"{solution.weight:.2g} N"
         )
 
 

@@ -109,7 +109,10 @@ def exported(name: str) -> str:
 
 def chain_of(links: int, kind: str) -> str:
     """A URDF of links that hang on one another."""
-    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        'iyz="0"/></inertial>'
+    )
     text = [f'<link name="l{k}">{inertial}</link>' for k in range(links)]
     text += [
         f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
@@ -164,10 +167,8 @@ def _number(text: str, random: Random) -> str:
 
 def _nested(text: str, random: Random) -> str:
     """Deep nesting of what is known, or of what is not."""
-    depth, tag = (
-        random.choice((10, 300, 20_000)),
-        random.choice(("body", "link", "a", "frame", "default", "geom")),
-    )
+    depth = random.choice((10, 300, 20_000))
+    tag = random.choice(("body", "link", "a", "frame", "default", "geom"))
     place = text.rfind("</")
     return f"{text[:place]}{f'<{tag}>' * depth}{f'</{tag}>' * depth}{text[place:]}"
 
@@ -236,7 +237,8 @@ MUTATIONS = (
 
 
 def _bytes(text: str, random: Random) -> bytes:
-    """As a file: mostly UTF-8, sometimes in another encoding than it says, cut, or with bytes that were turned over."""
+    """As a file: mostly UTF-8, sometimes in another encoding than it says, cut, or with bytes that
+    were turned over."""
     kind = random.random()
     if kind < 0.75:
         return text.encode("utf-8", "surrogatepass")

@@ -1,4 +1,5 @@
-"""Problems with numbers of all sizes: what says that it is converged obeys Newton's law, computed anew."""
+"""Problems with numbers of all sizes: what says that it is converged obeys Newton's law, computed
+anew."""
 
 from __future__ import annotations
 

@@ -12,7 +12,19 @@ from typing import Any
 
 import numpy as np
 
-QUICK = ("--seconds", "0.1", "--dt", "0.05", "--passes", "1", "--max-iterations", "1", "--costs", "paper")  # of octo solve
+# of octo solve
+QUICK = (
+    "--seconds",
+    "0.1",
+    "--dt",
+    "0.05",
+    "--passes",
+    "1",
+    "--max-iterations",
+    "1",
+    "--costs",
+    "paper",
+)
 WORDS = (
     "",
     " ",
@@ -209,7 +221,8 @@ def shown(value: object) -> str:
 
 
 WRITTEN_OUT = re.compile(
-    r"(?:Character|Problem|Body|Solution|Joint)\((?:name|model|bodies)?=?| object at 0x|Traceback|bodies="
+    r"(?:Character|Problem|Body|Solution|Joint)\((?:name|model|bodies)?=?| object at "
+    r"0x|Traceback|bodies="
 )
 LONGEST = 1500  # characters of a message
 

@@ -1,4 +1,5 @@
-"""Runs cases in one process and writes a line of JSON for each to a file descriptor; tests.fuzz starts it."""
+"""Runs cases in one process and writes a line of JSON for each to a file descriptor; tests.fuzz
+starts it."""
 
 from __future__ import annotations
 

@@ -22,7 +22,8 @@ LIMIT = 3  # launches of one kernel that are kept: a solve repeats itself
 
 
 class Recorder:
-    """The recorder of an ``EmulatedDevice``: launches by text, the first ``limit`` of each kernel of a text."""
+    """The recorder of an ``EmulatedDevice``: launches by text, the first ``limit`` of each kernel
+    of a text."""
 
     def __init__(self, limit: int = LIMIT):
         self.limit = limit
@@ -45,14 +46,20 @@ def _packed(kernel: Any, launch: Any, arguments: list[Any]) -> bytes:
     seen: dict[int, int] = {}
     for k, (letter, argument) in enumerate(zip(kernel.signature, arguments, strict=True)):
         if letter in "id":
-            parts.append(b"i" + struct.pack("i", argument) if letter == "i" else b"d" + struct.pack("d", argument))
+            parts.append(
+                b"i" + struct.pack("i", argument)
+                if letter == "i"
+                else b"d" + struct.pack("d", argument)
+            )
         elif argument is None:
             parts.append(b"n")
         elif argument.size and argument.ctypes.data in seen:
             parts.append(b"s" + struct.pack("i", seen[argument.ctypes.data]))
         else:
             seen[argument.ctypes.data] = k
-            parts.append(b"a" + struct.pack("=q", argument.nbytes) + np.ascontiguousarray(argument).tobytes())
+            parts.append(
+                b"a" + struct.pack("=q", argument.nbytes) + np.ascontiguousarray(argument).tobytes()
+            )
     return b"".join(parts)
 
 
@@ -68,6 +75,7 @@ def replay(
     recorded.write_bytes(struct.pack("i", len(launches)) + b"".join(launches))
     words = [str(program), str(recorded), str(threads), str(crews)]
     if sanitizer == "thread" and shutil.which("setarch"):
-        words = ["setarch", "-R", *words]  # ThreadSanitizer wants its own places in memory, which a randomised layout may take
+        # ThreadSanitizer wants its own places in memory, which a randomised layout may take
+        words = ["setarch", "-R", *words]
     options = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "halt_on_error=1", **os.environ}
     return subprocess.run(words, capture_output=True, text=True, check=False, env=options)

@@ -1,5 +1,6 @@
-"""An array module that is as unforgiving as CuPy: what lies here and what lies in NumPy do not mix, and every copy to the
-host is counted. With it, code that only ever met NumPy shows where a GPU would refuse it."""
+"""An array module that is as unforgiving as CuPy: what lies here and what lies in NumPy do not mix,
+and every copy to the host is counted. With it, code that only ever met NumPy shows where a GPU
+would refuse it."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ from typing import Any
 import numpy as np
 
 copies = 0  # to the host: each of them waits for a device
-capturing = False  # a graph is recorded: nothing may be computed, allocated or copied by this module
+# a graph is recorded: nothing may be computed, allocated or copied by this module
+capturing = False
 
 
 def _bare(value: Any) -> Any:
@@ -26,7 +28,10 @@ def _bare(value: Any) -> Any:
 
 def _legal() -> None:
     if capturing:
-        raise RuntimeError("an array is computed while a graph is recorded: its memory would be given away before the graph runs")
+        raise RuntimeError(
+            "an array is computed while a graph is recorded: its memory would be given away "
+            "before the graph runs"
+        )
 
 
 def _made(value: Any) -> Any:
@@ -139,7 +144,18 @@ def _function(name: str) -> Any:
     return apply
 
 
-for _name in ("full", "zeros", "ones", "zeros_like", "where", "isfinite", "argmax", "ascontiguousarray", "maximum", "sqrt"):
+for _name in (
+    "full",
+    "zeros",
+    "ones",
+    "zeros_like",
+    "where",
+    "isfinite",
+    "argmax",
+    "ascontiguousarray",
+    "maximum",
+    "sqrt",
+):
     globals()[_name] = _function(_name)
 
 

@@ -44,14 +44,31 @@ def emulated(monkeypatch) -> EmulatedDevice:
 
 
 def walk(**changes) -> octo.Problem:
-    return octo.Problem(octo.gallery.mammal(), **{"steps": 10, "dt": 0.025, "costs": octo.costs.paper(), **changes})
+    return octo.Problem(
+        octo.gallery.mammal(), **{"steps": 10, "dt": 0.025, "costs": octo.costs.paper(), **changes}
+    )
 
 
 def test_auto_says_why_it_uses_the_cpu(no_gpu, capsys, tmp_path):
-    words = ["solve", "mammal", "--costs", "paper", "--seconds", "0.4", "--passes", "1", "--max-iterations", "2"]
+    words = [
+        "solve",
+        "mammal",
+        "--costs",
+        "paper",
+        "--seconds",
+        "0.4",
+        "--passes",
+        "1",
+        "--max-iterations",
+        "2",
+    ]
     words += ["--out", str(tmp_path / "out")]
     assert main([*words, "--device", "auto"]) in (0, 1)
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: using the CPU: ")]
+    lines = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("octo: using the CPU: ")
+    ]
     assert len(lines) == 1 and "CuPy" in lines[0]
     assert main([*words, "--device", "cuda"]) == 2
     assert "device 'cuda' cannot be used: CuPy" in capsys.readouterr().err
@@ -68,7 +85,9 @@ def test_two_passes_and_two_starts(emulated):
     found, expected = (octo.solve(walk(), device=device, **settings) for device in ("cuda", "cpu"))
     assert found.device == "cuda" and emulated.counts.replayed > 0
     assert found.status == expected.status
-    assert [record["pass"] for record in found.passes] == [record["pass"] for record in expected.passes]
+    assert [record["pass"] for record in found.passes] == [
+        record["pass"] for record in expected.passes
+    ]
     assert found.energy == pytest.approx(expected.energy, rel=0.05)
     assert all(type(value) is np.ndarray for value in (found.x, found.u, found.multipliers))
     found.report()
@@ -76,7 +95,9 @@ def test_two_passes_and_two_starts(emulated):
 
 def test_too_little_memory(emulated, caplog):
     emulated.memory = 10_000_000
-    with pytest.raises(DeviceError, match="need .* GB, the GPU has 0.01 GB free: solve .* at a time"):
+    with pytest.raises(
+        DeviceError, match="need .* GB, the GPU has 0.01 GB free: solve .* at a time"
+    ):
         octo.solve(walk(), seeds=8, device="cuda")
     with caplog.at_level("INFO", logger="octo"):
         solution = octo.solve(walk(), seeds=8, device="auto", max_iterations=1)
@@ -117,7 +138,9 @@ def test_what_fits_in_the_first_pass_fits_in_the_second(compiled, wiggle):
     placed.linearize(placed.evaluate(device.array(wiggle(problem))), None)
     assert device.free_bytes() < problem.batch * bytes_of(problem)  # the scratch is still there
     again = backend.place(problem)
-    found = [p.linearize(p.evaluate(device.array(wiggle(problem))), None).H for p in (placed, again)]
+    found = [
+        p.linearize(p.evaluate(device.array(wiggle(problem))), None).H for p in (placed, again)
+    ]
     np.testing.assert_array_equal(*found)
 
 
@@ -126,7 +149,9 @@ def test_terms_over_neighbouring_hermite_controls(emulated):
     problem = walk(steps=20, basis="hermite", costs=[between, octo.costs.Effort()])
     found = octo.solve(problem, device="cuda", max_iterations=3)
     assert found.device == "cuda"
-    assert found.energy == pytest.approx(octo.solve(problem, device="cpu", max_iterations=3).energy, rel=1e-6)
+    assert found.energy == pytest.approx(
+        octo.solve(problem, device="cpu", max_iterations=3).energy, rel=1e-6
+    )
 
 
 class Cupy:

@@ -1,4 +1,5 @@
-"""Block cyclic reduction by the kernels: solutions, inertia against eigenvalues, dependent rows, projections, NaN."""
+"""Block cyclic reduction by the kernels: solutions, inertia against eigenvalues, dependent rows,
+projections, NaN."""
 
 from __future__ import annotations
 
@@ -51,7 +52,10 @@ def test_blocks_that_do_not_fit_into_shared_memory(random_system):
     system = random_system(3, 1, 5, 36, 12, lowered=4.0)
     small = EmulatedDevice(5)
     small.shared_limit = 48 * 1024
-    factors = [DeviceFactor(Linear(gpu, 36, 12), system.H, system.A, None) for gpu in (small, EmulatedDevice(5))]
+    factors = [
+        DeviceFactor(Linear(gpu, 36, 12), system.H, system.A, None)
+        for gpu in (small, EmulatedDevice(5))
+    ]
     for one, other in zip(*(factor.solve(-system.b, -system.C) for factor in factors), strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -78,24 +82,35 @@ def test_a_fixed_last_unit_and_dependent_rows(random_system, device):
     assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-10
     normal, other = DeviceNormal(Linear(device(1), 6, 4), system.A), NormalFactor(system.A)
     assert normal.dropped[0] == other.dropped[0] == 1
-    np.testing.assert_allclose(normal.least_norm(consistent), other.least_norm(consistent), atol=1e-10)
+    np.testing.assert_allclose(
+        normal.least_norm(consistent), other.least_norm(consistent), atol=1e-10
+    )
 
 
 @pytest.mark.parametrize("kind", ["even", "odd", "turning"])
 def test_the_matrix_of_a_cycle(cycle, wiggle, device, kind):
-    """The first rows are empty, and of an odd number of steps half of the last ones: eigenvalues that are 0 count as negative."""
+    """The first rows are empty, and of an odd number of steps half of the last ones: eigenvalues
+    that are 0 count as negative."""
     problem, gpu = cycle(kind), device(5)
-    linear, other, unknowns = Linear(gpu, problem.nc, problem.ma), DeviceProblem(problem, gpu), wiggle(problem)
+    linear = Linear(gpu, problem.nc, problem.ma)
+    other = DeviceProblem(problem, gpu)
+    unknowns = wiggle(problem)
     lam = 0.1 * np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
-    plain = gpu.array(np.zeros(problem.batch), np.int32)  # contacts curve so much that 1e3 is too little
+    # contacts curve so much that 1e3 is too little
+    plain = gpu.array(np.zeros(problem.batch), np.int32)
     model = other.linearize(other.evaluate(gpu.array(unknowns)), lam, plain)
-    system, empty = KKTBlocks(model.H, model.A, model.b, model.C), problem.ma + (0 if kind == "even" else problem.m)
+    system = KKTBlocks(model.H, model.A, model.b, model.C)
+    empty = problem.ma + (0 if kind == "even" else problem.m)
     for weight, right in ((1e3, True), (0.0, False)):
         sigma = np.full((problem.batch, problem.K), weight)
         factor = DeviceFactor(linear, system.H, system.A, sigma)
         values = np.linalg.eigvalsh(system.dense(sigma))
-        assert ((np.abs(values) < 1e-7).sum(axis=1) == empty).all() and (factor.shifted == empty).all()
-        np.testing.assert_array_equal(factor.negative, (values < 1e-7).sum(axis=1) - problem.K * problem.ma)
+        assert ((np.abs(values) < 1e-7).sum(axis=1) == empty).all() and (
+            factor.shifted == empty
+        ).all()
+        np.testing.assert_array_equal(
+            factor.negative, (values < 1e-7).sum(axis=1) - problem.K * problem.ma
+        )
         assert (factor.inertia_ok == right).all()
         dv, multipliers = factor.solve(-system.b, -system.C, tolerance=1e-12, check=True)
         stationarity, feasibility = system.residual(dv, multipliers, sigma)
@@ -103,7 +118,9 @@ def test_the_matrix_of_a_cycle(cycle, wiggle, device, kind):
         assert np.abs(feasibility).max() < 1e-10 * np.abs(system.C).max()
     normal, expected = DeviceNormal(linear, system.A), NormalFactor(system.A)
     assert (normal.dropped == empty).all() and (expected.dropped == empty).all()
-    np.testing.assert_allclose(normal.project(system.b), expected.project(system.b), atol=1e-10 * np.abs(system.b).max())
+    np.testing.assert_allclose(
+        normal.project(system.b), expected.project(system.b), atol=1e-10 * np.abs(system.b).max()
+    )
 
 
 def test_a_nan_member_leaves_the_others_bit_identical(random_system, device):
@@ -122,9 +139,18 @@ def test_a_nan_member_leaves_the_others_bit_identical(random_system, device):
 def test_projections(random_system, device, nc, ma):
     system, linear = random_system(4, 2, 9, nc, ma), Linear(device(5), nc, ma)
     normal, other = DeviceNormal(linear, system.A), NormalFactor(system.A)
-    for name, rhs in (("least_norm", system.C), ("project", system.b), ("multipliers", system.b), ("solve", system.C)):
+    for name, rhs in (
+        ("least_norm", system.C),
+        ("project", system.b),
+        ("multipliers", system.b),
+        ("solve", system.C),
+    ):
         expected = getattr(other, name)(rhs)
-        np.testing.assert_allclose(getattr(normal, name)(rhs), expected, atol=1e-10 * max(1.0, np.abs(expected).max(initial=0.0)))
+        np.testing.assert_allclose(
+            getattr(normal, name)(rhs),
+            expected,
+            atol=1e-10 * max(1.0, np.abs(expected).max(initial=0.0)),
+        )
 
 
 def test_products(random_system, device):
@@ -133,7 +159,11 @@ def test_products(random_system, device):
     v, lam = system.b, system.C
     np.testing.assert_allclose(blocks.hessian_times(v), system.hessian_times(v), atol=1e-12)
     np.testing.assert_allclose(blocks.constraints_times(v), system.constraints_times(v), atol=1e-12)
-    np.testing.assert_allclose(blocks.constraints_transposed_times(lam), system.constraints_transposed_times(lam), atol=1e-12)
+    np.testing.assert_allclose(
+        blocks.constraints_transposed_times(lam),
+        system.constraints_transposed_times(lam),
+        atol=1e-12,
+    )
 
 
 def test_wrong_shapes_are_refused(random_system, device):

@@ -1,4 +1,5 @@
-"""E, C, H, A and b by the kernels, executed on the CPU, against the native code and against CasADi's virtual machine."""
+"""E, C, H, A and b by the kernels, executed on the CPU, against the native code and against
+CasADi's virtual machine."""
 
 from __future__ import annotations
 
@@ -46,7 +47,9 @@ def test_the_model_against_casadi(compiled, wiggle, device, basis, threads, end)
     oracle, models = Interpreted(problem), []
     for multipliers in (None, lam):
         nc, ma = problem.nc, problem.ma
-        out = tuple(np.empty((2, problem.K, *shape)) for shape in ((3, nc, nc), (3, ma, nc), (nc,), (ma,)))
+        out = tuple(
+            np.empty((2, problem.K, *shape)) for shape in ((3, nc, nc), (3, ma, nc), (nc,), (ma,))
+        )
         oracle.linearize(at, multipliers, out)
         out[0][:, problem.fixed, 0] = np.eye(nc)
         found = other.linearize(own, multipliers)
@@ -87,12 +90,16 @@ def test_user_written_dynamics(device):
 
     def pendulum(x_next, x, x_prev, p):
         acceleration = (x_next - 2.0 * x + x_prev) / p["dt"] ** 2
-        return acceleration + ca.vertcat(ca.sin(x_next[1]) * x_prev[0] * x[1], 9.81 * ca.sin(x_next[1]) + x[0] * x_prev[1])
+        return acceleration + ca.vertcat(
+            ca.sin(x_next[1]) * x_prev[0] * x[1], 9.81 * ca.sin(x_next[1]) + x[0] * x_prev[1]
+        )
 
     dynamics = octo.CustomDynamics(pendulum, nx=2, actuated=[0], parameters={})
     near = octo.costs.CustomCost(lambda step, p: step.x_next, name="near")
     costs = [near, octo.costs.Effort(weight=1e-2)]
-    problem = CompiledProblem([octo.Problem(dynamics, steps=9, dt=0.05, x0=np.array([0.1, 0.3]), costs=costs)])
+    problem = CompiledProblem(
+        [octo.Problem(dynamics, steps=9, dt=0.05, x0=np.array([0.1, 0.3]), costs=costs)]
+    )
     unknowns = 0.1 * np.random.default_rng(1).standard_normal((1, problem.K, problem.nc))
     lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
     expected = problem.linearize(problem.evaluate(unknowns), lam)
@@ -127,7 +134,8 @@ def test_neighbouring_hermite_controls(between_controls, wiggle, device, threads
 @pytest.mark.parametrize("threads", THREADS)
 @pytest.mark.parametrize("kind", ["even", "odd", "turning"])
 def test_cycles(cycle, wiggle, device, kind, threads):
-    """The first two nodes are the last two carried back: so are the slopes of the first two steps."""
+    """The first two nodes are the last two carried back: so are the slopes of the first two
+    steps."""
     problem, gpu = cycle(kind), device(threads)
     unknowns = wiggle(problem)
     lam = np.random.default_rng(0).standard_normal((problem.batch, problem.K, problem.ma))
@@ -154,12 +162,18 @@ def test_what_a_problem_shares_with_the_one_before_it_has_no_cycle_of_it(cycle, 
         found, expected = after.evaluate(gpu.array(unknowns)), problem.evaluate(unknowns)
         close(found.nodes, expected.nodes)
         for name in "HAb":
-            close(getattr(after.linearize(found, None), name), getattr(problem.linearize(expected, None), name))
+            close(
+                getattr(after.linearize(found, None), name),
+                getattr(problem.linearize(expected, None), name),
+            )
         before = after
 
 
-def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(compiled, cycle, wiggle, monkeypatch):
-    """CUDA refuses such a launch; the CPU, whose blocks have another number of threads, would not notice."""
+def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(
+    compiled, cycle, wiggle, monkeypatch
+):
+    """CUDA refuses such a launch; the CPU, whose blocks have another number of threads, would not
+    notice."""
     most, run, seen = {**BOUNDS, "PARTS": PARTS}, EmulatedKernel.__call__, set()
 
     def launch(kernel, grid, threads, *arguments, shared=0):

@@ -1,6 +1,8 @@
-"""Every kernel compiles for GPUs without one; registers, spills and shared memory beside a committed table (nvrtc.json).
+"""Every kernel compiles for GPUs without one; registers, spills and shared memory beside a
+committed table (nvrtc.json).
 
-``PYTHONPATH=. python tests/gpu/test_nvrtc.py`` prints the report, and how long compiling takes, and writes the table anew.
+``PYTHONPATH=. python tests/gpu/test_nvrtc.py`` prints the report, and how long compiling takes, and
+writes the table anew.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from octo.gpu.problem import Program
 from octo.problem.compiled import CompiledProblem
 
 TABLE = Path(__file__).parent / "nvrtc.json"
-ROBOTS = {"chain": "paper", "mammal": "robot", "humanoid": "robot"}  # 14, 18 and 35 degrees of freedom
+# 14, 18 and 35 degrees of freedom
+ROBOTS = {"chain": "paper", "mammal": "robot", "humanoid": "robot"}
 ARCHITECTURES = ("sm_80", "sm_90")
 MORE_REGISTERS = 1.1  # CasADi's text differs a little from version to version
 WORK = "\nint octo_work_bytes(void) { return 8 * WORK; }\n"
@@ -85,13 +88,25 @@ def compiled(name: str, architecture: str) -> list[nvrtc.Binary]:
 
 @functools.cache
 def report(name: str) -> dict[str, Any]:
-    """Registers, stack and spilled bytes of every kernel, and what a block needs of dynamic shared memory."""
+    """Registers, stack and spilled bytes of every kernel, and what a block needs of dynamic shared
+    memory."""
     made, out = program(robot(name), ROBOTS[name]), {}
     block = 2 * (2 * robot(name).nx - robot(name).nu)
     for architecture in ARCHITECTURES:
-        kernels = {key: kernel for binary in compiled(name, architecture) for key, kernel in binary.kernels.items()}
-        out[architecture] = {key: [k.registers, k.stack, k.spill_stores, k.spill_loads] for key, k in sorted(kernels.items())}
-    shared = {"step": 8 * made.work, "rows": made.room, "pivot": pivot_room(block, emulator.SHARED_LIMIT)}
+        kernels = {
+            key: kernel
+            for binary in compiled(name, architecture)
+            for key, kernel in binary.kernels.items()
+        }
+        out[architecture] = {
+            key: [k.registers, k.stack, k.spill_stores, k.spill_loads]
+            for key, k in sorted(kernels.items())
+        }
+    shared = {
+        "step": 8 * made.work,
+        "rows": made.room,
+        "pivot": pivot_room(block, emulator.SHARED_LIMIT),
+    }
     return {"kernels": out, "shared": shared}
 
 
@@ -127,8 +142,12 @@ def test_before_compute_capability_8():
 
 def test_another_law_and_user_written_dynamics():
     law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").texts[0])
-    assert {name for name, kernel in law.kernels.items() if kernel.spill_stores} == {"octo_curvature"}, "see docs/gpu.md"
-    dynamics = CustomDynamics(lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {})
+    assert {name for name, kernel in law.kernels.items() if kernel.spill_stores} == {
+        "octo_curvature"
+    }, "see docs/gpu.md"
+    dynamics = CustomDynamics(
+        lambda x_next, x, x_prev, p: ca.sin(x_next) - 2.0 * x + x_prev, 2, [0], {}
+    )
     problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
     for text in Program(CompiledProblem([problem]), Dry(64)).texts:
         assert nvrtc.compile_text(text).cubin[:4] == b"\x7fELF"
@@ -142,12 +161,16 @@ def test_terms_over_neighbouring_hermite_controls():
     assert terms is not None
     Between(terms, device)
     kernels = nvrtc.compile_text(device.texts[-1]).kernels
-    assert len(kernels) == 4 and all(kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values())
+    assert len(kernels) == 4 and all(
+        kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()
+    )
 
 
 @pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])
 def test_other_blocks(nc, ma):
-    assert nvrtc.compile_text(Linear(Dry(), nc, ma).text).kernels["octo_kkt_pivots"].spill_stores == 0
+    assert (
+        nvrtc.compile_text(Linear(Dry(), nc, ma).text).kernels["octo_kkt_pivots"].spill_stores == 0
+    )
 
 
 def test_spills_of_a_called_function_are_counted():
@@ -169,7 +192,11 @@ def test_machine_code_is_cached(tmp_path, monkeypatch):
 
     monkeypatch.setenv("OCTO_CACHE", str(tmp_path))
     text = 'extern "C" __global__ void nothing() {}'
-    paths = {cuda.cubin(text, "sm_90", "14.2.0"), cuda.cubin(text, "sm_80", "14.2.0"), cuda.cubin(text, "sm_90", "14.3.0")}
+    paths = {
+        cuda.cubin(text, "sm_90", "14.2.0"),
+        cuda.cubin(text, "sm_80", "14.2.0"),
+        cuda.cubin(text, "sm_90", "14.3.0"),
+    }
     assert len(paths) == 3 and all(path.read_bytes()[:4] == b"\x7fELF" for path in paths)
     monkeypatch.setattr(nvrtc, "compile_text", None)
     assert cuda.cubin(text, "sm_90", "14.2.0") in paths
@@ -181,10 +208,15 @@ if __name__ == "__main__":
         began, worked = time.perf_counter(), time.process_time()
         compiled(name, ARCHITECTURES[-1])
         passed = time.perf_counter() - began
-        print(f"{name}: NVRTC {passed:.1f} s, {time.process_time() - worked:.1f} s of processor time, {ARCHITECTURES[-1]}")
+        print(
+            f"{name}: NVRTC {passed:.1f} s, {time.process_time() - worked:.1f} s of processor "
+            f"time, {ARCHITECTURES[-1]}"
+        )
     made = {name: report(name) for name in ROBOTS}
     text = json.dumps({"nvrtc": nvrtc.version(), "report": made}, indent=1)
-    TABLE.write_text(re.sub(r"\[\s+(\d+),\s+(\d+),\s+(\d+),\s+(\d+)\s+\]", r"[\1, \2, \3, \4]", text) + "\n")
+    TABLE.write_text(
+        re.sub(r"\[\s+(\d+),\s+(\d+),\s+(\d+),\s+(\d+)\s+\]", r"[\1, \2, \3, \4]", text) + "\n"
+    )
     for name, one in made.items():
         print(f"{name}: shared memory {one['shared']}")
         for architecture, kernels in one["kernels"].items():

@@ -1,4 +1,5 @@
-"""The pieces of the costs put together: the values and derivatives that they are cut from, by CasADi's own machine."""
+"""The pieces of the costs put together: the values and derivatives that they are cut from, by
+CasADi's own machine."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ def test_all_entries_are_written_and_right(compiled, monkeypatch, live):
     cut = Pieces.of(functions)
     random = np.random.default_rng(0)
     given = [random.standard_normal(functions.state.numel_in(k)) for k in range(6)]
-    sines = [f(given[k][element] + more) for k, element, more in cut.angles for f in (np.sin, np.cos)]
+    sines = [
+        f(given[k][element] + more) for k, element, more in cut.angles for f in (np.sin, np.cos)
+    ]
     r, jac = values_of(cut.state, [*given, sines], (functions.state.numel_out(0), len(cut.rows)))
     dense = np.zeros(functions.state_sparsity.shape)
     dense[cut.rows, cut.columns] = jac
@@ -46,7 +49,9 @@ def test_all_entries_are_written_and_right(compiled, monkeypatch, live):
     value, slopes, model, exact = values_of(cut.contact, given, sizes)
     size, factors = own.factors.size, own.factors
     parts = (ca.vec(ca.densify(factors.slopes).T), factors.bend, factors.model, factors.exact)
-    expected = [f.full().ravel() for f in ca.Function("factors", factors.inputs, list(parts))(*given)]
+    expected = [
+        f.full().ravel() for f in ca.Function("factors", factors.inputs, list(parts))(*given)
+    ]
     square = 18 * size + 216
     found = (value, slopes[: 18 * size], exact[18 * size : square], model[square:], exact[square:])
     for one, other in zip(found, (own.value(*given[:6]).full().ravel(), *expected), strict=True):
@@ -55,11 +60,14 @@ def test_all_entries_are_written_and_right(compiled, monkeypatch, live):
 
 
 def test_sines_and_cosines_stand_once():
-    """A coordinate plus a number, one of q and a product: the product alone is left in the pieces."""
+    """A coordinate plus a number, one of q and a product: the product alone is left in the
+    pieces."""
 
     def residual(step, p):
         return ca.vertcat(
-            ca.sin(step.x[6] - 0.3) * ca.cos(step.x_next[7]), ca.sin(p["angle"] + 0.1), ca.cos(2.0 * step.x_prev[8])
+            ca.sin(step.x[6] - 0.3) * ca.cos(step.x_next[7]),
+            ca.sin(p["angle"] + 0.1),
+            ca.cos(2.0 * step.x_prev[8]),
         )
 
     robot = octo.gallery.chain()

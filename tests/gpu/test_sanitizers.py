@@ -1,4 +1,5 @@
-"""Every kernel of an iteration under AddressSanitizer, UBSan and ThreadSanitizer; planted faults are found."""
+"""Every kernel of an iteration under AddressSanitizer, UBSan and ThreadSanitizer; planted faults
+are found."""
 
 from __future__ import annotations
 
@@ -18,23 +19,52 @@ from octo.solver.options import SqpOptions
 from tests.gpu import conftest
 
 RACE = "data race"
-FAULTS = {  # what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
-    "race in a sum": ("thread", "octo_kkt_check", "_block_max(double *part) {\n  BARRIER;", "_block_max(double *part) {", RACE),
-    "race in a pivot": ("thread", "octo_kkt_pivots", "/ WARP] = own;\n  }\n  BARRIER;", "/ WARP] = own;\n  }", RACE),
-    "overrun of shared memory": (
-        "address", "octo_kkt_fold", "*partial = w + 2 * B;", "*partial = w + 2 * B + 1;", "heap-buffer-overflow",
+# what is planted: sanitizer, a kernel that has it, the right words, the wrong ones, what is said
+FAULTS = {
+    "race in a sum": (
+        "thread",
+        "octo_kkt_check",
+        "_block_max(double *part) {\n  BARRIER;",
+        "_block_max(double *part) {",
+        RACE,
     ),
-    "overrun of an array": ("address", "octo_hessian_times", "out[own_v + e] =", "out[own_v + e + 1] =", "heap-buffer-overflow"),
-}  # fmt: skip
+    "race in a pivot": (
+        "thread",
+        "octo_kkt_pivots",
+        "/ WARP] = own;\n  }\n  BARRIER;",
+        "/ WARP] = own;\n  }",
+        RACE,
+    ),
+    "overrun of shared memory": (
+        "address",
+        "octo_kkt_fold",
+        "*partial = w + 2 * B;",
+        "*partial = w + 2 * B + 1;",
+        "heap-buffer-overflow",
+    ),
+    "overrun of an array": (
+        "address",
+        "octo_hessian_times",
+        "out[own_v + e] =",
+        "out[own_v + e + 1] =",
+        "heap-buffer-overflow",
+    ),
+}
 
 
 @lru_cache
 def recorded(threads: int) -> Recorder:
-    """What two iterations of each rule launch, of a cycle and in both bases, with terms between controls and with a number of
-    coordinates that tiles do not divide; with that many threads a block. The cycle is first: all three share their texts."""
+    """What two iterations of each rule launch, of a cycle and in both bases, with terms between
+    controls and with a number of coordinates that tiles do not divide; with that many threads a
+    block. The cycle is first: all three share their texts."""
     recorder = Recorder()
     device = EmulatedDevice(threads, recorder=recorder)
-    walkers = conftest._cycle("odd"), conftest._compiled("nodes"), conftest._compiled("hermite"), conftest._between()
+    walkers = (
+        conftest._cycle("odd"),
+        conftest._compiled("nodes"),
+        conftest._compiled("hermite"),
+        conftest._between(),
+    )
     four = conftest._no_multiple_of_a_tile()
     starts = [*map(conftest.wiggle_near_ground, walkers), np.zeros((1, four.K, four.nc))]
     for problem, start in zip((*walkers, four), starts, strict=True):
@@ -47,10 +77,14 @@ def recorded(threads: int) -> Recorder:
 
 def test_every_kernel_is_recorded():
     found = recorded(5)
-    assert {name for text in found.launches for name in emulator.KERNEL.findall(text)} == found.kernels
+    assert {
+        name for text in found.launches for name in emulator.KERNEL.findall(text)
+    } == found.kernels
 
 
-@pytest.mark.parametrize(("sanitizer", "threads", "crews"), [("address", 5, 2), ("thread", 5, 2), ("thread", 32, 1)])
+@pytest.mark.parametrize(
+    ("sanitizer", "threads", "crews"), [("address", 5, 2), ("thread", 5, 2), ("thread", 32, 1)]
+)
 def test_no_sanitizer_finds_anything(tmp_path, sanitizer, threads, crews):
     for text, launches in recorded(threads).launches.items():
         done = replay(text, launches, sanitizer, threads, crews, tmp_path)
@@ -64,18 +98,28 @@ def test_planted_faults_are_found(tmp_path, fault):
     text = next(text for text in recorded(5).launches if kernel in emulator.KERNEL.findall(text))
     broken = text.replace(right, wrong, 1)
     assert broken != text
-    chosen = [launch for launch in recorded(5).launches[text] if launch[4:].startswith(kernel.encode())]
+    chosen = [
+        launch for launch in recorded(5).launches[text] if launch[4:].startswith(kernel.encode())
+    ]
     done = replay(broken, chosen, sanitizer, 5, 1, tmp_path)
     assert done.returncode != 0 and said in done.stderr, done.stderr[:2000]
 
 
 def test_what_a_kernel_must_not_be_given():
     device = EmulatedDevice()
-    module = device.module('extern "C" __global__ void octo_half(int n, double by, double *x) { x[0] = n * by; }')
+    module = device.module(
+        'extern "C" __global__ void octo_half(int n, double by, double *x) { x[0] = n * by; }'
+    )
     half, x = module.kernel("octo_half"), np.zeros(1)
     half((1,), 1, 3, 0.5, x)
     assert x[0] == 1.5
-    for wrong in ((3, 1, x), (3.0, 0.5, x), (3, 0.5, x.astype(np.float32)), (3, 0.5, np.zeros((2, 2))[:, 0]), (3, 0.5)):
+    for wrong in (
+        (3, 1, x),
+        (3.0, 0.5, x),
+        (3, 0.5, x.astype(np.float32)),
+        (3, 0.5, np.zeros((2, 2))[:, 0]),
+        (3, 0.5),
+    ):
         with pytest.raises(TypeError):
             half((1,), 1, *wrong)
     with pytest.raises(ValueError, match="shared memory"):

@@ -1,4 +1,5 @@
-"""Sequences of launches: a replay is the launches themselves, and what a graph cannot hold is refused while it is captured."""
+"""Sequences of launches: a replay is the launches themselves, and what a graph cannot hold is
+refused while it is captured."""
 
 from __future__ import annotations
 
@@ -23,7 +24,10 @@ from octo.gpu.sequence import NoGraph, Sequence, Sequenced
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 
-TEXT = 'extern "C" __global__ void octo_add(double by, const double *x, double *y) { y[0] = x[0] + by; }'
+TEXT = (
+    'extern "C" __global__ void octo_add(double by, const double *x, double *y) { y[0] = '
+    "x[0] + by; }"
+)
 
 
 def solve(problem, nodes, options, device):
@@ -44,7 +48,9 @@ def same_bits(one, other):
 def test_a_replay_gives_the_bits_of_the_launches(setting):
     devices = [EmulatedDevice(xp=strict, graphs=graphs) for graphs in (True, False)]
     options = replace(SETTINGS[setting][0], max_iterations=12)
-    replayed, launched = (solve(*batch_of("mammal", "nodes"), options, device) for device in devices)
+    replayed, launched = (
+        solve(*batch_of("mammal", "nodes"), options, device) for device in devices
+    )
     same_bits(replayed, launched)
     with_graphs, without = (device.counts for device in devices)
     assert without.graphs == without.replayed == 0
@@ -55,7 +61,9 @@ def test_a_replay_gives_the_bits_of_the_launches(setting):
 def test_members_that_leave(swing_up_batch):
     """The batch gets smaller: other grids, other addresses, and graphs of its own."""
     devices = [EmulatedDevice(xp=strict, graphs=graphs) for graphs in (True, False)]
-    replayed, launched = (solve(*swing_up_batch, SqpOptions(max_iterations=300), device) for device in devices)
+    replayed, launched = (
+        solve(*swing_up_batch, SqpOptions(max_iterations=300), device) for device in devices
+    )
     same_bits(replayed, launched)
     assert len(set(replayed.iterations.tolist())) > 1
     assert devices[0].counts.captures > 8
@@ -111,7 +119,12 @@ def test_numbers_change_in_place_and_arguments_do_not(device):
     gpu.write(np.array([3.0]), x)
     by[0] = 7.0  # what was captured has 0.5
     assert sequence()[0] == 3.5
-    assert (gpu.counts.captures, gpu.counts.graphs, gpu.counts.replayed, gpu.counts.launches) == (1, 2, 2, 1)
+    assert (gpu.counts.captures, gpu.counts.graphs, gpu.counts.replayed, gpu.counts.launches) == (
+        1,
+        2,
+        2,
+        1,
+    )
 
 
 ILLEGAL = {
@@ -125,7 +138,9 @@ ILLEGAL = {
     "arithmetic": lambda gpu, y: y + y,
     "an assignment": lambda gpu, y: y.__setitem__(0, 1.0),
     "a decision": lambda gpu, y: bool(y),
-    "one array more": lambda gpu, y: [gpu.empty((1,)) for _ in range(2 if gpu.here.capturing else 1)],
+    "one array more": lambda gpu, y: [
+        gpu.empty((1,)) for _ in range(2 if gpu.here.capturing else 1)
+    ],
     "another shape": lambda gpu, y: gpu.empty((2 if gpu.here.capturing else 1,)),
 }
 
@@ -167,7 +182,11 @@ def test_without_graphs_it_says_so_once_and_goes_on(capsys):
     refusing = Refusing(xp=strict)
     found = solve(*batch_of("mammal", "nodes"), options, refusing)
     same_bits(found, solve(*batch_of("mammal", "nodes"), options, EmulatedDevice(xp=strict)))
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("octo: no CUDA graphs")]
+    lines = [
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if line.startswith("octo: no CUDA graphs")
+    ]
     assert len(lines) == 1 and "cudaErrorNotSupported" in lines[0]
     assert refusing.counts.graphs == 0
 
@@ -223,7 +242,12 @@ def test_how_cupy_is_asked():
     graph = gpu.capture(launches)
     graph.launch()
     assert log == ["enter", "begin 1", "end", "leave", "launch"]
-    assert isinstance(graph, CudaGraph) and gpu.counts.replayed == 2 and gpu.counts.launches == 0 and not gpu.here.capturing
+    assert (
+        isinstance(graph, CudaGraph)
+        and gpu.counts.replayed == 2
+        and gpu.counts.launches == 0
+        and not gpu.here.capturing
+    )
 
 
 def test_a_refused_capture_leaves_the_stream(capsys):
@@ -240,12 +264,20 @@ def test_a_refused_capture_leaves_the_stream(capsys):
 
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_memory_stays_within_the_estimate(compiled, wiggle, setting):
-    """Everything that a solve keeps on the device, and all of it is given back for the next pass."""
+    """Everything that a solve keeps on the device, and all of it is given back for the next
+    pass."""
     problem, device = compiled("nodes"), Counting()
     backend = DeviceBackend(device)
     placed = backend.place(problem)
     before = device.used
-    sqp.run(placed, device.array(wiggle(problem)), None, replace(SETTINGS[setting][0], max_iterations=4), None, backend)
+    sqp.run(
+        placed,
+        device.array(wiggle(problem)),
+        None,
+        replace(SETTINGS[setting][0], max_iterations=4),
+        None,
+        backend,
+    )
     assert device.used - before <= problem.batch * bytes_of(problem)
     again = backend.place(problem)
     assert device.used <= 2 * before and again is not placed

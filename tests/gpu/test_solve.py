@@ -1,4 +1,5 @@
-"""The whole solve on a device, the CPU in its place and arrays as strict as CuPy's: the same path as on the CPU."""
+"""The whole solve on a device, the CPU in its place and arrays as strict as CuPy's: the same path
+as on the CPU."""
 
 from __future__ import annotations
 
@@ -24,20 +25,34 @@ SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)
 
 
 def batch_of(robot: str, basis: str, steps: int = 40, seeds: tuple[int, ...] = (0, 1)):
-    problem = octo.Problem(octo.gallery.CHARACTERS[robot](), steps=steps, dt=0.025, costs=octo.costs.paper(), basis=basis)
-    return CompiledProblem([problem] * len(seeds)), np.stack([first_nodes(problem, seed, None) for seed in seeds])
+    problem = octo.Problem(
+        octo.gallery.CHARACTERS[robot](),
+        steps=steps,
+        dt=0.025,
+        costs=octo.costs.paper(),
+        basis=basis,
+    )
+    return CompiledProblem([problem] * len(seeds)), np.stack(
+        [first_nodes(problem, seed, None) for seed in seeds]
+    )
 
 
 def cycles_of(robot: str, cycle: octo.Cycle, steps: int, seeds: tuple[int, ...] = (0, 1)):
-    problem = octo.Problem(octo.gallery.CHARACTERS[robot](), steps=steps, costs=octo.costs.natural(), cycle=cycle)
-    return CompiledProblem([problem] * len(seeds)), np.stack([first_nodes(problem, seed, None) for seed in seeds])
+    problem = octo.Problem(
+        octo.gallery.CHARACTERS[robot](), steps=steps, costs=octo.costs.natural(), cycle=cycle
+    )
+    return CompiledProblem([problem] * len(seeds)), np.stack(
+        [first_nodes(problem, seed, None) for seed in seeds]
+    )
 
 
 def both(problem, nodes, options, device=None):
     """The CPU's result with cyclic reduction, and the device's."""
     device = device or EmulatedDevice(xp=strict)
     other, backend = DeviceProblem(problem, device), DeviceBackend(device)
-    expected = sqp.run(problem, problem.unknowns(nodes), None, replace(options, linear_solver="cyclic_reduction"))
+    expected = sqp.run(
+        problem, problem.unknowns(nodes), None, replace(options, linear_solver="cyclic_reduction")
+    )
     return expected, sqp.run(other, other.unknowns(nodes), None, options, None, backend)
 
 
@@ -49,7 +64,9 @@ def same_path(expected, found, tolerance):
         np.testing.assert_allclose(other["energy"], one["energy"], rtol=tolerance)
 
 
-@pytest.mark.parametrize(("robot", "basis"), [("mammal", "nodes"), ("chain", "nodes"), ("mammal", "hermite")])
+@pytest.mark.parametrize(
+    ("robot", "basis"), [("mammal", "nodes"), ("chain", "nodes"), ("mammal", "hermite")]
+)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_twenty_iterations_on_the_same_path(robot, basis, setting):
     options, tolerance = SETTINGS[setting]
@@ -105,7 +122,8 @@ def test_a_nan_member_leaves_the_others_bit_identical(swing_up_batch):
 
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_how_often_the_host_waits(setting):
-    """A copy for each factorisation and each trial (a trial more where a solution is refined after it), seven of the result."""
+    """A copy for each factorisation and each trial (a trial more where a solution is refined after
+    it), seven of the result."""
     launched: dict[str, int] = {}
 
     def count(kernel, launch, arguments):
@@ -115,8 +133,16 @@ def test_how_often_the_host_waits(setting):
     device = EmulatedDevice(xp=strict, recorder=count)
     other, backend = DeviceProblem(problem, device), DeviceBackend(device)
     strict.copies, before = 0, arrays.copies
-    monitor = sqp.Monitor(progress=lambda at, final=False: at.words)  # a progress line is not waited for
-    found = sqp.run(other, other.unknowns(nodes), None, replace(SETTINGS[setting][0], max_iterations=30), monitor, backend)
+    # a progress line is not waited for
+    monitor = sqp.Monitor(progress=lambda at, final=False: at.words)
+    found = sqp.run(
+        other,
+        other.unknowns(nodes),
+        None,
+        replace(SETTINGS[setting][0], max_iterations=30),
+        monitor,
+        backend,
+    )
     assert len(found.history[0]["energy"]) == 30
     assert launched["octo_kkt_blocks"] == found.factorizations[0]
     assert strict.copies == launched["octo_kkt_blocks"] + launched["octo_summary"] + 7
@@ -125,17 +151,21 @@ def test_how_often_the_host_waits(setting):
 
 
 def test_solutions_that_are_coarse(monkeypatch):
-    """As on the CPU at most three refinements, the host asking for them: of the first step all, of a later one but the first."""
+    """As on the CPU at most three refinements, the host asking for them: of the first step all, of
+    a later one but the first."""
     launched: dict[str, int] = {}
 
     def count(kernel, launch, arguments):
         launched[kernel.name] = launched.get(kernel.name, 0) + 1
 
-    options, batch = replace(SETTINGS["default"][0], max_iterations=10), batch_of("mammal", "nodes", seeds=(0,))
+    options = replace(SETTINGS["default"][0], max_iterations=10)
+    batch = batch_of("mammal", "nodes", seeds=(0,))
     _, usual = both(*batch, options)
     monkeypatch.setattr("octo.gpu.work.TOLERANCE", 1e-30)
     attempts = []
-    monkeypatch.setattr(DeviceFactors, "attempt", lambda *a, _=DeviceFactors.attempt: (attempts.append(1), _(*a))[1])
+    monkeypatch.setattr(
+        DeviceFactors, "attempt", lambda *a, _=DeviceFactors.attempt: (attempts.append(1), _(*a))[1]
+    )
     expected, found = both(*batch, options, EmulatedDevice(xp=strict, recorder=count))
     same_path(expected, found, 1e-6)
     same_path(usual, found, 1e-6)
@@ -146,7 +176,9 @@ def test_trials_of_some_members(swing_up_batch, monkeypatch):
     """Where a batch fills a GPU, only the members that want a trial get one."""
     monkeypatch.setattr("octo.gpu.work.TOGETHER", 0)
     untried = []
-    monkeypatch.setattr(Modelled, "untried", lambda *a, _=Modelled.untried: (untried.append(1), _(*a))[1])
+    monkeypatch.setattr(
+        Modelled, "untried", lambda *a, _=Modelled.untried: (untried.append(1), _(*a))[1]
+    )
     for batch, iterations in ((swing_up_batch, 20), (batch_of("mammal", "nodes"), 20)):
         expected, found = both(*batch, SqpOptions(max_iterations=iterations))
         same_path(expected, found, 1e-6)

@@ -1,4 +1,5 @@
-"""Ball joints in MJCF files: a motor's gear vector acts on its axis, as MuJoCo's qfrc_actuator says."""
+"""Ball joints in MJCF files: a motor's gear vector acts on its axis, as MuJoCo's qfrc_actuator
+says."""
 
 from __future__ import annotations
 
@@ -15,7 +16,10 @@ from octo.model.kinematics import axis_rotation
 from octo.model.load import load
 
 CASES = Path(__file__).parent / "cases"
-BODY = '<body name="a"><joint name="j" type="ball"{}/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.5" mass="1"/></body>'
+BODY = (
+    '<body name="a"><joint name="j" type="ball"{}/><geom type="capsule" size=".02" '
+    'fromto="0 0 0 0 0 -.5" mass="1"/></body>'
+)
 
 
 def written(tmp_path, actuators, joint=""):
@@ -27,7 +31,8 @@ def written(tmp_path, actuators, joint=""):
 
 
 def turn_of(robot: Character, x: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) of the ball and its angular velocity in the child's axes per unit of the hinges' rates (3, 3)."""
+    """Rotation (3, 3) of the ball and its angular velocity in the child's axes per unit of the
+    hinges' rates (3, 3)."""
     turn, rates = np.eye(3), np.zeros((3, 3))
     for k in reversed(range(3)):
         rates[:, k] = turn.T @ robot.joints[k].axis
@@ -56,10 +61,12 @@ ONE = {
     "z, reversed": '<motor joint="j" gear="0 0 -2" ctrlrange="-5 5"/>',
     "between two axes": '<motor joint="j" gear="1 1 0" ctrlrange="-5 5"/>',
     "any axis": '<motor joint="j" gear=".3 -.5 .8" ctrlrange="-5 5"/>',
-    "force range": '<general joint="j" gear="0 2 0" gainprm="10" ctrlrange="-1 1" forcerange="-10 10"/>',
+    "force range": '<general joint="j" gear="0 2 0" gainprm="10" ctrlrange="-1 1" '
+    'forcerange="-10 10"/>',
     "z of the parent": '<motor jointinparent="j" gear="0 0 1" ctrlrange="-5 5"/>',
     "any axis of the parent": '<motor jointinparent="j" gear="1 2 -.4" ctrlrange="-5 5"/>',
-    "two about one axis": '<motor joint="j" gear="0 1 0" ctrlrange="-5 5"/><motor joint="j" gear="0 2 0" ctrlrange="-1 1"/>',
+    "two about one axis": '<motor joint="j" gear="0 1 0" ctrlrange="-5 5"/><motor '
+    'joint="j" gear="0 2 0" ctrlrange="-1 1"/>',
 }
 
 

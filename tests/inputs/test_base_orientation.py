@@ -102,7 +102,8 @@ def test_derivatives_at_the_reference(derivatives):
 @pytest.mark.parametrize("angle", [1e-9, 1e-6, 1e-3, 0.5, np.pi / 2, 2.0, 3.0, np.pi - 1e-8, np.pi])
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_it_pulls_back_from_everywhere(derivatives, which, angle):
-    """The slope along the turn is twice the angle, which sin(angle) does not have at a quarter turn; nothing is NaN."""
+    """The slope along the turn is twice the angle, which sin(angle) does not have at a quarter
+    turn; nothing is NaN."""
     roll_pitch_yaw = np.zeros(3)
     roll_pitch_yaw[which] = angle
     values = [np.asarray(value) for value in derivatives(roll_pitch_yaw)]
@@ -160,7 +161,8 @@ def test_a_body_comes_back(start):
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("exact", [False, True])
 def test_compiled_is_interpreted(exact):
-    """Whichever column of the quaternion a step takes, also where the steps of one vector take different ones."""
+    """Whichever column of the quaternion a step takes, also where the steps of one vector take
+    different ones."""
     costs = [
         BaseOrientation(body="body", roll_pitch_yaw=(0.2, -0.1, 0.3)),
         octo.Effort(reference=1.0),

@@ -1,4 +1,5 @@
-"""The cache of compiled code: damaged files, folders that cannot serve, compilers that fail, dead processes."""
+"""The cache of compiled code: damaged files, folders that cannot serve, compilers that fail, dead
+processes."""
 
 from __future__ import annotations
 
@@ -55,7 +56,10 @@ def fresh(words: str, **environment: str | None) -> subprocess.CompletedProcess[
     """Python's ``words`` in a process of their own."""
     values = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
     return subprocess.run(
-        [sys.executable, "-c", words], capture_output=True, text=True, env={k: v for k, v in values.items() if v is not None}
+        [sys.executable, "-c", words],
+        capture_output=True,
+        text=True,
+        env={k: v for k, v in values.items() if v is not None},
     )
 
 
@@ -114,10 +118,15 @@ def test_a_library_that_was_cut_is_compiled_anew(folder: Path) -> None:
 def test_files_and_folders_are_this_users_alone(folder: Path, makers: list[Path]) -> None:
     path = kept(makers)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert stat.S_IMODE(path.stat().st_mode) == 0o700 and stat.S_IMODE(cache.beside(path).stat().st_mode) == 0o600
+    assert (
+        stat.S_IMODE(path.stat().st_mode) == 0o700
+        and stat.S_IMODE(cache.beside(path).stat().st_mode) == 0o600
+    )
 
 
-def test_a_folder_that_others_may_write_is_refused(folder: Path, makers: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_others_may_write_is_refused(
+    folder: Path, makers: list[Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     planted = kept(makers)
     folder.chmod(0o777)
     assert kept(makers) != planted and len(makers) == 2
@@ -128,14 +137,22 @@ def test_a_folder_that_others_may_write_is_refused(folder: Path, makers: list[Pa
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 @pytest.mark.parametrize("what", ["folder", "file", "digest"])
-def test_what_belongs_to_another_user_is_refused(what: str, folder: Path, makers: list[Path]) -> None:
+def test_what_belongs_to_another_user_is_refused(
+    what: str, folder: Path, makers: list[Path]
+) -> None:
     path = kept(makers)
     os.chown({"folder": folder, "file": path, "digest": cache.beside(path)}[what], 1234, -1)
     again = kept(makers)
-    assert len(makers) == 2 and again.stat().st_uid == os.geteuid() and (again == path) == (what != "folder")
+    assert (
+        len(makers) == 2
+        and again.stat().st_uid == os.geteuid()
+        and (again == path) == (what != "folder")
+    )
 
 
-def test_octos_own_folder_is_closed_to_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, makers: list[Path]) -> None:
+def test_octos_own_folder_is_closed_to_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, makers: list[Path]
+) -> None:
     monkeypatch.delenv("OCTO_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     (tmp_path / "octo").mkdir()
@@ -154,52 +171,82 @@ def test_names_of_the_folder(
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("OCTO_CACHE", named)
     path = kept(makers)
-    assert path.is_absolute() and path.parent == {".": here, "deep/er": here / "deep/er", "~/there": there}[named]
+    assert (
+        path.is_absolute()
+        and path.parent == {".": here, "deep/er": here / "deep/er", "~/there": there}[named]
+    )
     assert kept(makers) == path and len(makers) == 1
 
 
 @pytest.mark.parametrize("home", ["", "relative", "/proc/nobody"])
-def test_without_a_home(home: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, makers: list[Path]) -> None:
+def test_without_a_home(
+    home: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, makers: list[Path]
+) -> None:
     for name in ("OCTO_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", home)
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.chdir(tmp_path)
     path, other = kept(makers), kept(makers, "other.so")
-    assert path.parent == other.parent == cache.temporary() and kept(makers) == path and len(makers) == 2
+    assert (
+        path.parent == other.parent == cache.temporary()
+        and kept(makers) == path
+        and len(makers) == 2
+    )
     assert sorted(tmp_path.iterdir()) == []
 
 
 def in_a_disk(options: str, words: str, cache_folder: Path) -> subprocess.CompletedProcess[str]:
     """As ``fresh``, where the cache is a disk of its own."""
     cache_folder.mkdir(mode=0o700)
-    mounted = f"mount -t tmpfs -o mode=700,{options} none {cache_folder} && exec {sys.executable} -c '{words}'"
+    mounted = (
+        f"mount -t tmpfs -o mode=700,{options} none {cache_folder} && exec {sys.executable} "
+        f"-c '{words}'"
+    )
     return subprocess.run(
-        ["unshare", "-r", "-m", "sh", "-c", mounted], capture_output=True, text=True,
+        ["unshare", "-r", "-m", "sh", "-c", mounted],
+        capture_output=True,
+        text=True,
         env={**os.environ, "PYTHONPATH": str(ROOT), "OCTO_CACHE": str(cache_folder)},
-    )  # fmt: skip
+    )
 
 
-CAN_MOUNT = shutil.which("unshare") and not subprocess.run(["unshare", "-r", "-m", "true"], capture_output=True).returncode
-TWICE = """
+CAN_MOUNT = (
+    shutil.which("unshare")
+    and not subprocess.run(["unshare", "-r", "-m", "true"], capture_output=True).returncode
+)
+TWICE = (
+    """
 from octo import cache, native
 a, b = native.load("int octo_a(void) { return 3; }"), native.load("int octo_b(void) { return 4; }")
 print(a.octo_a() + b.octo_b(), len(list(cache.temporary().glob("*.so"))), cache.temporary())
-""".replace("\n", ";").strip(";").replace("'", '"')
+""".replace("\n", ";")
+    .strip(";")
+    .replace("'", '"')
+)
 
 
 @needs_compiler
 @pytest.mark.skipif(not CAN_MOUNT, reason="this user cannot mount a disk")
-@pytest.mark.parametrize(("options", "said"), [("ro", "Read-only"), ("noexec", "forbids running"), ("size=12k", "No space left")])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [("ro", "Read-only"), ("noexec", "forbids running"), ("size=12k", "No space left")],
+)
 def test_a_disk_that_cannot_serve(options: str, said: str, tmp_path: Path) -> None:
     done = in_a_disk(options, TWICE, tmp_path / "disk")
     assert done.returncode == 0, done.stderr
     total, libraries, temporary = done.stdout.split()
     assert (total, libraries) == ("7", "2") and not Path(temporary).exists()
-    assert done.stderr.count("\n") == 1 and said in done.stderr and str(tmp_path / "disk") in done.stderr
+    assert (
+        done.stderr.count("\n") == 1
+        and said in done.stderr
+        and str(tmp_path / "disk") in done.stderr
+    )
 
 
-def test_a_read_only_folder_still_serves_what_it_has(folder: Path, makers: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_only_folder_still_serves_what_it_has(
+    folder: Path, makers: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = kept(makers)
 
     def refuse(*words: object) -> None:
@@ -234,7 +281,9 @@ SCRIPTS = {
 
 @needs_compiler
 @pytest.mark.parametrize("kind", COMPILERS)
-def test_a_compiler_that_fails_is_one_line(kind: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_compiler_that_fails_is_one_line(
+    kind: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name, script in SCRIPTS.items():
         (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
         (tmp_path / name).chmod(0o755)
@@ -263,9 +312,16 @@ def test_a_compiler_that_is_not_there_is_said(folder: Path) -> None:
 
 def test_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     sleep = "import time, sys; from octo import files; from pathlib import Path\n"
-    sleep += f"with files.scratch(Path({str(tmp_path)!r})) as f: print(f, flush=True); time.sleep(60)"
+    sleep += (
+        f"with files.scratch(Path({str(tmp_path)!r})) as f: print(f, flush=True); time.sleep(60)"
+    )
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    run = [subprocess.Popen([sys.executable, "-c", sleep], stdout=subprocess.PIPE, text=True, env=environment) for _ in range(2)]
+    run = [
+        subprocess.Popen(
+            [sys.executable, "-c", sleep], stdout=subprocess.PIPE, text=True, env=environment
+        )
+        for _ in range(2)
+    ]
     dead, alive = (Path(process.stdout.readline().strip()) for process in run if process.stdout)
     (dead / "half").write_text("a solution")
     mine = tmp_path / f"{files.SCRATCH}notes"  # a user's: not of eight letters
@@ -282,7 +338,10 @@ def test_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
 
 def test_the_temporary_folder_outlives_a_fork_but_not_its_process() -> None:
     words = "import os; from octo import cache; f = cache.temporary(); print(f, flush=True)\n"
-    words += "child = os.fork()\nif child == 0: raise SystemExit\nos.waitpid(child, 0); assert f.exists()"
+    words += (
+        "child = os.fork()\nif child == 0: raise SystemExit\nos.waitpid(child, 0); assert "
+        "f.exists()"
+    )
     done = fresh(words)
     assert done.returncode == 0, done.stderr
     assert not Path(done.stdout.split()[0]).exists()

@@ -1,4 +1,5 @@
-"""The shell: completion, help, the version, when the device is said; extras, metadata and examples."""
+"""The shell: completion, help, the version, when the device is said; extras, metadata and
+examples."""
 
 from __future__ import annotations
 
@@ -43,7 +44,11 @@ COMPLETED = {
 def test_bash_completes(words: str, tmp_path: Path) -> None:
     script = completion.script("bash", parser()[1])
     done = subprocess.run(
-        ["bash", "-c", DRIVER, "bash", *words.split()], input=script, capture_output=True, text=True, cwd=tmp_path
+        ["bash", "-c", DRIVER, "bash", *words.split()],
+        input=script,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
     assert done.stderr == "" and done.stdout.split() == COMPLETED[words]
 
@@ -53,7 +58,11 @@ def test_bash_completes_files(tmp_path: Path) -> None:
     (tmp_path / "go2.urdf").touch()
     script = completion.script("bash", parser()[1])
     done = subprocess.run(
-        ["bash", "-c", DRIVER, "bash", "octo", "solve", "go"], input=script, capture_output=True, text=True, cwd=tmp_path
+        ["bash", "-c", DRIVER, "bash", "octo", "solve", "go"],
+        input=script,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
     assert done.stdout.split() == ["go2.urdf"]
 
@@ -72,12 +81,15 @@ def test_every_option_is_in_every_script(shell: str, capsys: pytest.CaptureFixtu
 def test_other_shells_read_their_script(shell: str) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"needs {shell}")
-    done = subprocess.run([shell, "-n"], input=completion.script(shell, parser()[1]), capture_output=True, text=True)
+    done = subprocess.run(
+        [shell, "-n"], input=completion.script(shell, parser()[1]), capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_words_that_are_completed_are_accepted() -> None:
-    """Every option that has words belongs to a command; a goal or a device that octo has not got is not offered."""
+    """Every option that has words belongs to a command; a goal or a device that octo has not got is
+    not offered."""
     options = {option for made in parser()[1].values() for option in made._option_string_actions}
     assert set(completion.WORDS) <= options
     for key in completion.OTHERS:
@@ -88,7 +100,9 @@ def test_words_that_are_completed_are_accepted() -> None:
 # -- help and version -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("words", [["help"], ["help", "solve"], ["help", "help"], ["help", "completion"]])
+@pytest.mark.parametrize(
+    "words", [["help"], ["help", "solve"], ["help", "help"], ["help", "completion"]]
+)
 def test_help(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 0
     shown = capsys.readouterr().out
@@ -104,7 +118,12 @@ def test_version(word: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert stopped.value.code == 0 and capsys.readouterr().out == f"octo {octo.__version__}\n"
 
 
-REFUSED = {"help viw": "did you mean view", "completion tcsh": "bash", "--versoin": "--version", "completion": "SHELL"}
+REFUSED = {
+    "help viw": "did you mean view",
+    "completion tcsh": "bash",
+    "--versoin": "--version",
+    "completion": "SHELL",
+}
 
 
 @pytest.mark.parametrize("words", REFUSED)
@@ -115,16 +134,36 @@ def test_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 # -- when the device is said ----------------------------------------------------------------------
 
-SOLVE = ["solve", "chain", "--costs", "paper", "--seconds", "0.1", "--passes", "1", "--max-iterations", "1"]
+SOLVE = [
+    "solve",
+    "chain",
+    "--costs",
+    "paper",
+    "--seconds",
+    "0.1",
+    "--passes",
+    "1",
+    "--max-iterations",
+    "1",
+]
 
 
 @pytest.mark.parametrize(
     ("more", "said"),
-    [([], False), (["--device", "cpu"], False), (["--device", "auto"], True), (["--verbose"], True)],
+    [
+        ([], False),
+        (["--device", "cpu"], False),
+        (["--device", "auto"], True),
+        (["--verbose"], True),
+    ],
     ids=["nothing", "cpu", "auto", "verbose"],
 )
 def test_the_line_about_the_gpu(
-    more: list[str], said: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    more: list[str],
+    said: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     import octo.solve  # noqa: F401
 
@@ -138,14 +177,17 @@ def test_the_line_about_the_gpu(
     assert '"device": "cpu"' in (tmp_path / "out" / "report.json").read_text()
 
 
-@pytest.mark.parametrize(("command", "device"), [("solve", "auto"), ("cycle", "auto"), ("compare", "cpu"), ("mpc", "cpu")])
+@pytest.mark.parametrize(
+    ("command", "device"),
+    [("solve", "auto"), ("cycle", "auto"), ("compare", "cpu"), ("mpc", "cpu")],
+)
 def test_devices_by_default(command: str, device: str) -> None:
     plain, asked = parse([command, "chain"]), parse([command, "chain", "--device", "cuda"])
     assert (plain.device, plain.verbose) == (device, False)
     assert (asked.device, asked.verbose) == ("cuda", True)
 
 
-# -- extras, metadata, examples ---------------------------------------------------------------------
+# -- extras, metadata, examples --------------------------------------------------------------------
 
 
 def setup_cfg() -> configparser.ConfigParser:
@@ -158,7 +200,12 @@ def test_extras_go_by_one_name_everywhere() -> None:
     extras = set(setup_cfg()["options.extras_require"])
     assert extras == {"robots", "view", "cuda12", "cuda13", "dev"}
     named: set[str] = set()
-    for path in [ROOT / "README.md", ROOT / "Makefile", *(ROOT / "docs").rglob("*.md"), *(ROOT / "octo").rglob("*.py")]:
+    for path in [
+        ROOT / "README.md",
+        ROOT / "Makefile",
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "octo").rglob("*.py"),
+    ]:
         text = path.read_text(encoding="utf-8")
         for group in re.findall(r"(?:octo-trajopt|\.)\[([a-z0-9,]+)\]'", text):
             named.update(group.split(","))
@@ -169,7 +216,9 @@ def test_extras_go_by_one_name_everywhere() -> None:
 
 def test_metadata() -> None:
     values = setup_cfg()["metadata"]
-    assert values["author"] and values["license"] == "BSD-3-Clause" and "Linux" in values["platforms"]
+    assert (
+        values["author"] and values["license"] == "BSD-3-Clause" and "Linux" in values["platforms"]
+    )
     for words in ("Operating System :: POSIX :: Linux", "Python :: 3.11", "Typing :: Typed"):
         assert words in values["classifiers"]
 
@@ -182,12 +231,20 @@ def public(module: str, name: str) -> bool:
     return module.count(".") == 1 and module.partition(".")[2] in octo.__all__ and name in known
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem
+)
 def test_examples_import_public_names_only(path: Path) -> None:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "octo":
             assert all(public(node.module, alias.name) for alias in node.names), ast.unparse(node)
         if isinstance(node, ast.Import):
-            assert all(alias.name == "octo" or not alias.name.startswith("octo.") for alias in node.names), ast.unparse(node)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "octo":
+            assert all(
+                alias.name == "octo" or not alias.name.startswith("octo.") for alias in node.names
+            ), ast.unparse(node)
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "octo"
+        ):
             assert node.attr in octo.__all__, ast.unparse(node)

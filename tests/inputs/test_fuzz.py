@@ -20,8 +20,20 @@ from tests.fuzz.worker import KINDS, kind_of  # noqa: E402
 
 
 def test_ten_seconds_of_fuzzing() -> None:
-    words = [sys.executable, "-m", "tests.fuzz", "--cases", "2000", "--seed", "11", "--seconds", "10"]
-    done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    words = [
+        sys.executable,
+        "-m",
+        "tests.fuzz",
+        "--cases",
+        "2000",
+        "--seed",
+        "11",
+        "--seconds",
+        "10",
+    ]
+    done = subprocess.run(
+        words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 faults" in done.stdout
 

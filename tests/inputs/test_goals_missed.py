@@ -78,26 +78,36 @@ TERMS: dict[str, tuple[Cost, dict[str, float], dict[str, float], str]] = {
     "speed": (SPEED((0.5, 0.0, 0.0)), {"x": 0.25}, {"x": 0.1}, r"\(0.20, 0.00\) m/s, asked"),
     "speeds": (
         SPEED(np.linspace([0.0, 0, 0], [1.0, 0, 0], N)),
-        {"x": 0.25}, {"x": 0.4}, "0.80, 0.00",
+        {"x": 0.25},
+        {"x": 0.4},
+        "0.80, 0.00",
     ),
     "place": (
         octo.CenterOfMassPosition(tuple(moved().com[0] + [0.4, 0.0, 0.0])),
-        {"x": 0.4}, {"x": 0.2}, "off by 0.2 m",
+        {"x": 0.4},
+        {"x": 0.2},
+        "off by 0.2 m",
     ),
     "way": (octo.CenterOfMassDisplacement((0.0, 0.3, 0.0)), {"y": 0.3}, {"y": -0.3}, "by 0.6 m"),
     "rate": (
         octo.BaseAngularVelocity((0, 0, 1.0), axes=(0, 0, 1)),
-        {"yaw": 0.5}, {"yaw": 0.3}, "the base turns at 0.60 rad/s",
+        {"yaw": 0.5},
+        {"yaw": 0.3},
+        "the base turns at 0.60 rad/s",
     ),
     "point": (
         octo.PointPosition(body="trunk", target=tuple(ROBOT.default_pose[:3] + [0.5, 0.0, 0.0])),
-        {"x": 0.5}, {"x": 0.1}, "the point of body 'trunk' gets to",
+        {"x": 0.5},
+        {"x": 0.1},
+        "the point of body 'trunk' gets to",
     ),
     "pose": (
         octo.PoseTarget(moved(x=0.5).x[-1]),
-        {"x": 0.5}, {"x": 0.3}, "the configuration gets to; off by 0.2 rad and m",
+        {"x": 0.5},
+        {"x": 0.3},
+        "the configuration gets to; off by 0.2 rad and m",
     ),
-}  # fmt: skip
+}
 QUIET = {
     "still": SPEED((0.0, 0.0, 0.0)),  # nothing is to move: no goal
     "off": SPEED((9.0, 0.0, 0.0), weight=0.0),

@@ -1,4 +1,5 @@
-"""What octo says of a robot, what it reads back of what it wrote, and the lengths of what it returns."""
+"""What octo says of a robot, what it reads back of what it wrote, and the lengths of what it
+returns."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ URDF = """<robot name="pendulum"><link name="base"/>
 @pytest.fixture(scope="module")
 def solution() -> octo.Solution:
     robot = octo.gallery.chain()
-    return octo.solve(octo.Problem(robot, steps=6, dt=0.02, costs=[octo.Effort()]), passes=1, max_iterations=3)
+    return octo.solve(
+        octo.Problem(robot, steps=6, dt=0.02, costs=[octo.Effort()]), passes=1, max_iterations=3
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +65,18 @@ def pendulum(folder: Path) -> octo.Character:
 def test_limits_and_inertia_of_a_file(tmp_path: Path) -> None:
     values = octo.describe(pendulum(tmp_path))
     (joint,) = values["joints"]
-    found = {name: joint[name] for name in ("name", "kind", "lower", "upper", "torque_limit", "velocity_limit")}
+    found = {
+        name: joint[name]
+        for name in ("name", "kind", "lower", "upper", "torque_limit", "velocity_limit")
+    }
     assert found == {
-        "name": "pivot", "kind": "hinge", "lower": -1.5, "upper": 2.5, "torque_limit": 7.0, "velocity_limit": 3.0,
-    }  # fmt: skip
+        "name": "pivot",
+        "kind": "hinge",
+        "lower": -1.5,
+        "upper": 2.5,
+        "torque_limit": 7.0,
+        "velocity_limit": 3.0,
+    }
     assert joint["actuated"]
     rod = values["links"][-1]
     assert rod["mass"] == 2.0 and np.allclose(rod["com"], [0.0, 0.0, -0.5])
@@ -134,17 +145,27 @@ def test_a_log_that_was_read_says_what_it_said(folders: Path, log: Log) -> None:
     assert Log.load(folders / "again.npz").report() == log.report()
 
 
-@pytest.mark.parametrize("words", [["info", "plan"], ["info", "plan/solution.npz"], ["info", "loop"], ["info", "loop", "--json"]])
-def test_info_of_a_folder(folders: Path, words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [["info", "plan"], ["info", "plan/solution.npz"], ["info", "loop"], ["info", "loop", "--json"]],
+)
+def test_info_of_a_folder(
+    folders: Path, words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
     monkeypatch.chdir(folders)
     assert main(words) == 0
-    assert ("chain" if "plan" in words[1] else "falls") in capsys.readouterr().out or "mammal" in words
+    assert (
+        "chain" if "plan" in words[1] else "falls"
+    ) in capsys.readouterr().out or "mammal" in words
 
 
 @pytest.mark.parametrize(
-    ("source", "target"), [("plan", "a.csv"), ("loop", "b.csv"), ("loop/log.npz", "c.csv"), ("plan", "d.png")]
+    ("source", "target"),
+    [("plan", "a.csv"), ("loop", "b.csv"), ("loop/log.npz", "c.csv"), ("plan", "d.png")],
 )
-def test_view_of_a_folder(folders: Path, source: str, target: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_of_a_folder(
+    folders: Path, source: str, target: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(folders)
     assert main(["view", source, "--out", target]) == 0
     assert (folders / target).stat().st_size > 100
@@ -162,7 +183,9 @@ def test_a_start_in_python_may_be_a_path(folders: Path, solution: octo.Solution)
     options: dict[str, Any] = {"passes": 1, "max_iterations": 2}
     found = octo.solve(problem, start=folders / "plan", **options)
     assert np.array_equal(found.x, octo.solve(problem, start=solution, **options).x)
-    both = octo.solve([problem, problem], start=[str(folders / "plan" / "solution.npz"), None], **options)
+    both = octo.solve(
+        [problem, problem], start=[str(folders / "plan" / "solution.npz"), None], **options
+    )
     assert np.array_equal(both[0].x[:2], found.x[:2]) and not np.array_equal(both[1].x, found.x)
     with pytest.raises(RobotFileError, match="does not exist"):
         octo.solve(problem, start="nowhere.npz")
@@ -178,22 +201,43 @@ def test_a_gallery_name_is_a_robot_also_beside_a_folder_of_that_name(
 
 
 def test_a_start_may_be_a_folder(folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["solve", "chain", "--costs", "paper", "--seconds", "0.12", "--dt", "0.02", "--passes", "1", "--max-iterations", "2"]
+    words = [
+        "solve",
+        "chain",
+        "--costs",
+        "paper",
+        "--seconds",
+        "0.12",
+        "--dt",
+        "0.02",
+        "--passes",
+        "1",
+        "--max-iterations",
+        "2",
+    ]
     assert main([*words, "--start", str(folders / "plan"), "--out", str(folders / "out")]) == 1
     assert (folders / "out" / "solution.npz").is_file()
 
 
 REFUSED = {
-    "a log as a plan": (lambda f: octo.Solution.load(f / "loop"), "holds no solution.npz", "log.npz"),
+    "a log as a plan": (
+        lambda f: octo.Solution.load(f / "loop"),
+        "holds no solution.npz",
+        "log.npz",
+    ),
     "a plan as a log": (lambda f: Log.load(f / "plan"), "holds no log.npz", "solution.npz"),
-    "an empty folder": (lambda f: octo.Solution.load(f / "none"), "holds no solution.npz", "nothing"),
-    "a file of a plan as a log": (lambda f: Log.load(f / "plan" / "solution.npz"), "is not a log",),
+    "an empty folder": (
+        lambda f: octo.Solution.load(f / "none"),
+        "holds no solution.npz",
+        "nothing",
+    ),
+    "a file of a plan as a log": (lambda f: Log.load(f / "plan" / "solution.npz"), "is not a log"),
     "no file": (lambda f: Log.load(f / "nowhere.npz"), "does not exist"),
     "a robot": (lambda f: Log.load(octo.gallery.chain()), "path is a Character"),  # type: ignore[arg-type]
     "a long name": (lambda f: octo.Solution.load("x" * 5000), "is not a solution"),
     "nothing": (lambda f: octo.Solution.load(None), "path is None"),  # type: ignore[arg-type]
     "text": (lambda f: Log.load(f / "text.npz"), "is not a log"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -243,7 +287,10 @@ LOGS: dict[str, tuple[dict[str, Any], str]] = {
     "words for numbers": ({"seconds": np.array(["a", "b", "c"])}, "must be numbers"),
     "a time that is none": ({"t": np.array([0.0, np.nan, 0.02])}, "t is not finite"),
     "fewer statuses": ({"statuses": np.array(["good"])}, "statuses has shape (1,)"),
-    "numbers for statuses": ({"statuses": np.zeros(3)}, "statuses holds float64 values, must be words"),
+    "numbers for statuses": (
+        {"statuses": np.zeros(3)},
+        "statuses holds float64 values, must be words",
+    ),
     "a tick of zero": ({"tick": 0.0}, "tick is 0.0, must be a positive"),
     "interrupted in words": ({"interrupted": "no"}, "interrupted is of type str"),
     "no weight": ({"world": {**WORLD, "weight": 0.0}}, "weight is 0.0"),
@@ -272,10 +319,18 @@ def test_a_moved_folder_is_still_read(folders: Path) -> None:
 def test_the_table_of_lengths_holds(solution: octo.Solution) -> None:
     steps, nx, nu, contacts = solution.steps, 14, 8, len(solution.contact_names)
     shapes = {
-        "times": (steps + 1,), "x": (steps + 2, nx), "v": (steps + 1, nx), "com": (steps + 1, 3), "yaw": (steps + 1,),
-        "u": (steps, nu), "contact_force": (steps, contacts, 3), "normal_force": (steps, contacts),
-        "loaded": (steps, contacts), "stance": (steps, contacts), "contact_depth": (steps, contacts),
-    }  # fmt: skip
+        "times": (steps + 1,),
+        "x": (steps + 2, nx),
+        "v": (steps + 1, nx),
+        "com": (steps + 1, 3),
+        "yaw": (steps + 1,),
+        "u": (steps, nu),
+        "contact_force": (steps, contacts, 3),
+        "normal_force": (steps, contacts),
+        "loaded": (steps, contacts),
+        "stance": (steps, contacts),
+        "contact_depth": (steps, contacts),
+    }
     for name, shape in shapes.items():
         assert getattr(solution, name).shape == shape, name
     assert octo.Solution.__doc__ is not None
@@ -290,7 +345,8 @@ def test_velocity_is_the_difference_over_the_step(solution: octo.Solution) -> No
 
 
 def test_stance_does_not_flicker(solution: octo.Solution) -> None:
-    """Between the two thresholds a foot does what it did: lifted by 4 % after it stood, down by 4 % it does not."""
+    """Between the two thresholds a foot does what it did: lifted by 4 % after it stood, down by 4 %
+    it does not."""
     mg = solution.weight
     force = np.zeros_like(solution.contact_force[:6, :1])
     force[:, 0, 2] = mg * np.array([0.04, 0.5, 0.04, 0.5, 0.005, 0.04])
@@ -323,7 +379,9 @@ def test_a_start_of_a_straight_line_stays_one() -> None:
 
 
 @pytest.mark.parametrize(
-    "start", [np.zeros((7, 13)), np.zeros((1, 14)), np.zeros(14), np.full((7, 14), np.nan), [["a"]]], ids=str
+    "start",
+    [np.zeros((7, 13)), np.zeros((1, 14)), np.zeros(14), np.full((7, 14), np.nan), [["a"]]],
+    ids=str,
 )
 def test_a_start_of_something_else_is_refused(start: Any) -> None:
     problem = octo.Problem(octo.gallery.chain(), steps=6, dt=0.02, costs=[octo.Effort()])
@@ -336,12 +394,15 @@ def fields_of(term: octo.Cost) -> dict[str, Any]:
 
 
 def test_terms_of_a_robot_need_no_dummy_problem() -> None:
-    """The same terms, to the last number, as with the length and the times of a problem made for that."""
+    """The same terms, to the last number, as with the length and the times of a problem made for
+    that."""
     robot = octo.gallery.mammal()
     made = octo.Problem(robot, steps=10, dt=0.02, costs=octo.costs.robot(0.4))
     dummy = octo.Problem(robot, steps=10, dt=0.02, costs=[octo.Effort()])
     times = [0.02 * (i + 1) for i in range(10)]
-    for found, expected in zip(made.costs, octo.costs.robot(0.4, length=dummy.length, times=times), strict=True):
+    for found, expected in zip(
+        made.costs, octo.costs.robot(0.4, length=dummy.length, times=times), strict=True
+    ):
         assert type(found) is type(expected)
         for name, value in fields_of(expected).items():
             assert np.array_equal(getattr(found, name), value), (found.label, name)
@@ -359,7 +420,9 @@ def test_terms_that_wait_may_be_joined_renamed_and_weighted() -> None:
 
 def test_terms_of_a_motion_that_does_not_begin_at_rest_want_the_speed_at_once() -> None:
     robot = octo.gallery.mammal()
-    moving = octo.Problem(robot, steps=10, dt=0.02, costs=octo.costs.robot(0.4), v0=np.eye(robot.nx)[0])
+    moving = octo.Problem(
+        robot, steps=10, dt=0.02, costs=octo.costs.robot(0.4), v0=np.eye(robot.nx)[0]
+    )
     rest = octo.Problem(robot, steps=10, dt=0.02, costs=octo.costs.robot(0.4))
     assert np.shape(moving.costs[0].velocity) == (3,)  # type: ignore[attr-defined]
     assert np.shape(rest.costs[0].velocity) == (10, 3)  # type: ignore[attr-defined]

@@ -1,4 +1,5 @@
-"""Ctrl-C, SIGTERM, kill and full disks: what was found is not lost, and nothing half-written stays. Names that lead elsewhere."""
+"""Ctrl-C, SIGTERM, kill and full disks: what was found is not lost, and nothing half-written stays.
+Names that lead elsewhere."""
 
 from __future__ import annotations
 
@@ -61,7 +62,10 @@ def interrupted(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 @pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
     """As they were."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    before = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -79,23 +83,47 @@ def commands(saved: Path) -> dict[str, tuple[list[str], list[str]]]:
     """Words of a command that draws, and the numbers that it writes."""
     solver = ["--max-iterations", "2", "--passes", "1", "--seconds", "0.3", "--device", "cpu"]
     return {
-        "solve": (["solve", "chain", "--goal", "stand", "--costs", "paper", *solver], ["report.json", "solution.npz"]),
+        "solve": (
+            ["solve", "chain", "--goal", "stand", "--costs", "paper", *solver],
+            ["report.json", "solution.npz"],
+        ),
         "cycle": (
-            ["cycle", "biped", "--steps", "4", "--seeds", "1", "--max-iterations", "2", "--passes", "1", "--device", "cpu"],
+            [
+                "cycle",
+                "biped",
+                "--steps",
+                "4",
+                "--seeds",
+                "1",
+                "--max-iterations",
+                "2",
+                "--passes",
+                "1",
+                "--device",
+                "cpu",
+            ],
             ["report.json", "solution.npz"],
         ),
         "simulate": (["simulate", "mammal", "--hold", *DEFAULTS], ["report.json", "solution.npz"]),
         "replay": (["replay", str(saved)], ["report.json"]),
-        "mpc": (["mpc", "mammal", "--plant", "octo", "--seconds", "0.04", "--horizon", "4"], ["log.npz", "report.json"]),
+        "mpc": (
+            ["mpc", "mammal", "--plant", "octo", "--seconds", "0.04", "--horizon", "4"],
+            ["log.npz", "report.json"],
+        ),
     }
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("name", ["solve", "cycle", "simulate", "replay", "mpc"])
 def test_an_interrupted_picture_costs_no_numbers(
-    name: str, number: int, saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    name: str,
+    number: int,
+    saved: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
     interrupted: Callable[[int], None],
-) -> None:  # fmt: skip
+) -> None:
     interrupted(number)
     words, numbers = commands(saved)[name]
     assert command([*words, "--out", str(tmp_path / "out")], monkeypatch) == 130
@@ -104,7 +132,11 @@ def test_an_interrupted_picture_costs_no_numbers(
     if "solution.npz" in numbers:
         assert Solution.load(tmp_path / "out" / "solution.npz").steps > 0
     line = capsys.readouterr().err.splitlines()[-1]
-    assert line.startswith("octo: interrupted, ") and str(tmp_path / "out") in line and "report.json" in line
+    assert (
+        line.startswith("octo: interrupted, ")
+        and str(tmp_path / "out") in line
+        and "report.json" in line
+    )
 
 
 def test_a_comparisons_numbers_outlive_its_picture(
@@ -114,10 +146,24 @@ def test_a_comparisons_numbers_outlive_its_picture(
         raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules, "octo.cli.convergence", types.SimpleNamespace(draw=draw))
-    words = ["compare", "chain", "--goal", "stand", "--seconds", "0.3", "--max-iterations", "2", "--with", "ipopt"]
+    words = [
+        "compare",
+        "chain",
+        "--goal",
+        "stand",
+        "--seconds",
+        "0.3",
+        "--max-iterations",
+        "2",
+        "--with",
+        "ipopt",
+    ]
     assert command([*words, "--json", str(tmp_path / "all.json")], monkeypatch) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["all.json"]
-    assert {record["solver"] for record in json.loads((tmp_path / "all.json").read_text())} == {"octo", "ipopt"}
+    assert {record["solver"] for record in json.loads((tmp_path / "all.json").read_text())} == {
+        "octo",
+        "ipopt",
+    }
     assert "all.json in" in capsys.readouterr().err
 
 
@@ -129,7 +175,9 @@ def test_a_signal_waits_until_the_numbers_are_written(tmp_path: Path) -> None:
         path.write_text("numbers")
 
     with pytest.raises(KeyboardInterrupt, match="report.json"):
-        OutputFolder(tmp_path).write({"report.json": slow, "plot.png": lambda path: pytest.fail("drawn")})
+        OutputFolder(tmp_path).write(
+            {"report.json": slow, "plot.png": lambda path: pytest.fail("drawn")}
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
     with pytest.raises(KeyboardInterrupt), postponed():  # a second one does not wait
         os.kill(os.getpid(), signal.SIGINT)
@@ -144,19 +192,39 @@ def test_old_pictures_do_not_stay_beside_new_numbers(tmp_path: Path) -> None:
     def fail(path: Path) -> None:
         raise RuntimeError("no fonts")
 
-    failed = OutputFolder(tmp_path).write({"report.json": lambda path: path.write_text("{}"), "plot.png": fail})
-    assert list(failed) == ["plot.png"] and sorted(path.name for path in tmp_path.iterdir()) == ["mine.png", "report.json"]
-    failed = OutputFolder(tmp_path).write({"mine.png": fail})  # no new numbers: the old picture is still right
+    failed = OutputFolder(tmp_path).write(
+        {"report.json": lambda path: path.write_text("{}"), "plot.png": fail}
+    )
+    assert list(failed) == ["plot.png"] and sorted(path.name for path in tmp_path.iterdir()) == [
+        "mine.png",
+        "report.json",
+    ]
+    # no new numbers: the old picture is still right
+    failed = OutputFolder(tmp_path).write({"mine.png": fail})
     assert list(failed) == ["mine.png"] and (tmp_path / "mine.png").read_text() == "mine"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_solve_that_is_told_to_stop_writes_its_best_iterate(number: int, tmp_path: Path) -> None:
-    words = ["solve", "mammal", "--goal", "walk", "--costs", "paper", "--seconds", "4", "--device", "cpu"]
+    words = [
+        "solve",
+        "mammal",
+        "--goal",
+        "walk",
+        "--costs",
+        "paper",
+        "--seconds",
+        "4",
+        "--device",
+        "cpu",
+    ]
     process = subprocess.Popen(
-        [sys.executable, "-c", WATCHED, *words, "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True,
-        stdout=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+        [sys.executable, "-c", WATCHED, *words, "--out", str(tmp_path / "out")],
+        stderr=subprocess.PIPE,
+        text=True,
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     assert process.stderr is not None
     for line in process.stderr:  # until it iterates
         if line.startswith("iterating"):
@@ -185,9 +253,13 @@ run()
 
 def test_what_a_killed_command_left_is_removed_by_the_next(tmp_path: Path, saved: Path) -> None:
     words = ["simulate", "mammal", "--hold", *DEFAULTS, "--out", str(tmp_path)]
-    die = "import os, sys, octo.cli.main, octo.solver.solution as s; s.Solution.save = lambda *w: os.kill(os.getpid(), 9);"
+    die = (
+        "import os, sys, octo.cli.main, octo.solver.solution as s; s.Solution.save = lambda "
+        "*w: os.kill(os.getpid(), 9);"
+    )
     dead = subprocess.run(
-        [sys.executable, "-c", f"{die} octo.cli.main.main({words!r})"], env={**os.environ, "PYTHONPATH": str(ROOT)}
+        [sys.executable, "-c", f"{die} octo.cli.main.main({words!r})"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     assert dead.returncode == -9
     assert [path.name.startswith(SCRATCH) for path in tmp_path.iterdir()] == [True]
@@ -205,18 +277,31 @@ def test_a_full_disk_does_not_lose_the_solution(
     (tmp_path / "home").mkdir()
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     out, save = tmp_path / "out", Solution.save
-    monkeypatch.setattr(Solution, "save", lambda self, path: full(path) if out in Path(path).parents else save(self, path))
+    monkeypatch.setattr(
+        Solution,
+        "save",
+        lambda self, path: full(path) if out in Path(path).parents else save(self, path),
+    )
     assert main(["simulate", "mammal", "--hold", *DEFAULTS, "--out", str(out)]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
     (rescued,) = (tmp_path / "home").iterdir()
-    assert rescued.name.startswith(RESCUED) and str(rescued) in line and "No space left on device" in line and str(out) in line
+    assert (
+        rescued.name.startswith(RESCUED)
+        and str(rescued) in line
+        and "No space left on device" in line
+        and str(out) in line
+    )
     assert sorted(path.name for path in rescued.iterdir()) == ["report.json", "solution.npz"]
     np.testing.assert_array_equal(Solution.load(rescued / "solution.npz").x, Solution.load(saved).x)
     assert list(out.iterdir()) == []
 
 
-@pytest.mark.parametrize(("number", "said"), [(errno.EDQUOT, "quota"), (errno.EROFS, "Read-only"), (errno.EIO, "error")])
-def test_other_disks_that_fail(number: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("number", "said"), [(errno.EDQUOT, "quota"), (errno.EROFS, "Read-only"), (errno.EIO, "error")]
+)
+def test_other_disks_that_fail(
+    number: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     out = tmp_path / "out"
 
@@ -226,15 +311,22 @@ def test_other_disks_that_fail(number: int, said: str, tmp_path: Path, monkeypat
         path.write_text("{}")
 
     with pytest.raises(OutputError, match=said) as caught:
-        OutputFolder(out).write({"report.json": fail, "plot.png": lambda path: pytest.fail("drawn")})
-    assert "\n" not in str(caught.value) and len(list(tmp_path.glob(f"{RESCUED}*/report.json"))) == 1
+        OutputFolder(out).write(
+            {"report.json": fail, "plot.png": lambda path: pytest.fail("drawn")}
+        )
+    assert (
+        "\n" not in str(caught.value) and len(list(tmp_path.glob(f"{RESCUED}*/report.json"))) == 1
+    )
 
 
 def test_where_nothing_can_be_written_the_reason_is_said(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="No space left on device$"):
         OutputFolder(tmp_path).write({"report.json": full})
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(OutputError, match=r"walk\.npz cannot be written: No space"), replacing(tmp_path / "walk.npz") as beside:
+    with (
+        pytest.raises(OutputError, match=r"walk\.npz cannot be written: No space"),
+        replacing(tmp_path / "walk.npz") as beside,
+    ):
         full(beside)
     assert list(tmp_path.iterdir()) == []
 
@@ -248,10 +340,23 @@ def test_folders_that_cannot_be(out: str, tmp_path: Path) -> None:
 
 
 NAMES = {
-    "../..": "unnamed", "/../../etc": "etc", "..": "unnamed", ".hidden": "hidden", "": "unnamed", "a/b\\c": "a_b_c",
-    "name\n\x1b[31mred": "name_31mred", "con\0trol": "con_trol", "~root": "root", "$(rm -rf)": "rm_-rf", "köter": "köter",
-    "go2.v1": "go2.v1", "x" * 500: "x" * 80, "é" * 100: "é" * 40, "\ud800": "unnamed", "-rf": "-rf",
-}  # fmt: skip
+    "../..": "unnamed",
+    "/../../etc": "etc",
+    "..": "unnamed",
+    ".hidden": "hidden",
+    "": "unnamed",
+    "a/b\\c": "a_b_c",
+    "name\n\x1b[31mred": "name_31mred",
+    "con\0trol": "con_trol",
+    "~root": "root",
+    "$(rm -rf)": "rm_-rf",
+    "köter": "köter",
+    "go2.v1": "go2.v1",
+    "x" * 500: "x" * 80,
+    "é" * 100: "é" * 40,
+    "\ud800": "unnamed",
+    "-rf": "-rf",
+}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -272,13 +377,17 @@ def test_a_replay_stays_here_whatever_the_robot_is_called(
     monkeypatch.setitem(sys.modules, "octo.viewer", None)
     assert main(["replay", str(tmp_path / "named.npz")]) == 0
     (made,) = here.iterdir()
-    assert made.name == default_folder(name, "replay") and [path.name for path in made.iterdir()] == ["report.json"]
+    assert made.name == default_folder(name, "replay") and [
+        path.name for path in made.iterdir()
+    ] == ["report.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["deep", "named.npz"]
 
 
 def test_names_in_a_table_do_not_break_its_columns(saved: Path, tmp_path: Path) -> None:
     found = Solution.load(saved)
-    replace(found, contact_names=tuple(f'a,"b\n{k}' for k in range(len(found.contact_names)))).to_csv(tmp_path / "x.csv")
+    replace(
+        found, contact_names=tuple(f'a,"b\n{k}' for k in range(len(found.contact_names)))
+    ).to_csv(tmp_path / "x.csv")
     lines = (tmp_path / "x.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == found.steps + 2 and len({line.count(",") for line in lines}) == 1
 
@@ -296,5 +405,3 @@ def test_signals_are_left_alone_in_other_threads() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     like_ctrl_c()
     assert seen == [True] and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-
-

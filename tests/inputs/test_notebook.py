@@ -1,4 +1,5 @@
-"""What a notebook shows, in a kernel that a notebook would start: tables, pictures, pages, completion, and no noise."""
+"""What a notebook shows, in a kernel that a notebook would start: tables, pictures, pages,
+completion, and no noise."""
 
 from __future__ import annotations
 
@@ -45,8 +46,11 @@ async def completed(client: Any, text: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def outputs() -> Iterator[dict[str, Any]]:
-    """What each cell put out, by its name here, and what the tab key finds behind the texts of COMPLETED."""
-    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in CELLS.values()])
+    """What each cell put out, by its name here, and what the tab key finds behind the texts of
+    COMPLETED."""
+    book = nbformat.v4.new_notebook(
+        cells=[nbformat.v4.new_code_cell(text) for text in CELLS.values()]
+    )
     client = nbclient.NotebookClient(book, timeout=120, allow_errors=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(ROOT), prepend=os.pathsep)
@@ -80,7 +84,9 @@ def test_a_table_with_a_picture(outputs: dict[str, Any], name: str) -> None:
 
 def test_view_is_a_frame_and_no_banner(outputs: dict[str, Any]) -> None:
     data = shown(outputs, "view")
-    assert data["text/html"].startswith("<iframe srcdoc=") and data["text/html"].endswith("</iframe>")
+    assert data["text/html"].startswith("<iframe srcdoc=") and data["text/html"].endswith(
+        "</iframe>"
+    )
     assert "&lt;canvas" in data["text/html"] or "&lt;script" in data["text/html"]
     assert len(data["text/plain"]) < 100
 

@@ -1,4 +1,5 @@
-"""Who owns which numbers: copies of what is given, threads on one problem, what outlives what, pickles, memory given back."""
+"""Who owns which numbers: copies of what is given, threads on one problem, what outlives what,
+pickles, memory given back."""
 
 from __future__ import annotations
 
@@ -34,11 +35,15 @@ def problem(**changes: Any) -> octo.Problem:
 
 def integrator(**changes: Any) -> octo.Problem:
     """A mass on a line."""
-    dynamics = CustomDynamics(lambda x_next, x, x_prev, p: p["mass"] * (x_next - 2 * x + x_prev), 1, [0], {"mass": 2.0})
-    return octo.Problem(dynamics, **{"steps": 6, "dt": 0.1, "costs": [octo.Effort()], "x0": np.zeros(1), **changes})
+    dynamics = CustomDynamics(
+        lambda x_next, x, x_prev, p: p["mass"] * (x_next - 2 * x + x_prev), 1, [0], {"mass": 2.0}
+    )
+    return octo.Problem(
+        dynamics, **{"steps": 6, "dt": 0.1, "costs": [octo.Effort()], "x0": np.zeros(1), **changes}
+    )
 
 
-# -- what was given stays the giver's ----------------------------------------------------------------------------------
+# -- what was given stays the giver's --------------------------------------------------------------
 
 
 def _changed(value: Any) -> None:
@@ -56,9 +61,15 @@ def _changed(value: Any) -> None:
 
 START = np.array(octo.simulate(MAMMAL, problem().start, steps=1, dt=0.01).x[1])
 FIELDS: dict[str, Any] = {
-    "x0": START, "v0": np.zeros(MAMMAL.nx), "x_end": START, "v_end": np.zeros(MAMMAL.nx), "displacement": np.zeros(MAMMAL.nx),
-    "pose": START, "parameters": {"gravity_z": -3.0}, "costs": [octo.Effort()],
-}  # fmt: skip
+    "x0": START,
+    "v0": np.zeros(MAMMAL.nx),
+    "x_end": START,
+    "v_end": np.zeros(MAMMAL.nx),
+    "displacement": np.zeros(MAMMAL.nx),
+    "pose": START,
+    "parameters": {"gravity_z": -3.0},
+    "costs": [octo.Effort()],
+}
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -83,13 +94,19 @@ TERMS: dict[str, tuple[Callable[[Any], octo.Cost], str, Any]] = {
     "rows": (lambda v: octo.BaseHeight(height=v), "height", np.ones(12)),
     "names": (lambda v: octo.Slip(contacts=v), "contacts", ["front_left"]),
     "values": (
-        lambda v: octo.CustomCost(lambda step, p: p["a"] * step.u, v), "values", {"a": np.ones(1), "b": [1.0], "c": {"d": [2.0]}},
+        lambda v: octo.CustomCost(lambda step, p: p["a"] * step.u, v),
+        "values",
+        {"a": np.ones(1), "b": [1.0], "c": {"d": [2.0]}},
     ),
     "a pose": (lambda v: octo.PoseTarget(target=v), "target", np.zeros(MAMMAL.nx)),
-    "a float32 array": (lambda v: octo.Posture(joints=v), "joints", np.ones(MAMMAL.nu, dtype=np.float32)),
+    "a float32 array": (
+        lambda v: octo.Posture(joints=v),
+        "joints",
+        np.ones(MAMMAL.nu, dtype=np.float32),
+    ),
     "a view": (lambda v: octo.JointVelocity(v), "velocity", np.zeros((2, 12))[0]),
     "CasADi's matrix": (lambda v: octo.CenterOfMassVelocity(v), "velocity", ca.DM([1.0, 2.0, 3.0])),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -103,7 +120,12 @@ def test_a_term_keeps_what_it_was_given(name: str) -> None:
         _changed(given)
     kept = getattr(term, field)
     if isinstance(value, dict):
-        assert kept.keys() == value.keys() and kept["a"] == 1.0 and kept["b"] == [1.0] and kept["c"] == {"d": [2.0]}
+        assert (
+            kept.keys() == value.keys()
+            and kept["a"] == 1.0
+            and kept["b"] == [1.0]
+            and kept["c"] == {"d": [2.0]}
+        )
     else:
         assert np.array_equal(np.asarray(kept), np.asarray(value))
 
@@ -114,7 +136,11 @@ def test_other_things_keep_what_they_were_given() -> None:
     dynamics = CustomDynamics(lambda a, b, c, p: a - 2 * b + c, 1, actuated, {})  # type: ignore[arg-type]
     cycle = octo.Cycle(speed=0.5, mirror=pairs)
     parameters["height"], actuated[0], pairs["more"] = 3.0, 5, "names"
-    assert terrain.parameters == {"height": 1.0} and dynamics.actuated.tolist() == [0] and cycle.mirror == {"left": "right"}
+    assert (
+        terrain.parameters == {"height": 1.0}
+        and dynamics.actuated.tolist() == [0]
+        and cycle.mirror == {"left": "right"}
+    )
 
 
 def test_a_callback_gets_copies() -> None:
@@ -122,12 +148,24 @@ def test_a_callback_gets_copies() -> None:
 
     def spoil(at: Any) -> None:
         kept.append((at.nodes.copy(), at.energy.copy()))
-        for array in (at.nodes, at.energy, at.violation, at.at.C, at.at.nodes, at.at.fd, at.at.unknowns):
+        for array in (
+            at.nodes,
+            at.energy,
+            at.violation,
+            at.at.C,
+            at.at.nodes,
+            at.at.fd,
+            at.at.unknowns,
+        ):
             array[...] = np.nan
 
     quiet = octo.solve(problem(), **{**QUICK, "max_iterations": 6})
     spoiled = octo.solve(problem(), callback=spoil, **{**QUICK, "max_iterations": 6})
-    assert np.array_equal(quiet.x, spoiled.x) and spoiled.status is quiet.status and len(kept) == quiet.iterations
+    assert (
+        np.array_equal(quiet.x, spoiled.x)
+        and spoiled.status is quiet.status
+        and len(kept) == quiet.iterations
+    )
     assert np.isfinite(kept[-1][0]).all() and not np.array_equal(kept[0][0], kept[-1][0])
 
 
@@ -150,7 +188,7 @@ def test_a_guide_gets_copies() -> None:
     assert np.array_equal(*plans)
 
 
-# -- threads -----------------------------------------------------------------------------------------------------------
+# -- threads ---------------------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -192,7 +230,9 @@ def test_threads_that_share_memories_of_factors() -> None:
     alone = elimination.factorize(H, A).solve(rhs)[0]
 
     def work(_: int) -> bool:
-        same = all(np.array_equal(elimination.factorize(H, A).solve(rhs)[0], alone) for _ in range(50))
+        same = all(
+            np.array_equal(elimination.factorize(H, A).solve(rhs)[0], alone) for _ in range(50)
+        )
         elimination.release()
         return same
 
@@ -202,13 +242,18 @@ def test_threads_that_share_memories_of_factors() -> None:
 
 @pytest.fixture
 def blas_threads() -> Iterator[Callable[[], list[int]]]:
-    """How many threads each BLAS has now, 3 at first: of those that products use, not the one that comes with IPOPT."""
+    """How many threads each BLAS has now, 3 at first: of those that products use, not the one that
+    comes with IPOPT."""
     threadpoolctl = pytest.importorskip("threadpoolctl")
     own = {pool["filepath"] for pool in blas._controller().info()}
 
     def found() -> list[int]:
         pools = threadpoolctl.threadpool_info()
-        return [pool["num_threads"] for pool in pools if pool["user_api"] == "blas" and pool["filepath"] in own]
+        return [
+            pool["num_threads"]
+            for pool in pools
+            if pool["user_api"] == "blas" and pool["filepath"] in own
+        ]
 
     with threadpoolctl.threadpool_limits(3, user_api="blas"):
         if not found() or 3 not in found():
@@ -220,7 +265,11 @@ def test_limits_of_blas_that_overlap(blas_threads: Callable[[], list[int]]) -> N
     from octo.reference.run import one_core
 
     before = blas_threads()
-    for first, second in ((blas.one_thread, blas.one_thread), (one_core, blas.one_thread), (blas.one_thread, one_core)):
+    for first, second in (
+        (blas.one_thread, blas.one_thread),
+        (one_core, blas.one_thread),
+        (blas.one_thread, one_core),
+    ):
         a, b = first(), second()
         a.__enter__()
         b.__enter__()
@@ -236,7 +285,9 @@ def test_limits_of_blas_that_overlap(blas_threads: Callable[[], list[int]]) -> N
 def test_solves_that_overlap_leave_blas_as_it_was(blas_threads: Callable[[], list[int]]) -> None:
     before, options = blas_threads(), octo.SqpOptions(linear_solver="cyclic_reduction")
     few = {**QUICK, "options": options, "max_iterations": 1}
-    solves = [threading.Thread(target=octo.solve, args=(problem(steps=4),), kwargs=few) for _ in range(3)]
+    solves = [
+        threading.Thread(target=octo.solve, args=(problem(steps=4),), kwargs=few) for _ in range(3)
+    ]
     for thread in solves:
         thread.start()
     for thread in solves:
@@ -244,7 +295,7 @@ def test_solves_that_overlap_leave_blas_as_it_was(blas_threads: Callable[[], lis
     assert blas_threads() == before
 
 
-# -- what outlives what ------------------------------------------------------------------------------------------------
+# -- what outlives what ----------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -269,7 +320,7 @@ def test_a_function_outlives_its_library(name: str) -> None:
     assert rubbish
 
 
-# -- other kinds of numbers --------------------------------------------------------------------------------------------
+# -- other kinds of numbers ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["float32", "int", "fortran", "every other", "list"])
@@ -279,10 +330,15 @@ def test_multipliers_and_nodes_of_other_kinds(kind: str) -> None:
     lam = np.round(4.0 * rng.standard_normal((1, compiled.K, compiled.ma)))
     at = compiled.evaluate(np.zeros((1, compiled.K, compiled.nc)))
     other = {
-        "float32": lambda a: a.astype(np.float32), "int": lambda a: a.astype(int), "fortran": np.asfortranarray,
-        "every other": lambda a: np.repeat(a, 2, axis=-1)[..., ::2], "list": lambda a: a.tolist(),
-    }[kind]  # fmt: skip
-    np.testing.assert_array_equal(compiled.linearize(at, other(lam)).H, compiled.linearize(at, lam).H)
+        "float32": lambda a: a.astype(np.float32),
+        "int": lambda a: a.astype(int),
+        "fortran": np.asfortranarray,
+        "every other": lambda a: np.repeat(a, 2, axis=-1)[..., ::2],
+        "list": lambda a: a.tolist(),
+    }[kind]
+    np.testing.assert_array_equal(
+        compiled.linearize(at, other(lam)).H, compiled.linearize(at, lam).H
+    )
     nodes = np.round(8.0 * at.nodes) / 8.0
     if kind != "int":
         found = compiled.evaluate_nodes(at.unknowns, other(nodes))
@@ -305,18 +361,24 @@ def test_a_start_with_float32_multipliers() -> None:
     first = octo.solve(problem(), **QUICK)
     half = replace(first, multipliers=first.multipliers.astype(np.float32))
     whole = replace(first, multipliers=half.multipliers.astype(float))
-    assert np.array_equal(*(octo.solve(problem(), start=start, **QUICK).x for start in (half, whole)))
+    assert np.array_equal(
+        *(octo.solve(problem(), start=start, **QUICK).x for start in (half, whole))
+    )
 
 
-# -- pickles and copies ------------------------------------------------------------------------------------------------
+# -- pickles and copies ----------------------------------------------------------------------------
 
 KINDS: dict[str, Callable[[], octo.Problem]] = {
     "robot": problem,
     "hermite": lambda: problem(basis="hermite", steps=20),
     "an end": lambda: problem(displacement=np.zeros(MAMMAL.nx)),
-    "a cycle": lambda: octo.Problem(MAMMAL, costs=[octo.Effort()], cycle=octo.Cycle(speed=0.5), steps=8),
+    "a cycle": lambda: octo.Problem(
+        MAMMAL, costs=[octo.Effort()], cycle=octo.Cycle(speed=0.5), steps=8
+    ),
     "user-written": integrator,
-    "another law": lambda: problem(law=octo.laws.Smooth(friction=octo.laws.Coulomb(mu=0.7)), terrain=octo.Plane(slope=0.1)),
+    "another law": lambda: problem(
+        law=octo.laws.Smooth(friction=octo.laws.Coulomb(mu=0.7)), terrain=octo.Plane(slope=0.1)
+    ),
 }
 
 
@@ -329,18 +391,26 @@ def test_a_problem_pickles_after_a_solve(kind: str) -> None:
         assert [term.label for term in again.costs] == [term.label for term in described.costs]
         assert np.array_equal(again.replace(dt=described.dt).start, described.start)
         if described.cycle is not None:
-            assert len(again.replace(cycle=None).costs) == 1  # the anchor is still known as the problem's own
+            # the anchor is still known as the problem's own
+            assert len(again.replace(cycle=None).costs) == 1
 
 
 def test_solutions_and_robots_pickle_after_a_solve() -> None:
     solution = octo.solve(problem(), **QUICK)
     assert solution.gait is not None
     again = pickle.loads(pickle.dumps(solution))
-    assert np.array_equal(again.x, solution.x) and isinstance(again.character, Character) and str(again) == str(solution)
-    assert np.array_equal(octo.solve(problem(), start=again, **QUICK).x, octo.solve(problem(), start=solution, **QUICK).x)
+    assert (
+        np.array_equal(again.x, solution.x)
+        and isinstance(again.character, Character)
+        and str(again) == str(solution)
+    )
+    assert np.array_equal(
+        octo.solve(problem(), start=again, **QUICK).x,
+        octo.solve(problem(), start=solution, **QUICK).x,
+    )
 
 
-# -- memory ------------------------------------------------------------------------------------------------------------
+# -- memory ----------------------------------------------------------------------------------------
 
 
 def resident() -> float:

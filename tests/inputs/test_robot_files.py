@@ -15,7 +15,10 @@ from octo.model.describe import lost_shapes
 from octo.model.load import load
 
 CASES = Path(__file__).parent / "cases"
-INERTIAL = '<inertial>{}<mass value="{}"/><inertia ixx="{}" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+INERTIAL = (
+    '<inertial>{}<mass value="{}"/><inertia ixx="{}" iyy=".01" izz=".01" ixy="0" ixz="0" '
+    'iyz="0"/></inertial>'
+)
 NONE = math.inf
 
 
@@ -25,7 +28,10 @@ def link(name, inside="", mass="1", ixx=".01", origin=""):
 
 def joint(inside="", kind="revolute", origin="0 0 .5", axis="0 1 0"):
     ends = '<parent link="a"/><child link="b"/>'
-    return f'<joint name="j" type="{kind}">{ends}<origin xyz="{origin}"/><axis xyz="{axis}"/>{inside}</joint>'
+    return (
+        f'<joint name="j" type="{kind}">{ends}<origin xyz="{origin}"/><axis '
+        f'xyz="{axis}"/>{inside}</joint>'
+    )
 
 
 PAIR = link("a") + link("b")
@@ -203,24 +209,82 @@ def test_limits_that_are_none(tmp_path, case):
 
 
 LOST = {
-    "a macro": (PAIR + joint() + '<xacro:leg prefix="fl"/>', UnsupportedFeatureError, "<xacro:leg>: macros of xacro"),
-    "a macro in a link": (link("a", "<xacro:box/>"), UnsupportedFeatureError, "<xacro:box>: macros"),
-    "a property": (link("a") + '<xacro:property name="m" value="1"/>', UnsupportedFeatureError, "<xacro:property> 'm': macros"),
-    "a mass": (link("a", mass="${m}"), UnsupportedFeatureError, r"<link> 'a', <mass>: value is '\${m}': expressions of xacro"),
-    "a name": (link("${side}_leg"), UnsupportedFeatureError, r"name is '\${side}_leg': expressions"),
-    "an argument": (
-        PAIR + joint('<limit lower="$(arg low)"/>'), UnsupportedFeatureError, r"<joint> 'j', <limit>: lower is '\$\(arg low\)'",
+    "a macro": (
+        PAIR + joint() + '<xacro:leg prefix="fl"/>',
+        UnsupportedFeatureError,
+        "<xacro:leg>: macros of xacro",
     ),
-    "a group": (link("a") + f"<group>{link('b')}</group>", RobotFileError, "<link> 'b' is inside of <group>, must be a child"),
-    "a frame in a group": (link("a") + '<group><link name="tool"/></group>', RobotFileError, "<link> 'tool' is inside of"),
-    "a joint in a group": (PAIR + f"<group>{joint()}</group>", RobotFileError, "<joint> 'j' is inside of <group>"),
-    "a link in a link": (link("a", link("b")), RobotFileError, "<link> 'b' is inside of <link> 'a'"),
-    "deeper": (link("a") + f"<x><y><z>{link('b')}</z></y></x>", RobotFileError, "<link> 'b' is inside of <x>"),
-    "in an extension": (link("a") + f"<gazebo>{link('b')}</gazebo>", RobotFileError, "<link> 'b' is inside of <gazebo>"),
-    "a robot in a robot": (link("a") + f"<robot>{link('b')}</robot>", RobotFileError, "<link> 'b' is inside of <robot>"),
-    "capitals": (link("a") + '<Link name="b"/>', RobotFileError, "<Link> 'b' is no element of a URDF, must be <link>"),
-    "another language": (link("a") + '<d:joint xmlns:d="http://d" name="k"/>', RobotFileError, "<joint> 'k' is no element"),
-}  # fmt: skip
+    "a macro in a link": (
+        link("a", "<xacro:box/>"),
+        UnsupportedFeatureError,
+        "<xacro:box>: macros",
+    ),
+    "a property": (
+        link("a") + '<xacro:property name="m" value="1"/>',
+        UnsupportedFeatureError,
+        "<xacro:property> 'm': macros",
+    ),
+    "a mass": (
+        link("a", mass="${m}"),
+        UnsupportedFeatureError,
+        r"<link> 'a', <mass>: value is '\${m}': expressions of xacro",
+    ),
+    "a name": (
+        link("${side}_leg"),
+        UnsupportedFeatureError,
+        r"name is '\${side}_leg': expressions",
+    ),
+    "an argument": (
+        PAIR + joint('<limit lower="$(arg low)"/>'),
+        UnsupportedFeatureError,
+        r"<joint> 'j', <limit>: lower is '\$\(arg low\)'",
+    ),
+    "a group": (
+        link("a") + f"<group>{link('b')}</group>",
+        RobotFileError,
+        "<link> 'b' is inside of <group>, must be a child",
+    ),
+    "a frame in a group": (
+        link("a") + '<group><link name="tool"/></group>',
+        RobotFileError,
+        "<link> 'tool' is inside of",
+    ),
+    "a joint in a group": (
+        PAIR + f"<group>{joint()}</group>",
+        RobotFileError,
+        "<joint> 'j' is inside of <group>",
+    ),
+    "a link in a link": (
+        link("a", link("b")),
+        RobotFileError,
+        "<link> 'b' is inside of <link> 'a'",
+    ),
+    "deeper": (
+        link("a") + f"<x><y><z>{link('b')}</z></y></x>",
+        RobotFileError,
+        "<link> 'b' is inside of <x>",
+    ),
+    "in an extension": (
+        link("a") + f"<gazebo>{link('b')}</gazebo>",
+        RobotFileError,
+        "<link> 'b' is inside of <gazebo>",
+    ),
+    "a robot in a robot": (
+        link("a") + f"<robot>{link('b')}</robot>",
+        RobotFileError,
+        "<link> 'b' is inside of <robot>",
+    ),
+    "capitals": (
+        link("a") + '<Link name="b"/>',
+        RobotFileError,
+        "<Link> 'b' is no element of a URDF, must be <link>",
+    ),
+    "another language": (
+        link("a") + '<d:joint xmlns:d="http://d" name="k"/>',
+        RobotFileError,
+        "<joint> 'k' is no element",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", LOST)
@@ -270,7 +334,10 @@ def test_unknown_elements_are_said(tmp_path, case):
 def test_extensions_and_looks_may_name_what_they_like(tmp_path):
     extra = '<transmission name="t"><joint name="j"/></transmission><material name="grey"/>'
     extra += '<ros2_control name="c"><joint name="j"/></ros2_control>'
-    sdf = '<gazebo><link name="x"><inertial><mass>1</mass></inertial></link><plugin file="$(find p)/x.yaml"/></gazebo>'
+    sdf = (
+        '<gazebo><link name="x"><inertial><mass>1</mass></inertial></link><plugin '
+        'file="$(find p)/x.yaml"/></gazebo>'
+    )
     looks = link("b", '<visual><geometry><mesh filename="$(find p)/x.dae"/></geometry></visual>')
     robot = load(written(tmp_path, link("a") + looks + joint() + extra + sdf))
     assert robot.mass == 2.0
@@ -278,27 +345,45 @@ def test_extensions_and_looks_may_name_what_they_like(tmp_path):
 
 
 NUMBERS = {
-    "damping": (PAIR + joint('<dynamics damping="-1"/>'), "joint 'j': damping is -1.0, must be finite and not negative"),
+    "damping": (
+        PAIR + joint('<dynamics damping="-1"/>'),
+        "joint 'j': damping is -1.0, must be finite and not negative",
+    ),
     "endless damping": (PAIR + joint('<dynamics damping="inf"/>'), "joint 'j': damping is 'inf'"),
     "no damping": (PAIR + joint('<dynamics damping="nan"/>'), "joint 'j': damping is 'nan'"),
     "origin": (PAIR + joint(origin="0 nan 0"), "joint 'j': origin xyz is 'nan'"),
     "endless origin": (PAIR + joint(origin="inf 0 0"), "joint 'j': origin xyz is 'inf'"),
     "origin far away": (PAIR + joint(origin="0 0 1e200"), "joint 'j': origin xyz is '1e200'"),
     "radius": (
-        link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'), "radius of its sphere is '1e300'",
+        link("a", '<collision><geometry><sphere radius="1e300"/></geometry></collision>'),
+        "radius of its sphere is '1e300'",
     ),
     "endless radius": (
-        link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'), "radius of its sphere is 'inf'",
+        link("a", '<collision><geometry><sphere radius="inf"/></geometry></collision>'),
+        "radius of its sphere is 'inf'",
     ),
     "no place of a shape": (
-        link("a", '<collision><origin xyz="0 nan 0"/><geometry><sphere radius=".1"/></geometry></collision>'),
+        link(
+            "a",
+            '<collision><origin xyz="0 nan 0"/><geometry><sphere '
+            'radius=".1"/></geometry></collision>',
+        ),
         "collision origin xyz is 'nan'",
     ),
-    "inertia": (PAIR.replace('ixx=".01"', 'ixx="-1"') + joint(), "body .*: inertia has the principal moments -1, 0.01, 0.01"),
-    "large inertia": (link("a", ixx="1e300"), "link 'a': inertia ixx is '1e300', must be a finite number of at most 1e"),
+    "inertia": (
+        PAIR.replace('ixx=".01"', 'ixx="-1"') + joint(),
+        "body .*: inertia has the principal moments -1, 0.01, 0.01",
+    ),
+    "large inertia": (
+        link("a", ixx="1e300"),
+        "link 'a': inertia ixx is '1e300', must be a finite number of at most 1e",
+    ),
     "mass": (link("a", mass="1e300"), "link 'a': mass is '1e300'"),
-    "centre of mass": (link("a", origin='<origin xyz="0 0 1e99"/>'), "link 'a': inertial origin xyz is '1e99'"),
-}  # fmt: skip
+    "centre of mass": (
+        link("a", origin='<origin xyz="0 0 1e99"/>'),
+        "link 'a': inertial origin xyz is '1e99'",
+    ),
+}
 
 
 @pytest.mark.filterwarnings("error")
@@ -341,7 +426,8 @@ def test_endless_ranges_of_an_mjcf(tmp_path):
     hip = '<joint name="hip" range="-inf 90"/>'
     motor = '<actuator><motor joint="hip" ctrlrange="-inf inf"/></actuator>'
     path.write_text(
-        f'<mujoco><worldbody><body name="a">{hip}<geom size=".1"/></body></worldbody>{motor}</mujoco>'
+        f'<mujoco><worldbody><body name="a">{hip}<geom '
+        f'size=".1"/></body></worldbody>{motor}</mujoco>'
     )
     robot = load(path)
     assert (robot.lower[0], robot.torque_limit[0]) == (-NONE, NONE)

@@ -1,4 +1,5 @@
-"""Robots written in Python: what no robot can have is refused where the object is made, in one sentence."""
+"""Robots written in Python: what no robot can have is refused where the object is made, in one
+sentence."""
 
 from __future__ import annotations
 
@@ -40,35 +41,71 @@ def robot(**fields: Any) -> Callable[[], Any]:
 
 TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
-    "negative damping": (joint(damping=-1.0), "joint 'hinge': damping is -1.0, must be finite and not negative"),
+    "negative damping": (
+        joint(damping=-1.0),
+        "joint 'hinge': damping is -1.0, must be finite and not negative",
+    ),
     "negative stiffness": (joint(stiffness=-1e-9), "joint 'hinge': stiffness is -1e-09"),
     "negative armature": (joint(armature=-0.1), "joint 'hinge': armature is -0.1"),
     "no damping": (joint(damping=math.nan), "joint 'hinge': damping is nan"),
     "endless damping": (joint(damping=math.inf), "joint 'hinge': damping is inf"),
     "endless armature": (joint(armature=math.inf), "joint 'hinge': armature is inf"),
-    "stiffness in words": (joint(stiffness="soft"), "joint 'hinge': stiffness is 'soft', must be a number"),
-    "a number in quotes": (joint(damping="0.5"), "joint 'hinge': damping is '0.5', must be a number"),
-    "an axis in quotes": (joint(axis=("0", "1", "0")), "joint 'hinge': axis is .*, must be numbers"),
+    "stiffness in words": (
+        joint(stiffness="soft"),
+        "joint 'hinge': stiffness is 'soft', must be a number",
+    ),
+    "a number in quotes": (
+        joint(damping="0.5"),
+        "joint 'hinge': damping is '0.5', must be a number",
+    ),
+    "an axis in quotes": (
+        joint(axis=("0", "1", "0")),
+        "joint 'hinge': axis is .*, must be numbers",
+    ),
     "an axis of None": (joint(axis=None), "joint 'hinge': axis is None, must be numbers"),
-    "a crooked inertia": (body(inertia=[[1.0], [1.0, 2.0]]), "body 'arm': inertia is .*, must be numbers"),
+    "a crooked inertia": (
+        body(inertia=[[1.0], [1.0, 2.0]]),
+        "body 'arm': inertia is .*, must be numbers",
+    ),
     "damping of None": (joint(damping=None), "joint 'hinge': damping is None, must be a number"),
-    "too large": (joint(stiffness=1e300), r"joint 'hinge': stiffness is 1e\+300, must be at most 1e\+12"),
+    "too large": (
+        joint(stiffness=1e300),
+        r"joint 'hinge': stiffness is 1e\+300, must be at most 1e\+12",
+    ),
     "a whole number too large": (joint(damping=10**400), "joint 'hinge': damping is inf"),
     "no limit": (joint(lower=math.nan), "joint 'hinge': lower limit is nan"),
     "limits in words": (joint(upper="high"), "joint 'hinge': upper limit is 'high'"),
-    "limits the wrong way": (joint(lower=1.0, upper=0.0), "joint 'hinge': lower limit 1.0 is above the upper limit 0.0"),
+    "limits the wrong way": (
+        joint(lower=1.0, upper=0.0),
+        "joint 'hinge': lower limit 1.0 is above the upper limit 0.0",
+    ),
     "no range": (joint(lower=math.inf), "joint 'hinge': both limits are inf"),
-    "negative torque": (joint(torque_limit=-5.0), "joint 'hinge': torque limit is -5.0, must be not negative"),
+    "negative torque": (
+        joint(torque_limit=-5.0),
+        "joint 'hinge': torque limit is -5.0, must be not negative",
+    ),
     "no torque": (joint(torque_limit=math.nan), "joint 'hinge': torque limit is nan"),
-    "no speed": (joint(velocity_limit=0.0), "joint 'hinge': velocity limit is 0.0, must be positive"),
+    "no speed": (
+        joint(velocity_limit=0.0),
+        "joint 'hinge': velocity limit is 0.0, must be positive",
+    ),
     "gear": (joint(gear=math.nan), "joint 'hinge': gear is nan, must be finite"),
     "reference": (joint(reference=math.inf), "joint 'hinge': reference is inf"),
     "rest": (joint(rest=math.nan), "joint 'hinge': rest is nan"),
-    "long axis": (joint(axis=(0.0, 2.0, 0.0)), "joint 'hinge': axis has length 2, must be a unit vector"),
+    "long axis": (
+        joint(axis=(0.0, 2.0, 0.0)),
+        "joint 'hinge': axis has length 2, must be a unit vector",
+    ),
     "short axis": (joint(axis=(0.0, 0.5, 0.5)), "joint 'hinge': axis has length 0.70"),
     "no axis": (joint(axis=(0.0, 0.0, 0.0)), "joint 'hinge': axis has length 0"),
-    "axis that is none": (joint(axis=(0.0, math.nan, 0.0)), "joint 'hinge': axis has the entry nan"),
-    "axis of two": (joint(axis=(0.0, 1.0)), r"joint 'hinge': axis has shape \(2,\), must have \(3,\)"),
+    "axis that is none": (
+        joint(axis=(0.0, math.nan, 0.0)),
+        "joint 'hinge': axis has the entry nan",
+    ),
+    "axis of two": (
+        joint(axis=(0.0, 1.0)),
+        r"joint 'hinge': axis has shape \(2,\), must have \(3,\)",
+    ),
     "axis in words": (joint(axis="y"), "joint 'hinge': axis is 'y', must be numbers"),
     "anchor": (joint(anchor=(0.0, math.inf, 0.0)), "joint 'hinge': anchor has the entry inf"),
     "kind": (joint(kind="ball"), "joint 'hinge': kind is 'ball', must be 'hinge' or 'slide'"),
@@ -77,51 +114,118 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "joint without a name": (joint(name=""), "joint: name is ''"),
     "joint of a number": (joint(name=3), "joint: name is 3, must be a text"),
     "origin": (body(position=(math.nan, 0.0, 0.0)), "body 'arm': position has the entry nan"),
-    "origin far away": (body(position=(0.0, 1e300, 0.0)), r"body 'arm': position has the entry 1e\+300"),
-    "centre of mass": (body(com=(0.0, 0.0, math.inf)), "body 'arm': centre of mass has the entry inf"),
+    "origin far away": (
+        body(position=(0.0, 1e300, 0.0)),
+        r"body 'arm': position has the entry 1e\+300",
+    ),
+    "centre of mass": (
+        body(com=(0.0, 0.0, math.inf)),
+        "body 'arm': centre of mass has the entry inf",
+    ),
     "centre of mass of two": (body(com=(0.0, 0.0)), "body 'arm': centre of mass has shape"),
     "mirrored rotation": (body(rotation=np.diag([1.0, 1.0, -1.0])), "body 'arm': rotation is none"),
-    "scaled rotation": (body(rotation=2.0 * np.eye(3)), r"body 'arm': rotation is none \(off by 3\)"),
-    "no rotation": (body(rotation=np.full((3, 3), math.nan)), "body 'arm': rotation has the entry nan"),
+    "scaled rotation": (
+        body(rotation=2.0 * np.eye(3)),
+        r"body 'arm': rotation is none \(off by 3\)",
+    ),
+    "no rotation": (
+        body(rotation=np.full((3, 3), math.nan)),
+        "body 'arm': rotation has the entry nan",
+    ),
     "negative mass": (body(mass=-1.0), "body 'arm': mass is -1.0, must be finite and not negative"),
     "endless mass": (body(mass=math.inf), "body 'arm': mass is inf"),
     "mass in words": (body(mass="heavy"), "body 'arm': mass is 'heavy'"),
-    "indefinite inertia": (body(inertia=np.diag([1.0, 1.0, -1.0])), "principal moments -1, 1, 1 kg m², must have none"),
-    "slightly indefinite": (body(inertia=np.diag([1.0, 1.0, -1e-4])), "principal moments -0.0001, 1, 1"),
-    "indefinite off the diagonal": (
-        body(inertia=np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])), "principal moments -1, 1, 3",
+    "indefinite inertia": (
+        body(inertia=np.diag([1.0, 1.0, -1.0])),
+        "principal moments -1, 1, 1 kg m², must have none",
     ),
-    "inertia of a triangle": (body(inertia=np.triu(np.ones((3, 3)))), "body 'arm': inertia is not symmetric"),
+    "slightly indefinite": (
+        body(inertia=np.diag([1.0, 1.0, -1e-4])),
+        "principal moments -0.0001, 1, 1",
+    ),
+    "indefinite off the diagonal": (
+        body(inertia=np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])),
+        "principal moments -1, 1, 3",
+    ),
+    "inertia of a triangle": (
+        body(inertia=np.triu(np.ones((3, 3)))),
+        "body 'arm': inertia is not symmetric",
+    ),
     "inertia of three": (body(inertia=(1.0, 1.0, 1.0)), "body 'arm': inertia has shape"),
-    "no inertia": (body(inertia=np.full((3, 3), math.nan)), "body 'arm': inertia has the entry nan"),
-    "parent": (body(parent="trunk"), "body 'arm': parent is 'trunk', must be the index of a body, or -1"),
-    "joints": (body(joints=("hinge",)), r"body 'arm': joints is \('hinge',\), must be a tuple of Joint"),
+    "no inertia": (
+        body(inertia=np.full((3, 3), math.nan)),
+        "body 'arm': inertia has the entry nan",
+    ),
+    "parent": (
+        body(parent="trunk"),
+        "body 'arm': parent is 'trunk', must be the index of a body, or -1",
+    ),
+    "joints": (
+        body(joints=("hinge",)),
+        r"body 'arm': joints is \('hinge',\), must be a tuple of Joint",
+    ),
     "radius": (ball(radius=1e300), r"contact 'ball': radius is 1e\+300, must be at most 1e\+12"),
     "no radius": (ball(radius=math.nan), "contact 'ball': radius is nan"),
     "endless radius": (ball(radius=math.inf), "contact 'ball': radius is inf"),
-    "negative radius": (ball(radius=-0.1), "contact 'ball': radius is -0.1, must be finite and not negative"),
-    "place of a contact": (ball(position=(0.0, math.nan, 0.0)), "contact 'ball': position has the entry nan"),
-    "body of a contact": (ball(body="arm"), "contact 'ball': body is 'arm', must be the index of a body"),
-    "two joints of a name": (
-        robot(bodies=(ARM, Body("hand", 0, (HINGE,), mass=1.0))), "character 'arm': two joints are named 'hinge'",
+    "negative radius": (
+        ball(radius=-0.1),
+        "contact 'ball': radius is -0.1, must be finite and not negative",
     ),
-    "two joints of a body": (robot(bodies=(replace(ARM, joints=(HINGE, HINGE)),)), "two joints are named 'hinge'"),
-    "two bodies of a name": (robot(bodies=(ARM, replace(ARM, joints=()))), "two bodies are named 'arm'"),
+    "place of a contact": (
+        ball(position=(0.0, math.nan, 0.0)),
+        "contact 'ball': position has the entry nan",
+    ),
+    "body of a contact": (
+        ball(body="arm"),
+        "contact 'ball': body is 'arm', must be the index of a body",
+    ),
+    "two joints of a name": (
+        robot(bodies=(ARM, Body("hand", 0, (HINGE,), mass=1.0))),
+        "character 'arm': two joints are named 'hinge'",
+    ),
+    "two joints of a body": (
+        robot(bodies=(replace(ARM, joints=(HINGE, HINGE)),)),
+        "two joints are named 'hinge'",
+    ),
+    "two bodies of a name": (
+        robot(bodies=(ARM, replace(ARM, joints=()))),
+        "two bodies are named 'arm'",
+    ),
     "two contacts of a name": (robot(contacts=(BALL, BALL)), "two contacts are named 'ball'"),
-    "base": (robot(base="flying"), "character 'arm': base is 'flying', must be 'floating' or 'fixed'"),
+    "base": (
+        robot(base="flying"),
+        "character 'arm': base is 'flying', must be 'floating' or 'fixed'",
+    ),
     "chart": (robot(chart="xyz"), "character 'arm': chart is 'xyz', must be 'zyx' or 'zxy'"),
-    "a floating base of one hinge": (robot(base="floating"), "base is 'floating', but body 'arm', the first that moves"),
+    "a floating base of one hinge": (
+        robot(base="floating"),
+        "base is 'floating', but body 'arm', the first that moves",
+    ),
     "a driven floating base": (
-        lambda: Character("t", (replace(TRUNK, joints=tuple(replace(j, actuated=True) for j in floating_base())),)),
+        lambda: Character(
+            "t", (replace(TRUNK, joints=tuple(replace(j, actuated=True) for j in floating_base())),)
+        ),
         "base is 'floating', but body 'trunk'",
     ),
-    "pose": (robot(default_pose=np.zeros(2)), r"character 'arm': default pose has shape \(2,\), must have \(1,\)"),
-    "no pose": (robot(poses={"home": [math.nan]}), "character 'arm': pose 'home' has the entry nan"),
-    "bodies": (robot(bodies=(HINGE,)), "character 'arm': bodies is a tuple, must be a tuple of Body"),
-    "contacts": (robot(contacts=BALL), "character 'arm': contacts is a ContactSphere, must be a tuple of ContactSphere"),
+    "pose": (
+        robot(default_pose=np.zeros(2)),
+        r"character 'arm': default pose has shape \(2,\), must have \(1,\)",
+    ),
+    "no pose": (
+        robot(poses={"home": [math.nan]}),
+        "character 'arm': pose 'home' has the entry nan",
+    ),
+    "bodies": (
+        robot(bodies=(HINGE,)),
+        "character 'arm': bodies is a tuple, must be a tuple of Body",
+    ),
+    "contacts": (
+        robot(contacts=BALL),
+        "character 'arm': contacts is a ContactSphere, must be a tuple of ContactSphere",
+    ),
     "pairs": (robot(pairs=(("a", "b"),)), "character 'arm': pairs is .*, must be pairs of indices"),
     "half pairs": (robot(pairs=(0, 1)), "character 'arm': pairs is"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.filterwarnings("error")

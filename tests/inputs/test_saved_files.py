@@ -1,4 +1,5 @@
-"""Saved solutions that are damaged or made up: one line that says what. Replays that end at once. Clocks that cannot be."""
+"""Saved solutions that are damaged or made up: one line that says what. Replays that end at once.
+Clocks that cannot be."""
 
 from __future__ import annotations
 
@@ -30,7 +31,12 @@ def standing(dt: float = 0.05, steps: int = 6) -> Solution:
     """The start held still."""
     problem = octo.Problem(MAMMAL, steps=steps, dt=dt, costs=[octo.Effort()])
     x = np.repeat(problem.start[None], steps + 2, axis=0)
-    return measured_motion(problem, Motion(x, np.zeros((steps, MAMMAL.nu)), dt, np.ones(steps, bool), np.zeros(1)), 0.1, 0.2)
+    return measured_motion(
+        problem,
+        Motion(x, np.zeros((steps, MAMMAL.nu)), dt, np.ones(steps, bool), np.zeros(1)),
+        0.1,
+        0.2,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -113,25 +119,43 @@ CONTENTS: dict[str, tuple[Callable[[Parts], object], str]] = {
     "infinite torque": (spoiled("u", np.inf), "u is not finite"),
     "one node": (shaped("x", lambda x: x[:1]), "x has shape (1, 18)"),
     "no step": (shaped("x", lambda x: x[:2]), "at least one step"),
-    "another robot's nodes": (shaped("x", lambda x: x[:, :-1]), "x has shape (8, 17), expected (any, 18)"),
+    "another robot's nodes": (
+        shaped("x", lambda x: x[:, :-1]),
+        "x has shape (8, 17), expected (any, 18)",
+    ),
     "flat nodes": (shaped("x", np.ravel), "x has shape (144,)"),
     "nodes in words": (shaped("x", lambda x: x.astype(str)), "must be numbers"),
     "complex nodes": (shaped("x", lambda x: x + 1j), "x holds complex128 values"),
     "nodes that are true": (shaped("x", lambda x: x > 0), "x holds bool values"),
-    "a step too few torques": (shaped("u", lambda u: u[1:]), "u has shape (5, 12), expected (6, 12)"),
+    "a step too few torques": (
+        shaped("u", lambda u: u[1:]),
+        "u has shape (5, 12), expected (6, 12)",
+    ),
     "torques of fewer motors": (shaped("u", lambda u: u[:, 1:]), "u has shape (6, 11)"),
-    "forces of fewer feet": (shaped("contact_force", lambda f: f[:, 1:]), "contact_force has shape"),
-    "forces in two axes": (shaped("contact_normal", lambda f: f[..., :2]), "contact_normal has shape"),
+    "forces of fewer feet": (
+        shaped("contact_force", lambda f: f[:, 1:]),
+        "contact_force has shape",
+    ),
+    "forces in two axes": (
+        shaped("contact_normal", lambda f: f[..., :2]),
+        "contact_normal has shape",
+    ),
     "depths not finite": (spoiled("contact_depth", np.nan), "contact_depth is not finite"),
     "fewer names of feet": (lambda parts: parts[1]["contact_names"].pop(), "contact_names has"),
     "numbers for names": (said(contact_names=[1, 2]), "contact_names must hold words"),
     "a limit that is none": (spoiled("torque_limit", np.nan), "torque_limit is not a number"),
     "limits of fewer motors": (shaped("torque_limit", lambda v: v[1:]), "torque_limit has shape"),
     "flat unknowns": (shaped("unknowns", np.ravel), "unknowns has shape"),
-    "multipliers not finite": (lambda parts: parts[0].update(multipliers=np.full((2, 2), np.nan)), "multipliers is not finite"),
+    "multipliers not finite": (
+        lambda parts: parts[0].update(multipliers=np.full((2, 2), np.nan)),
+        "multipliers is not finite",
+    ),
     "ground without heights": (lambda parts: parts[0].pop("ground_z"), "ground_z is missing"),
     "ground of another size": (shaped("ground_z", lambda z: z[1:]), "ground_z has shape"),
-    "columns of two lengths": (lambda parts: parts[0].update(history_energy=np.zeros(3)), "differ in length"),
+    "columns of two lengths": (
+        lambda parts: parts[0].update(history_energy=np.zeros(3)),
+        "differ in length",
+    ),
     "an unknown status": (said(status="perfect"), "status 'perfect' is not known"),
     "a status that is a number": (said(status=3), "status is of type int"),
     "weight of zero": (said(weight=0.0), "weight is 0.0"),
@@ -144,21 +168,37 @@ CONTENTS: dict[str, tuple[Callable[[Parts], object], str]] = {
     "passes that are numbers": (said(passes=[1, 2]), "passes must hold records"),
     "an entry that octo never wrote": (said(evil=1), "entry 'evil' is not known"),
     "a robot that is a list": (said(character=[]), "list"),
-    "a robot without bodies": (lambda parts: parts[1]["character"].pop("bodies"), "bodies is missing, must be a list"),
-    "a robot of no mass": (lambda parts: [b.update(mass=0.0) for b in parts[1]["character"]["bodies"]], "mass"),
+    "a robot without bodies": (
+        lambda parts: parts[1]["character"].pop("bodies"),
+        "bodies is missing, must be a list",
+    ),
+    "a robot of no mass": (
+        lambda parts: [b.update(mass=0.0) for b in parts[1]["character"]["bodies"]],
+        "mass",
+    ),
     "a joint with an unknown field": (joint(colour="red"), "colour"),
-    "a joint that is actuated by 3": (joint(actuated=3), "actuated is of type int, must be of type bool"),
+    "a joint that is actuated by 3": (
+        joint(actuated=3),
+        "actuated is of type int, must be of type bool",
+    ),
     "a joint of axes in one number": (joint(axis=1.0), "axis has shape ()"),
-    "a pose of another robot": (lambda parts: parts[1]["character"].update(default_pose=[1.0]), "default_pose has shape (1,)"),
-    "a mass in words": (lambda parts: parts[1]["character"]["bodies"][0].update(mass="heavy"), "mass is of type str"),
+    "a pose of another robot": (
+        lambda parts: parts[1]["character"].update(default_pose=[1.0]),
+        "default_pose has shape (1,)",
+    ),
+    "a mass in words": (
+        lambda parts: parts[1]["character"]["bodies"][0].update(mass="heavy"),
+        "mass is of type str",
+    ),
     "a joint in words": (joint(axis="up"), "axis is 'up', must be numbers"),
     "no robot, but its feet": (said(character=None, contact_names=[]), "contact_depth has shape"),
     "a cycle that is a word": (said(cycle="yes"), "cycle is of type str"),
     "a cycle without arrays": (
-        said(cycle={"period": 1.0, "speed": 0.0, "sideways": 0.0, "turn": 0.0, "mirrored": False}), "matrix is missing",
+        said(cycle={"period": 1.0, "speed": 0.0, "sideways": 0.0, "turn": 0.0, "mirrored": False}),
+        "matrix is missing",
     ),
     "deep JSON": (said(starts=[{"a": [[[]]]}, 3]), "starts must hold records"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", CONTENTS)
@@ -172,9 +212,15 @@ def test_contents_that_octo_never_wrote(kind: str, saved: Path, tmp_path: Path) 
 
 CYCLES: dict[str, tuple[Callable[[Parts], object], str]] = {
     "a period of zero": (lambda parts: parts[1]["cycle"].update(period=0.0), "period is 0.0"),
-    "a mirror in words": (lambda parts: parts[1]["cycle"].update(mirrored="no"), "mirrored is of type str, must be"),
+    "a mirror in words": (
+        lambda parts: parts[1]["cycle"].update(mirrored="no"),
+        "mirrored is of type str, must be",
+    ),
     "a foot that is not there": (spoiled("cycle_contacts", 99), "contacts holds float64"),
-    "feet beyond the last": (lambda parts: parts[0]["cycle_contacts"].fill(99), "contacts has an index out of"),
+    "feet beyond the last": (
+        lambda parts: parts[0]["cycle_contacts"].fill(99),
+        "contacts has an index out of",
+    ),
     "a flat rotation": (shaped("cycle_rotation", np.ravel), "rotation has shape"),
     "a shift not finite": (spoiled("cycle_shift", np.nan), "shift is not finite"),
 }
@@ -215,18 +261,26 @@ FILES: dict[str, Callable[[bytes], bytes]] = {
     "no JSON": lambda whole: _archive(("plain.npy", _array("not JSON"))),
     "JSON that is a list": lambda whole: _archive(("plain.npy", _array("[1]"))),
     "JSON that never ends": lambda whole: _archive(("plain.npy", _array("[" * 20000))),
-    "objects": lambda whole: _archive(("plain.npy", _array(np.array([{}], dtype=object), allow_pickle=True))),
+    "objects": lambda whole: _archive(
+        ("plain.npy", _array(np.array([{}], dtype=object), allow_pickle=True))
+    ),
     "an array of petabytes": lambda whole: _archive(("x.npy", HUGE)),
     "zeros in the middle": lambda whole: whole[:400] + bytes(400) + whole[800:],
 }
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_files_that_are_damaged(kind: str, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_are_damaged(
+    kind: str, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "damaged.npz"
     path.write_bytes(FILES[kind](saved.read_bytes()))
     line = refused(path)
-    for words in (["info", str(path)], ["view", str(path), "--out", str(tmp_path / "x.csv")], ["replay", str(path)]):
+    for words in (
+        ["info", str(path)],
+        ["view", str(path), "--out", str(tmp_path / "x.csv")],
+        ["replay", str(path)],
+    ):
         assert main(words) == 2
         assert capsys.readouterr().err == f"octo: error: {line}\n"
     assert list(tmp_path.iterdir()) == [path]
@@ -261,18 +315,26 @@ def test_what_octo_wrote_is_read_as_it_was(saved: Path, cycle: Path, tmp_path: P
         first = Solution.load(path)
         first.save(tmp_path / "again.npz")
         again = Solution.load(tmp_path / "again.npz")
-        assert str(again) == str(first) and again.report() == first.report() and np.array_equal(again.x, first.x)
+        assert (
+            str(again) == str(first)
+            and again.report() == first.report()
+            and np.array_equal(again.x, first.x)
+        )
     parts = taken_apart(saved)
     parts[0]["x"] = parts[0]["x"].astype(np.float32)
     for name in ("processor_seconds", "seed", "stages", "starts"):
         parts[1].pop(name)  # as in files of earlier versions
     found = Solution.load(put_together(tmp_path / "old.npz", parts))
     assert found.x.dtype == np.float64 and found.seed == 0 and found.starts == ()
-    replace(standing(), u=np.full((6, 12), np.nan), status=Status.NOT_FINITE).save(tmp_path / "failed.npz")
+    replace(standing(), u=np.full((6, 12), np.nan), status=Status.NOT_FINITE).save(
+        tmp_path / "failed.npz"
+    )
     assert np.isnan(Solution.load(tmp_path / "failed.npz").u).all()
 
 
-def test_names_cannot_command_a_terminal(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_cannot_command_a_terminal(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = Solution.load(saved)
     names = tuple(f"foot\x1b[2J{k}" for k in range(len(found.contact_names)))
     replace(found, name="robot\x1b]0;owned\x07\n", contact_names=names).save(tmp_path / "named.npz")
@@ -281,7 +343,7 @@ def test_names_cannot_command_a_terminal(saved: Path, tmp_path: Path, capsys: py
     assert all(name.isprintable() for name in Solution.load(tmp_path / "named.npz").contact_names)
 
 
-# -- replays that fall at once -----------------------------------------------------------------------------------------
+# -- replays that fall at once ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("dt", [0.3, 0.5, 1.0])
@@ -307,13 +369,15 @@ def test_a_command_that_replays_a_fall(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     plan = standing(dt=0.5, steps=2)
     replace(plan, u=plan.u - 50.0).save(tmp_path / "solution.npz")
-    words = f"replay {tmp_path}/solution.npz --kp 1e-6 --kd 1e-6 --feedback none --out {tmp_path}/out"
+    words = (
+        f"replay {tmp_path}/solution.npz --kp 1e-6 --kd 1e-6 --feedback none --out {tmp_path}/out"
+    )
     assert main(words.split()) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["falls"] == 1 and report["seconds_upright"] < 0.5
 
 
-# -- clocks ------------------------------------------------------------------------------------------------------------
+# -- clocks ----------------------------------------------------------------------------------------
 
 CLOCKS = (1e308, -1e308, np.finfo(float).max, 1e18, np.float64(-1e200), 10**400, "1e308", 2e11)
 
@@ -324,7 +388,9 @@ def described() -> octo.Problem:
 
 
 @pytest.mark.parametrize("curvature", ["gauss-newton", "exact"])
-def test_a_clock_that_cannot_be_is_an_invalid_measurement(curvature: str, described: octo.Problem) -> None:
+def test_a_clock_that_cannot_be_is_an_invalid_measurement(
+    curvature: str, described: octo.Problem
+) -> None:
     controller = Controller(described, curvature=curvature)
     q, v = controller.convention.from_octo(described.start, np.zeros(MAMMAL.nx))
     with warnings.catch_warnings():
@@ -344,8 +410,14 @@ def test_a_clock_that_cannot_be_is_an_invalid_measurement(curvature: str, descri
 def test_a_clock_cannot_begin_where_it_cannot_go_on(t: float, described: octo.Problem) -> None:
     controller = Controller(described)
     q, v = controller.convention.from_octo(described.start, np.zeros(MAMMAL.nx))
-    for begin in (lambda: controller.reset(q, v, t), lambda: controller.warm_start(standing(0.04, 8), t)):
+    for begin in (
+        lambda: controller.reset(q, v, t),
+        lambda: controller.warm_start(standing(0.04, 8), t),
+    ):
         with pytest.raises(ValueRangeError, match="t is .* s, must be at most 1e"):
             begin()
     controller.reset(q, v, 1.7e9)  # a computer's own clock
-    assert [controller.step(1.7e9 + 0.01 * k, q, v).status.label for k in (1, 2)] == ["solved", "solved"]
+    assert [controller.step(1.7e9 + 0.01 * k, q, v).status.label for k in (1, 2)] == [
+        "solved",
+        "solved",
+    ]

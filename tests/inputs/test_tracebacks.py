@@ -125,7 +125,8 @@ def fixed(links: int, parent: Callable[[int], int]) -> str:
     text = [f'<link name="l{k}"><inertial>{MASS}</inertial></link>' for k in range(links)]
     for k in range(1, links):
         text.append(
-            f'<joint name="j{k}" type="fixed"><parent link="l{parent(k)}"/><child link="l{k}"/></joint>'
+            f'<joint name="j{k}" type="fixed"><parent link="l{parent(k)}"/><child '
+            f'link="l{k}"/></joint>'
         )
     return f'<robot name="r">{"".join(text)}</robot>'
 
@@ -162,7 +163,8 @@ LINES = {
     "comma": (
         "0 0 1",
         "0, 0, 1",
-        "joint 'j': origin xyz is '0, 0, 1', must be three numbers with spaces between them (line 6)",
+        "joint 'j': origin xyz is '0, 0, 1', must be three numbers with spaces between them "
+        "(line 6)",
     ),
     "two": ("0 1 0", "0 1", "joint 'j': axis xyz is '0 1', must be three numbers (line 7)"),
     "a word": (
@@ -216,7 +218,8 @@ def test_the_comma_of_the_case_is_in_line_14() -> None:
 
 
 def test_what_mujoco_names_is_the_users_line(tmp_path: Path) -> None:
-    """Links and joints are given to MuJoCo on the lines that they have, whatever was taken out between them."""
+    """Links and joints are given to MuJoCo on the lines that they have, whatever was taken out
+    between them."""
     path = tmp_path / "r.urdf"
     path.write_text(PAIR, encoding="utf-8")
     tree = xml_file.read(path)

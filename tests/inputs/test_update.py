@@ -87,10 +87,8 @@ def test_a_number_changes_its_term_alone_and_as_a_new_controller_would(controlle
     term, q, before = controller.problem.costs[k], controller.compiled.q.copy(), values(controller)
     controller.update(label, **changes)
     after, changed = values(controller), controller.problem
-    controller.compiled.q[:], controller.problem = (
-        q,
-        octo.Problem(ROBOT, steps=8, dt=0.03, costs=TERMS, x0=ROBOT.default_pose),
-    )
+    controller.compiled.q[:] = q
+    controller.problem = octo.Problem(ROBOT, steps=8, dt=0.03, costs=TERMS, x0=ROBOT.default_pose)
     others = np.arange(len(TERMS)) != k
     np.testing.assert_array_equal(after[others], before[others])
     assert abs(after[k] - before[k]) > 1e-6 * abs(before[k])

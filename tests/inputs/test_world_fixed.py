@@ -1,4 +1,5 @@
-"""What is fixed to the world is world: it is no part of the robot's mass, centre of mass or coordinates."""
+"""What is fixed to the world is world: it is no part of the robot's mass, centre of mass or
+coordinates."""
 
 from __future__ import annotations
 
@@ -21,20 +22,26 @@ LEG = '<body name="leg" pos=".2 0 0"><joint name="hip" axis="0 1 0"/><geom size=
 WALKER = f'<body name="trunk" pos="0 0 1"><freejoint/><geom size=".1"/>{LEG}</body>'
 ARM = WALKER.replace("<freejoint/>", "")
 MOTOR = '<actuator><motor joint="hip" ctrlrange="-9 9"/></actuator>'
-CLOTH = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" mass="1" dim="2">{}</flexcomp>'
+CLOTH = (
+    '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" '
+    'mass="1" dim="2">{}</flexcomp>'
+)
 
 STILL = {
     "table": '<body name="table" pos="3 0 .4"><geom type="box" size=".5 .5 .05" mass="50"/></body>',
-    "stacked": '<body name="shelf"><geom size=".1" mass="3"/><body name="vase"><geom size=".1" mass="2"/></body></body>',
+    "stacked": '<body name="shelf"><geom size=".1" mass="3"/><body name="vase"><geom size=".1" '
+    'mass="2"/></body></body>',
     "mocap": '<body name="hand" mocap="true" pos="0 1 1"><geom size=".1" mass="7"/></body>',
     "inertial": '<body name="wall"><inertial pos="0 0 0" mass="900" diaginertia="1 1 1"/></body>',
     "nameless": '<body><geom size=".3"/></body>',
 }
 HUNG = {
-    "door": '<body name="frame"><geom size=".1"/><body name="door"><joint name="hinge"/><geom size=".3"/></body></body>',
+    "door": '<body name="frame"><geom size=".1"/><body name="door"><joint name="hinge"/><geom '
+    'size=".3"/></body></body>',
     "drawer": '<body name="drawer"><joint name="rail" type="slide"/><geom size=".2"/></body>',
     "lamp": '<body name="lamp"><joint name="cord" type="ball"/><geom size=".2"/></body>',
-    "puck": '<body name="puck"><joint name="x" type="slide"/><joint name="y" type="slide" axis="0 1 0"/><geom size=".2"/></body>',
+    "puck": '<body name="puck"><joint name="x" type="slide"/><joint name="y" type="slide" '
+    'axis="0 1 0"/><geom size=".2"/></body>',
     "cloth": CLOTH.format(""),
     "pinned cloth": CLOTH.format('<pin id="0"/>'),
     "cloth on a table": '<body name="table"><geom size=".2" mass="4"/>'
@@ -104,7 +111,10 @@ def test_things_hinged_to_the_world_beside_an_arm(tmp_path, thing):
     alone = load(written(tmp_path, ARM, MOTOR))
     found = load(written(tmp_path, HUNG[thing] + ARM, MOTOR))
     assert found.mass == pytest.approx(alone.mass, rel=1e-12)
-    assert any("nothing drives it: it moves, but its mass is not the robot's" in note for note in found.dropped)
+    assert any(
+        "nothing drives it: it moves, but its mass is not the robot's" in note
+        for note in found.dropped
+    )
     x = np.random.default_rng(0).uniform(-1.0, 1.0, found.nx)
     own = x[[found.joint_index(joint.name) for joint in alone.joints]]
     np.testing.assert_allclose(center_of_mass(found, x), center_of_mass(alone, own), atol=1e-12)
@@ -119,7 +129,9 @@ def test_several_arms_are_one_robot_and_said(tmp_path, motors):
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
     assert robot.nx == 2
     assert robot.mass == pytest.approx(model.body_mass.sum())
-    assert any("several trees stand on the world" in note and "post" in note for note in robot.dropped)
+    assert any(
+        "several trees stand on the world" in note and "post" in note for note in robot.dropped
+    )
 
 
 def test_a_pedestal_is_the_arms(tmp_path):
@@ -148,7 +160,8 @@ def test_a_deformable_body_of_the_robot_is_refused(tmp_path):
 
 
 def test_bodies_of_ones_own():
-    """The same where a robot is written in Python: what stands in the world, or hangs on it, beside a robot that floats."""
+    """The same where a robot is written in Python: what stands in the world, or hangs on it, beside
+    a robot that floats."""
     robot = octo.gallery.mammal()
     swing = Joint("swing", "hinge", np.array([0.0, 1.0, 0.0]))
     things = (Body("table", -1, mass=50.0), Body("door", -1, (swing,), mass=9.0, inertia=np.eye(3)))

@@ -14,7 +14,9 @@ import pytest
 from octo.model.character import Character
 from octo.model.load import load
 
-SHARE = Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
+SHARE = (
+    Path(sysconfig.get_path("purelib")) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
+)
 URDFS = sorted(SHARE.rglob("*.urdf"))
 
 
@@ -32,8 +34,12 @@ def package(name: str) -> Path | None:
 @cache
 def mjcfs() -> tuple[Path, ...]:
     """The files of the two packages that MuJoCo compiles and in which something moves."""
-    folders = [folder for folder in (package("gymnasium"), package("dm_control")) if folder is not None]
-    return tuple(path for folder in folders for path in sorted(folder.rglob("*.xml")) if _moves(path))
+    folders = [
+        folder for folder in (package("gymnasium"), package("dm_control")) if folder is not None
+    ]
+    return tuple(
+        path for folder in folders for path in sorted(folder.rglob("*.xml")) if _moves(path)
+    )
 
 
 def _moves(path: Path) -> bool:

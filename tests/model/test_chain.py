@@ -24,11 +24,16 @@ def test_it_stands(links: int) -> None:
 
 def test_names_are_those_of_five_links() -> None:
     five, seven = octo.gallery.chain(), octo.gallery.chain(7)
-    assert five.name == "chain" and [c.name for c in five.contacts][:2] == ["front_outer", "front_inner"]
+    assert five.name == "chain" and [c.name for c in five.contacts][:2] == [
+        "front_outer",
+        "front_inner",
+    ]
     assert [c.name for c in seven.contacts][:3] == ["front_outer", "front_2", "front_inner"]
 
 
-@pytest.mark.parametrize(("links", "said"), [(2, "at least 3"), (4.5, "whole number"), (-1, "at least")])
+@pytest.mark.parametrize(
+    ("links", "said"), [(2, "at least 3"), (4.5, "whole number"), (-1, "at least")]
+)
 def test_refused(links: float, said: str) -> None:
     with pytest.raises(ValueRangeError, match=f"links is .*{said}"):
         octo.gallery.chain(links)  # type: ignore[arg-type]

@@ -16,7 +16,10 @@ ORDER = {"zyx": (2, 1, 0), "zxy": (2, 0, 1)}
 
 
 def product(angles, chart):
-    turns = [axis_rotation(np.eye(3)[axis], np.asarray(angle)) for axis, angle in zip(ORDER[chart], angles, strict=True)]
+    turns = [
+        axis_rotation(np.eye(3)[axis], np.asarray(angle))
+        for axis, angle in zip(ORDER[chart], angles, strict=True)
+    ]
     return turns[0] @ turns[1] @ turns[2]
 
 
@@ -27,7 +30,9 @@ def test_angles_and_rotations_agree(chart):
         rotation = product(angles, chart)
         np.testing.assert_allclose(rotation_of_angles(angles, chart), rotation, atol=1e-12)
         np.testing.assert_allclose(angles_of(rotation, chart, angles + 0.05), angles, atol=1e-9)
-        np.testing.assert_allclose(rotation_of(quaternions(rotation[None])[0]), rotation, atol=1e-12)
+        np.testing.assert_allclose(
+            rotation_of(quaternions(rotation[None])[0]), rotation, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("chart", ["zyx", "zxy"])
@@ -44,13 +49,18 @@ def test_rates_give_the_angular_velocity_in_body_axes(chart):
     rng, h = np.random.default_rng(1), 1e-6
     for _ in range(50):
         angles, rates = rng.uniform(-3.0, 3.0, 3), rng.normal(size=3)
-        turned = product(angles, chart).T @ (product(angles + h * rates, chart) - product(angles - h * rates, chart)) / (2 * h)
+        turned = (
+            product(angles, chart).T
+            @ (product(angles + h * rates, chart) - product(angles - h * rates, chart))
+            / (2 * h)
+        )
         spin = np.array([turned[2, 1], turned[0, 2], turned[1, 0]])
         np.testing.assert_allclose(body_axes(angles, chart) @ rates, spin, atol=1e-6)
 
 
 def test_unwrapped_through_two_turns_and_a_fall():
-    """Yaw grows past 4π while the robot rolls over its side and its back; no coordinate may ever jump."""
+    """Yaw grows past 4π while the robot rolls over its side and its back; no coordinate may ever
+    jump."""
     robot = octo.load("mammal")
     convention, near = Convention(robot), np.zeros(robot.nx)
     near[3:6] = (0.0, 0.0, 0.0)
@@ -59,7 +69,8 @@ def test_unwrapped_through_two_turns_and_a_fall():
         yaw, roll = 4.2 * np.pi * k / 2000, 2.2 * np.pi * k / 2000
         rotation = product((yaw, 0.2 * np.sin(0.01 * k), roll), "zyx")
         q = np.zeros(robot.nx + 1)
-        q[3:7] = (-1.0 if k % 3 else 1.0) * quaternions(rotation[None])[0]  # both signs are the same rotation
+        # both signs are the same rotation
+        q[3:7] = (-1.0 if k % 3 else 1.0) * quaternions(rotation[None])[0]
         x, before = convention.to_octo(q, np.zeros(robot.nx), 0.04, last)
         assert np.abs(x - last).max() < 0.05
         np.testing.assert_allclose(rotation_of_angles(x[3:6], "zyx"), rotation, atol=1e-9)

@@ -1,4 +1,5 @@
-"""What export_mjcf writes is the character: MuJoCo compiles it, and its masses, dynamics, motors and contacts are octo's."""
+"""What export_mjcf writes is the character: MuJoCo compiles it, and its masses, dynamics, motors
+and contacts are octo's."""
 
 from __future__ import annotations
 
@@ -46,7 +47,9 @@ def test_masses_and_contacts_are_the_characters(name, tmp_path):
     for body in robot.bodies:
         assert model.body(body.name).mass[0] == pytest.approx(body.mass, rel=1e-9)
         moments = np.sort(model.body(body.name).inertia)
-        np.testing.assert_allclose(moments, np.sort(np.linalg.eigvalsh(body.inertia)), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(
+            moments, np.sort(np.linalg.eigvalsh(body.inertia)), rtol=1e-6, atol=1e-9
+        )
     for contact in robot.contacts:
         geom = model.geom(contact.name)
         assert geom.size[0] == pytest.approx(max(contact.radius, 1e-5), rel=1e-9)
@@ -71,13 +74,34 @@ def test_loading_the_file_gives_the_character_back(name, tmp_path):
     first = 6 * (robot.base == "floating")
     ours = [joint for b in order for joint in robot.bodies[b].joints]
     for joint, expected in zip(again.joints[first:], ours[first:], strict=True):
-        assert (joint.name, joint.kind, joint.actuated) == (expected.name, expected.kind, expected.actuated)
-        for field in ("lower", "upper", "reference", "torque_limit", "gear", "armature", "damping", "stiffness", "rest"):
-            assert getattr(joint, field) == pytest.approx(getattr(expected, field), rel=1e-9), (joint.name, field)
-    places = np.concatenate([np.arange(len(robot.bodies[b].joints)) + robot.first_joint[b] for b in order])
+        assert (joint.name, joint.kind, joint.actuated) == (
+            expected.name,
+            expected.kind,
+            expected.actuated,
+        )
+        for field in (
+            "lower",
+            "upper",
+            "reference",
+            "torque_limit",
+            "gear",
+            "armature",
+            "damping",
+            "stiffness",
+            "rest",
+        ):
+            assert getattr(joint, field) == pytest.approx(getattr(expected, field), rel=1e-9), (
+                joint.name,
+                field,
+            )
+    places = np.concatenate(
+        [np.arange(len(robot.bodies[b].joints)) + robot.first_joint[b] for b in order]
+    )
     x = np.random.default_rng(0).uniform(-0.5, 0.5, robot.nx)
     expected = mass_matrix(robot, x)[np.ix_(places, places)]
-    np.testing.assert_allclose(mass_matrix(again, x[places]), expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        mass_matrix(again, x[places]), expected, atol=1e-8 * np.abs(expected).max()
+    )
     if robot.default_pose is not None:
         np.testing.assert_allclose(again.poses["default"], robot.default_pose[places], atol=1e-9)
 
@@ -102,7 +126,9 @@ def test_spheres_touch_the_ground_and_only_the_pairs_of_the_character_touch_each
     data = mujoco.MjData(model)
     data.qpos[:] = model.key("default").qpos
     data.qpos[2] = 5.0
-    legs = [model.joint(f"{leg}_thigh_abduction").qposadr[0] for leg in ("front_left", "front_right")]
+    legs = [
+        model.joint(f"{leg}_thigh_abduction").qposadr[0] for leg in ("front_left", "front_right")
+    ]
     data.qpos[legs] = -0.7, 0.7  # both front feet inwards
     mujoco.mj_forward(model, data)
     touching = {tuple(sorted(model.geom(g).name for g in (c.geom1, c.geom2))) for c in data.contact}
@@ -117,13 +143,22 @@ def test_spheres_touch_the_ground_and_only_the_pairs_of_the_character_touch_each
 
 def test_the_ground_is_the_plane(tmp_path):
     plane = octo.Plane(slope=0.2, direction=0.7, height=0.3)
-    _, model = exported(octo.load("chain"), tmp_path, terrain=plane, friction=0.35, timestep=0.001, gravity=(0.1, 0.0, -3.7))
+    _, model = exported(
+        octo.load("chain"),
+        tmp_path,
+        terrain=plane,
+        friction=0.35,
+        timestep=0.001,
+        gravity=(0.1, 0.0, -3.7),
+    )
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     p = plane.parameters
     normal = np.array([p["normal_x"], p["normal_y"], p["normal_z"]])
     np.testing.assert_allclose(data.geom("ground").xmat.reshape(3, 3)[:, 2], normal, atol=1e-9)
-    np.testing.assert_allclose(plane_rotation(plane).T @ plane_rotation(plane), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(
+        plane_rotation(plane).T @ plane_rotation(plane), np.eye(3), atol=1e-12
+    )
     assert data.geom("ground").xpos @ normal == pytest.approx(0.3 * p["normal_z"])
     assert model.geom_friction[:, 0] == pytest.approx(0.35)
     assert model.opt.timestep == 0.001
@@ -134,10 +169,14 @@ def test_what_mjcf_cannot_say_is_refused(tmp_path):
     robot = octo.load("mammal")
     flat = replace(robot.bodies[1], inertia=np.diag([0.1, 0.1, 0.3]))
     with pytest.raises(ModelError, match="mass distribution"):
-        export_mjcf(replace(robot, bodies=(robot.bodies[0], flat, *robot.bodies[2:])), tmp_path / "a.xml")
+        export_mjcf(
+            replace(robot, bodies=(robot.bodies[0], flat, *robot.bodies[2:])), tmp_path / "a.xml"
+        )
     twin = replace(robot.bodies[1], name=robot.bodies[2].name)
     with pytest.raises(ModelError, match="two bodies are named"):
-        export_mjcf(replace(robot, bodies=(robot.bodies[0], twin, *robot.bodies[2:])), tmp_path / "a.xml")
+        export_mjcf(
+            replace(robot, bodies=(robot.bodies[0], twin, *robot.bodies[2:])), tmp_path / "a.xml"
+        )
     stiff = replace(robot.bodies[0].joints[0], armature=1.0)
     base = replace(robot.bodies[0], joints=(stiff, *robot.bodies[0].joints[1:]))
     with pytest.raises(ModelError, match="armature"):

@@ -27,7 +27,9 @@ def box_height(half):
 
 
 def cylinder_height(radius, half_length):
-    return radius * np.linalg.norm(DIRECTIONS[:, :2], axis=1) + half_length * np.abs(DIRECTIONS[:, 2])
+    return radius * np.linalg.norm(DIRECTIONS[:, :2], axis=1) + half_length * np.abs(
+        DIRECTIONS[:, 2]
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,7 +43,12 @@ def cylinder_height(radius, half_length):
         (shapes.cylinder(0.2, 0.02), cylinder_height(0.2, 0.02), 8, 0.02),
         (shapes.cylinder(0.02, 0.2), cylinder_height(0.02, 0.2), 2, 0.0085),
         (shapes.ellipsoid(np.array([0.1, 0.1, 0.1])), np.full(500, 0.1), 1, 1e-12),
-        (shapes.ellipsoid(np.array([0.2, 0.1, 0.1])), np.linalg.norm(DIRECTIONS * (0.2, 0.1, 0.1), axis=1), 3, 0.02),
+        (
+            shapes.ellipsoid(np.array([0.2, 0.1, 0.1])),
+            np.linalg.norm(DIRECTIONS * (0.2, 0.1, 0.1), axis=1),
+            3,
+            0.02,
+        ),
     ],
 )
 def test_spheres_are_inside_the_shape_and_nearly_as_large(spheres, true, count, most):
@@ -97,13 +104,19 @@ def test_rod_and_end_ball():
     assert radius == pytest.approx(0.02)
 
 
-LEG = """<body name="{name}" pos="0 {y} 0"><joint name="{name}_hip" axis="0 1 0"/><geom name="{name}_thigh" type="capsule"
- fromto="0 0 0 0 0 -.3" size=".04"/><body name="{name}_shank" pos="0 0 -.3"><joint name="{name}_knee" axis="0 1 0"/>
+LEG = """<body name="{name}" pos="0 {y} 0"><joint name="{name}_hip" axis="0 1 0"/><geom
+  name="{name}_thigh" type="capsule"
+ fromto="0 0 0 0 0 -.3" size=".04"/><body name="{name}_shank" pos="0 0 -.3"><joint
+   name="{name}_knee" axis="0 1 0"/>
 <geom name="{name}_bone" type="box" pos="0 0 -.15" size=".02 .02 .13"/>
 <body name="{name}_sole" pos="0 0 -.3"><geom name="{name}_foot" size=".03"/></body></body></body>"""
 
 
-def walker(ground='<geom type="plane" size="1 1 1"/>', trunk='type="box" size=".2 .15 .05"', joint="<freejoint/>"):
+def walker(
+    ground='<geom type="plane" size="1 1 1"/>',
+    trunk='type="box" size=".2 .15 .05"',
+    joint="<freejoint/>",
+):
     legs = LEG.format(name="left", y=0.2) + LEG.format(name="right", y=-0.2)
     body = f'<body name="trunk" pos="0 0 1">{joint}<geom name="trunk" {trunk}/>{legs}</body>'
     return f"<mujoco><worldbody>{ground}{body}</worldbody></mujoco>"
@@ -136,7 +149,9 @@ def test_default_pose_and_contacts_agree_with_the_file(robot):
 
 
 def test_trunk_of_many_shapes_is_a_box(robot):
-    more = "".join(f'<geom pos="{x} {y} .1" size=".05"/>' for x in (-0.2, 0.0, 0.2) for y in (-0.1, 0.1))
+    more = "".join(
+        f'<geom pos="{x} {y} .1" size=".05"/>' for x in (-0.2, 0.0, 0.2) for y in (-0.1, 0.1)
+    )
     trunk = f'type="box" size=".2 .15 .05"/>{more}<geom name="tail" size=".01"'
     character = robot(walker(trunk=trunk))
     own = [contact for contact in character.contacts if contact.body == 0]
@@ -151,7 +166,9 @@ def test_only_geoms_that_touch_the_ground_count(robot):
     apart = walker(ground='<geom type="plane" size="1 1 1" contype="2" conaffinity="2"/>')
     assert not robot(apart).contacts
     pair = '<contact><pair geom1="floor" geom2="left_foot"/></contact></mujoco>'
-    tied = walker(ground='<geom name="floor" type="plane" size="1 1 1" contype="2" conaffinity="2"/>').replace("</mujoco>", pair)
+    tied = walker(
+        ground='<geom name="floor" type="plane" size="1 1 1" contype="2" conaffinity="2"/>'
+    ).replace("</mujoco>", pair)
     assert [c.name for c in robot(tied).contacts] == ["left_foot"]
 
 
@@ -166,7 +183,10 @@ def test_fixed_base_touches_the_ground_only_where_the_file_has_one(robot):
 
 def test_spheres_that_two_links_share_are_one(robot):
     """The knee: the thigh's lower end and the shank's upper end stay together in every pose."""
-    text = walker().replace('type="box" pos="0 0 -.15" size=".02 .02 .13"', 'type="capsule" fromto="0 0 0 0 0 -.3" size=".04"')
+    text = walker().replace(
+        'type="box" pos="0 0 -.15" size=".02 .02 .13"',
+        'type="capsule" fromto="0 0 0 0 0 -.3" size=".04"',
+    )
     character = robot(text)
     knee = sphere_centers(character, character.default_pose) - (0, 0.2, 0.7)
     assert (np.linalg.norm(knee, axis=1) < 1e-6).sum() == 1

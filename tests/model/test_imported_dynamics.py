@@ -1,4 +1,5 @@
-"""FD of a robot read from a file converges at order one to MuJoCo's inverse dynamics as dt goes to zero."""
+"""FD of a robot read from a file converges at order one to MuJoCo's inverse dynamics as dt goes to
+zero."""
 
 from __future__ import annotations
 
@@ -18,13 +19,16 @@ from octo.model.character import Character
 from octo.model.load import load
 from octo.model.terrain import Plane
 
-SPRUNG = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="base" pos="0 0 1"><freejoint/>
+SPRUNG = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="base" pos="0 0
+  1"><freejoint/>
 <inertial pos=".01 .02 .03" mass="3" diaginertia=".02 .03 .04"/>
 <body name="arm" pos=".1 0 0" euler="10 20 30">
-  <joint name="hinge" axis="0 1 .5" pos="0 .02 -.1" armature=".1" damping=".7" stiffness="5" springref="20" ref="15"/>
+  <joint name="hinge" axis="0 1 .5" pos="0 .02 -.1" armature=".1" damping=".7" stiffness="5"
+    springref="20" ref="15"/>
   <inertial pos="0 0 .2" mass="1" diaginertia=".01 .02 .02"/>
 <body name="tool" pos="0 0 .4">
-  <joint name="slide" type="slide" axis="1 0 1" armature=".2" damping="2" stiffness="30" springref=".1" ref=".05"/>
+  <joint name="slide" type="slide" axis="1 0 1" armature=".2" damping="2" stiffness="30"
+    springref=".1" ref=".05"/>
   <inertial pos=".1 0 0" mass=".5" diaginertia=".001 .002 .002"/></body></body></body></worldbody>
 <actuator><motor joint="hinge" gear="4"/></actuator></mujoco>"""
 
@@ -45,7 +49,8 @@ class Motion:
 
 
 def inverse_dynamics(character: Character, model: mujoco.MjModel, motion: Motion) -> np.ndarray:
-    """Torques (nx,) in the coordinates x that MuJoCo needs for the motion at t = 0: no contacts, limits or friction."""
+    """Torques (nx,) in the coordinates x that MuJoCo needs for the motion at t = 0: no contacts,
+    limits or friction."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     data, h = mujoco.MjData(model), 1e-3
@@ -59,8 +64,11 @@ def inverse_dynamics(character: Character, model: mujoco.MjModel, motion: Motion
     return velocity_map(character, model, motion(0.0)).T @ data.qfrc_inverse
 
 
-def fd_errors(character: Character, model: mujoco.MjModel, steps: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Relative error of FD at each time step (s), and of its Richardson extrapolation from the last three."""
+def fd_errors(
+    character: Character, model: mujoco.MjModel, steps: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Relative error of FD at each time step (s), and of its Richardson extrapolation from the last
+    three."""
     character = replace(character, contacts=(), pairs=())
     law, terrain = Smooth(), Plane()
     layout = robot_layout(law.parameters, terrain.parameters)
@@ -72,9 +80,12 @@ def fd_errors(character: Character, model: mujoco.MjModel, steps: tuple[float, .
         p = layout.pack(dt=dt, w_joint=0.0, w_self=0.0)
         values.append(np.array(FD(motion(dt), motion(0.0), motion(-dt), p)).ravel())
     coarse, middle, fine = values[-3:]
-    extrapolated = (8.0 * fine - 6.0 * middle + coarse) / 3.0  # halved steps: cancels orders one and two
+    # halved steps: cancels orders one and two
+    extrapolated = (8.0 * fine - 6.0 * middle + coarse) / 3.0
     scale = np.abs(expected).max()
-    return np.array([np.abs(v - expected).max() / scale for v in values]), np.abs(extrapolated - expected).max() / scale
+    return np.array([np.abs(v - expected).max() / scale for v in values]), np.abs(
+        extrapolated - expected
+    ).max() / scale
 
 
 def case(name: str, tmp_path: Path) -> tuple[Character, mujoco.MjModel]:
@@ -92,7 +103,14 @@ def case(name: str, tmp_path: Path) -> tuple[Character, mujoco.MjModel]:
 
 @pytest.mark.parametrize(
     "name",
-    ["sprung", "ant.xml", "humanoid.xml", "go2.urdf", "anymal_c_simple_description/urdf/anymal.urdf", "hyq_no_sensors.urdf"],
+    [
+        "sprung",
+        "ant.xml",
+        "humanoid.xml",
+        "go2.urdf",
+        "anymal_c_simple_description/urdf/anymal.urdf",
+        "hyq_no_sensors.urdf",
+    ],
 )
 def test_forward_dynamics_converges_to_inverse_dynamics(name, tmp_path):
     character, model = case(name, tmp_path)

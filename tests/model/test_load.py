@@ -7,7 +7,13 @@ import sys
 
 import pytest
 
-from octo.errors import MissingExtraError, RobotFileError, UnknownNameError, UnsupportedFeatureError, ValueRangeError
+from octo.errors import (
+    MissingExtraError,
+    RobotFileError,
+    UnknownNameError,
+    UnsupportedFeatureError,
+    ValueRangeError,
+)
 from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from octo.model.load import load
@@ -33,10 +39,20 @@ def test_missing_file_and_wrong_contents(tmp_path):
     with pytest.raises(RobotFileError, match="nowhere.urdf: no such file"):
         load(tmp_path / "nowhere.urdf")
     for name, text, error, message in (
-        ("page.xml", "<html></html>", RobotFileError, "page.xml: top element is <html>, must be <robot>"),
+        (
+            "page.xml",
+            "<html></html>",
+            RobotFileError,
+            "page.xml: top element is <html>, must be <robot>",
+        ),
         ("torn.urdf", "<robot><link", RobotFileError, "torn.urdf: not well-formed XML"),
         ("empty.xml", "", RobotFileError, "empty.xml: not well-formed XML"),
-        ("arm.xacro", "<robot/>", UnsupportedFeatureError, "arm.xacro: xacro macros are not expanded"),
+        (
+            "arm.xacro",
+            "<robot/>",
+            UnsupportedFeatureError,
+            "arm.xacro: xacro macros are not expanded",
+        ),
     ):
         path = tmp_path / name
         path.write_text(text)
@@ -52,7 +68,9 @@ def test_contents_decide_not_the_suffix(tmp_path):
 
 
 def test_base_must_be_known(tmp_path):
-    with pytest.raises(ValueRangeError, match="base is 'swimming', must be one of auto, floating, fixed"):
+    with pytest.raises(
+        ValueRangeError, match="base is 'swimming', must be one of auto, floating, fixed"
+    ):
         load(tmp_path / "pole.urdf", base="swimming")
 
 
@@ -68,7 +86,16 @@ def test_mujoco_is_needed_for_files_only(tmp_path, monkeypatch):
 def test_summary_is_plain_data():
     character = load("mammal")
     summary = json.loads(json.dumps(describe(character)))
-    assert list(summary)[:8] == ["name", "nx", "nu", "mass", "bodies", "contacts", "pairs", "dropped"]
+    assert list(summary)[:8] == [
+        "name",
+        "nx",
+        "nu",
+        "mass",
+        "bodies",
+        "contacts",
+        "pairs",
+        "dropped",
+    ]
     assert (summary["nx"], summary["nu"], summary["mass"]) == (18, 12, pytest.approx(5.0))
     assert summary["pairs"][0] == ["front_left", "front_right"]
     assert summary["bodies"][0] == "trunk"

@@ -147,20 +147,28 @@ def with_arm(robot: Character, axis: np.ndarray) -> Character:
     [
         (lambda r: with_arm(r, Z), "joint 'elbow' has no image on the other side"),
         (lambda r: with_arm(r, Y), "the centre of mass of body 'arm' is no mirror image"),
-        (lambda r: changed(r, "front_left_thigh", position=np.array([0.15, 0.09, 0.0])),
-         "joint 'front_.*_thigh_abduction' has no image on the other side"),
-        (lambda r: changed(r, "hind_left_shank_knee", axis=Y + 0.02 * X),
-         "joint 'hind_.*_shank_knee' has no image on the other side"),
-        (lambda r: changed(r, "hind_left_shank_knee", actuated=False),
-         "joint 'hind_.*_shank_knee' has no image on the other side"),
+        (
+            lambda r: changed(r, "front_left_thigh", position=np.array([0.15, 0.09, 0.0])),
+            "joint 'front_.*_thigh_abduction' has no image on the other side",
+        ),
+        (
+            lambda r: changed(r, "hind_left_shank_knee", axis=Y + 0.02 * X),
+            "joint 'hind_.*_shank_knee' has no image on the other side",
+        ),
+        (
+            lambda r: changed(r, "hind_left_shank_knee", actuated=False),
+            "joint 'hind_.*_shank_knee' has no image on the other side",
+        ),
         (lambda r: changed(r, "hind_left_shank_knee", armature=0.1), "knee'.* differ in armature"),
         (lambda r: changed(r, "hind_left_shank", mass=1.0), "mass of body 'hind_.*_shank' and of"),
         (lambda r: changed(r, "trunk", com=0.1 * Y), "the centre of mass of body 'trunk' is no"),
-        (lambda r: changed(r, "trunk", inertia=r.bodies[0].inertia + 0.2 * np.ones((3, 3))),
-         "the inertia of body 'trunk' is no"),
+        (
+            lambda r: changed(r, "trunk", inertia=r.bodies[0].inertia + 0.2 * np.ones((3, 3))),
+            "the inertia of body 'trunk' is no",
+        ),
         (lambda r: without_contact(r, "front_left"), "contact 'front_right' has no image"),
     ],
-)  # fmt: skip
+)
 def test_refused(change: Callable[[Character], Character], sentence: str) -> None:
     refusal = f"^robot 'mammal' has no left-right mirror: .*{sentence}"
     with pytest.raises(MirrorError, match=refusal):
@@ -223,7 +231,8 @@ def test_shape_is_checked() -> None:
         ("go2_description/urdf/go2.urdf", "FL_hip_joint", "FR_hip_joint", 1e-3),
         ("go1_description/urdf/go1.urdf", "RL_calf_joint", "RR_calf_joint", 1e-3),
         ("anymal_c_simple_description/urdf/anymal.urdf", "LF_HAA", "RF_HAA", 1e-3),
-        ("hyq_no_sensors.urdf", "lh_hfe_joint", "rh_hfe_joint", 0.1),  # the trunk's centre of mass is aside
+        # the trunk's centre of mass is aside
+        ("hyq_no_sensors.urdf", "lh_hfe_joint", "rh_hfe_joint", 0.1),
         ("talos_reduced.urdf", "leg_left_4_joint", "leg_right_4_joint", 1e-2),
         ("g1_29dof_rev_1_0.urdf", "left_elbow_joint", "right_elbow_joint", 1e-3),
         ("kinova.urdf", "j2s6s200_joint_2", "j2s6s200_joint_2", 1e-3),  # limits of 0 to 2π

@@ -1,4 +1,5 @@
-"""Every robot of example-robot-data, gymnasium and dm_control: masses, poses and mass matrices against the files and MuJoCo."""
+"""Every robot of example-robot-data, gymnasium and dm_control: masses, poses and mass matrices
+against the files and MuJoCo."""
 
 from __future__ import annotations
 
@@ -7,7 +8,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from mujoco_oracle import mass_matrix_by_differences, mass_matrix_of, pose_errors, relative_difference, urdf_model
+from mujoco_oracle import (
+    mass_matrix_by_differences,
+    mass_matrix_of,
+    pose_errors,
+    relative_difference,
+    urdf_model,
+)
 from robot_packages import URDFS, compiled, loaded, mjcfs, package, urdf_named
 
 from octo.errors import ModelError, RobotFileError
@@ -17,7 +24,11 @@ from octo.model.load import load
 from octo.model.mass_matrix import mass_matrix
 
 # A finger without mass hangs on a hinge; a file with macros only.
-REFUSED = {"romeo.urdf": "LFinger11Link", "romeo_laas_small.urdf": "l_gripper", "ur3.urdf": "no <link>"}
+REFUSED = {
+    "romeo.urdf": "LFinger11Link",
+    "romeo_laas_small.urdf": "l_gripper",
+    "ur3.urdf": "no <link>",
+}
 
 
 def label(path: Path) -> str:
@@ -25,7 +36,9 @@ def label(path: Path) -> str:
 
 
 def mass_written(path: Path) -> float:
-    masses = [link.find("inertial/mass") for link in ElementTree.parse(path).getroot().findall("link")]
+    masses = [
+        link.find("inertial/mass") for link in ElementTree.parse(path).getroot().findall("link")
+    ]
     return sum(float(mass.get("value", "nan")) for mass in masses if mass is not None)
 
 
@@ -53,14 +66,21 @@ def test_urdf(path):
     model, x = urdf_model(path), some_pose(character, 0)
     assert pose_errors(character, model, x) < 1e-9
     # MuJoCo keeps an inertia as a quaternion and three moments, good to about 1e-7.
-    assert relative_difference(mass_matrix(character, x), mass_matrix_of(character, model, x)) < 2e-6
+    assert (
+        relative_difference(mass_matrix(character, x), mass_matrix_of(character, model, x)) < 2e-6
+    )
 
 
 def mass_of_the_driven(model) -> float:
-    """kg, of the trees that joint actuators drive, of all that move where they drive none: the others are world."""
+    """kg, of the trees that joint actuators drive, of all that move where they drive none: the
+    others are world."""
     trees = [b for b in range(1, model.nbody) if model.body_rootid[b] == b]
     moving = [root for root in trees if model.body_dofnum[model.body_rootid == root].any()]
-    joints = [model.actuator_trnid[a, 0] for a in range(model.nactuator) if model.actuator_trntype[a] in (0, 1)]
+    joints = [
+        model.actuator_trnid[a, 0]
+        for a in range(model.nactuator)
+        if model.actuator_trntype[a] in (0, 1)
+    ]
     driven = {int(model.body_rootid[model.jnt_bodyid[j]]) for j in joints}
     return float(model.body_subtreemass[list(driven) or moving].sum())
 
@@ -74,14 +94,22 @@ def test_mjcf(path):
     if not left_out:
         assert character.mass == pytest.approx(mass_of_the_driven(model), rel=1e-12)
         if character.nx == model.nv:
-            assert relative_difference(mass_matrix(character, x), mass_matrix_of(character, model, x)) < 2e-6
+            assert (
+                relative_difference(mass_matrix(character, x), mass_matrix_of(character, model, x))
+                < 2e-6
+            )
 
 
-@pytest.mark.parametrize("name", ["go2.urdf", "hyq_no_sensors.urdf", "solo12.urdf", "g1_29dof_rev_1_0.urdf"])
+@pytest.mark.parametrize(
+    "name", ["go2.urdf", "hyq_no_sensors.urdf", "solo12.urdf", "g1_29dof_rev_1_0.urdf"]
+)
 def test_mass_matrix_is_that_of_the_poses(name):
     character = loaded(urdf_named(name))
     x = some_pose(character, 2)
-    assert relative_difference(mass_matrix(character, x), mass_matrix_by_differences(character, x)) < 1e-9
+    assert (
+        relative_difference(mass_matrix(character, x), mass_matrix_by_differences(character, x))
+        < 1e-9
+    )
 
 
 def test_all_models_of_the_two_packages_are_there():
@@ -96,7 +124,10 @@ def test_all_models_of_the_two_packages_are_there():
     ("name", "feet"),
     [
         ("go2.urdf", ["FL_foot", "FR_foot", "RL_foot", "RR_foot"]),
-        ("anymal_c_simple_description/urdf/anymal.urdf", ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"]),
+        (
+            "anymal_c_simple_description/urdf/anymal.urdf",
+            ["LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"],
+        ),
         ("hyq_no_sensors.urdf", ["lf_foot", "rf_foot", "lh_foot", "rh_foot"]),
         ("solo12.urdf", ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"]),
         ("bolt.urdf", ["FL_FOOT", "FR_FOOT"]),
@@ -104,14 +135,18 @@ def test_all_models_of_the_two_packages_are_there():
 )
 def test_feet_are_one_sphere_each_and_lowest(name, feet):
     character = loaded(
-        next((p for p in URDFS if str(p).endswith(name)), None) or pytest.skip("example-robot-data is not installed")
+        next((p for p in URDFS if str(p).endswith(name)), None)
+        or pytest.skip("example-robot-data is not installed")
     )
     x = character.default_pose
     bottom = sphere_centers(character, x)[:, 2] - [contact.radius for contact in character.contacts]
     lowest = [character.contacts[k].name for k in np.argsort(bottom)[: len(feet)]]
     assert sorted(lowest) == sorted(feet)
     assert len(character.contacts) <= 40
-    named = {tuple(sorted((character.contacts[a].name, character.contacts[b].name))) for a, b in character.pairs}
+    named = {
+        tuple(sorted((character.contacts[a].name, character.contacts[b].name)))
+        for a, b in character.pairs
+    }
     assert named <= {tuple(sorted((a, b))) for a in feet for b in feet}
     assert named
 
@@ -130,8 +165,14 @@ def test_pairs_do_not_touch_in_the_default_pose():
         character = loaded(path)
         centers = sphere_centers(character, character.default_pose)
         for a, b in character.pairs:
-            gap = np.linalg.norm(centers[a] - centers[b]) - character.contacts[a].radius - character.contacts[b].radius
-            assert gap > 1e-3, f"{path.name}: {character.contacts[a].name}, {character.contacts[b].name}"
+            gap = (
+                np.linalg.norm(centers[a] - centers[b])
+                - character.contacts[a].radius
+                - character.contacts[b].radius
+            )
+            assert gap > 1e-3, (
+                f"{path.name}: {character.contacts[a].name}, {character.contacts[b].name}"
+            )
 
 
 def test_names_are_unique():

@@ -14,17 +14,33 @@ from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
 from octo.model import store
 from octo.model.load import load
 
-INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+INERTIAL = (
+    '<inertial><mass value="{mass}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" '
+    'ixz="0" iyz="0"/></inertial>'
+)
 BALL = '<collision><geometry><sphere radius=".1"/></geometry></collision>'
 
 
 def link(name, inside="", mass=1.0):
-    return f'<link name="{name}">{INERTIAL.format(mass=mass) if mass is not None else ""}{inside}</link>'
+    return (
+        "<link "
+        f'name="{name}">{INERTIAL.format(mass=mass) if mass is not None else ""}{inside}</link>'
+    )
 
 
-def joint(name, parent, child, kind="revolute", inside='<limit lower="-1" upper="2" effort="5" velocity="3"/>', axis="0 1 0"):
+def joint(
+    name,
+    parent,
+    child,
+    kind="revolute",
+    inside='<limit lower="-1" upper="2" effort="5" velocity="3"/>',
+    axis="0 1 0",
+):
     ends = f'<parent link="{parent}"/><child link="{child}"/>'
-    return f'<joint name="{name}" type="{kind}">{ends}<origin xyz="0 0 -.5"/><axis xyz="{axis}"/>{inside}</joint>'
+    return (
+        f'<joint name="{name}" type="{kind}">{ends}<origin xyz="0 0 -.5"/><axis '
+        f'xyz="{axis}"/>{inside}</joint>'
+    )
 
 
 @pytest.fixture
@@ -66,7 +82,13 @@ def test_joint_kinds(robot):
     ]
     character = load(robot(*elements), "fixed")
     turn, wheel, rail, opened = character.joints
-    assert (turn.kind, turn.lower, turn.upper, turn.torque_limit, turn.gear) == ("hinge", -1.0, 2.0, 5.0, 1.0)
+    assert (turn.kind, turn.lower, turn.upper, turn.torque_limit, turn.gear) == (
+        "hinge",
+        -1.0,
+        2.0,
+        5.0,
+        1.0,
+    )
     assert (wheel.kind, wheel.lower, wheel.upper, wheel.torque_limit, wheel.damping) == (
         "hinge",
         -math.inf,
@@ -109,7 +131,13 @@ def test_rotated_inertia_is_read_as_mujoco_reads_it(robot):
 
 
 def test_links_without_inertial_stay_massless(robot):
-    elements = (link("a", BALL), link("b", BALL, None), link("c"), joint("j", "a", "b"), joint("k", "b", "c", axis="1 0 0"))
+    elements = (
+        link("a", BALL),
+        link("b", BALL, None),
+        link("c"),
+        joint("j", "a", "b"),
+        joint("k", "b", "c", axis="1 0 0"),
+    )
     character = load(robot(*elements))
     assert character.mass == pytest.approx(2.0)
     assert character.bodies[1].mass == 0.0
@@ -145,14 +173,26 @@ def test_floating_joint_at_the_root(robot):
 
 
 def test_mimic_becomes_independent_and_is_listed(robot):
-    mimic = '<mimic joint="j" multiplier="-2" offset=".1"/><limit lower="-1" upper="1" effort="1" velocity="0"/>'
-    character = load(robot(link("a"), link("b"), link("c"), joint("j", "a", "b"), joint("k", "a", "c", inside=mimic)))
+    mimic = (
+        '<mimic joint="j" multiplier="-2" offset=".1"/><limit lower="-1" upper="1" '
+        'effort="1" velocity="0"/>'
+    )
+    character = load(
+        robot(
+            link("a"),
+            link("b"),
+            link("c"),
+            joint("j", "a", "b"),
+            joint("k", "a", "c", inside=mimic),
+        )
+    )
     assert character.nu == 2
     assert notes(character, "k = -2·j + .1 is lost")
 
 
 def test_what_is_dropped_is_listed(robot):
-    inside = """<limit lower="-1" upper="1" effort="1" velocity="9"/><dynamics damping=".2" friction=".3"/>
+    inside = """<limit lower="-1" upper="1" effort="1" velocity="9"/><dynamics damping=".2"
+      friction=".3"/>
       <safety_controller k_velocity="1"/>"""
     transmission = '<transmission name="t"><joint name="j"/></transmission><gazebo reference="a"/>'
     character = load(robot(link("a"), link("b"), joint("j", "a", "b", inside=inside), transmission))
@@ -162,11 +202,16 @@ def test_what_is_dropped_is_listed(robot):
 
 
 CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-2, 2))
-CUBE += "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\nf 3 4 8\nf 3 8 7\nf 1 3 7\nf 1 7 5\nf 2 6 8\nf 2 8 4\n"
+CUBE += (
+    "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\nf 3 4 8\nf 3 8 7\nf 1 3 7\nf "
+    "1 7 5\nf 2 6 8\nf 2 8 4\n"
+)
 
 
 def mesh(filename, scale="1 1 1"):
-    return f'<collision><geometry><mesh filename="{filename}" scale="{scale}"/></geometry></collision>'
+    return (
+        f'<collision><geometry><mesh filename="{filename}" scale="{scale}"/></geometry></collision>'
+    )
 
 
 def test_package_meshes_are_found_and_scaled(robot, tmp_path):
@@ -238,7 +283,11 @@ def test_a_velocity_limit_must_be_positive(robot):
 
 BAD = {
     "velocity": (
-        [link("a"), link("b"), joint("j", "a", "b", inside='<limit lower="0" upper="1" effort="1" velocity="fast"/>')],
+        [
+            link("a"),
+            link("b"),
+            joint("j", "a", "b", inside='<limit lower="0" upper="1" effort="1" velocity="fast"/>'),
+        ],
         RobotFileError,
         "joint 'j': velocity limit is 'fast'",
     ),
@@ -252,22 +301,46 @@ BAD = {
         RobotFileError,
         r"joint 'j': origin xyz is 'low', must be a finite number \(line 1\)",
     ),
-    "planar": ([link("a"), link("b"), joint("j", "a", "b", "planar")], UnsupportedFeatureError, "joint 'j' is planar"),
+    "planar": (
+        [link("a"), link("b"), joint("j", "a", "b", "planar")],
+        UnsupportedFeatureError,
+        "joint 'j' is planar",
+    ),
     "floating": (
         [link("a"), link("b"), joint("j", "a", "b", "floating", "")],
         UnsupportedFeatureError,
         "joint 'j' is floating",
     ),
-    "kind": ([link("a"), link("b"), joint("j", "a", "b", "spring")], RobotFileError, "joint 'j': type is 'spring'"),
-    "axis": ([link("a"), link("b"), joint("j", "a", "b", axis="0 0 0")], RobotFileError, "joint 'j': axis is 0 0 0"),
-    "words": ([link("a"), link("b"), joint("j", "a", "b", axis="0 1")], RobotFileError, "joint 'j': axis xyz is '0 1'"),
+    "kind": (
+        [link("a"), link("b"), joint("j", "a", "b", "spring")],
+        RobotFileError,
+        "joint 'j': type is 'spring'",
+    ),
+    "axis": (
+        [link("a"), link("b"), joint("j", "a", "b", axis="0 0 0")],
+        RobotFileError,
+        "joint 'j': axis is 0 0 0",
+    ),
+    "words": (
+        [link("a"), link("b"), joint("j", "a", "b", axis="0 1")],
+        RobotFileError,
+        "joint 'j': axis xyz is '0 1'",
+    ),
     "range": (
-        [link("a"), link("b"), joint("j", "a", "b", inside='<limit lower="1" upper="0" effort="1"/>')],
+        [
+            link("a"),
+            link("b"),
+            joint("j", "a", "b", inside='<limit lower="1" upper="0" effort="1"/>'),
+        ],
         RobotFileError,
         "joint 'j': lower limit is 1.0",
     ),
     "effort": (
-        [link("a"), link("b"), joint("j", "a", "b", inside='<limit lower="0" upper="1" effort="big"/>')],
+        [
+            link("a"),
+            link("b"),
+            joint("j", "a", "b", inside='<limit lower="0" upper="1" effort="big"/>'),
+        ],
         RobotFileError,
         "joint 'j': effort is 'big'",
     ),
@@ -282,9 +355,20 @@ BAD = {
     ),
     "doubled link": ([link("a"), link("a")], RobotFileError, "link name 'a' occurs 2 times"),
     "two roots": ([link("a"), link("b")], RobotFileError, r"2 links have no parent \(a, b\)"),
-    "no parent": ([link("a"), link("b"), joint("j", "x", "b")], RobotFileError, "joint 'j': parent link is 'x'"),
+    "no parent": (
+        [link("a"), link("b"), joint("j", "x", "b")],
+        RobotFileError,
+        "joint 'j': parent link is 'x'",
+    ),
     "two parents": (
-        [link("a"), link("b"), link("c"), joint("j", "a", "c"), joint("k", "a", "b"), joint("l", "b", "c")],
+        [
+            link("a"),
+            link("b"),
+            link("c"),
+            joint("j", "a", "c"),
+            joint("k", "a", "b"),
+            joint("l", "b", "c"),
+        ],
         UnsupportedFeatureError,
         "link 'c' is the child of two joints",
     ),
@@ -306,16 +390,24 @@ def test_refusals_name_file_element_and_value(case, robot):
 
 
 def test_base_whose_motion_moves_no_inertia(robot):
-    """A massless base that carries one hinge: turning the base and turning the hinge are the same motion."""
+    """A massless base that carries one hinge: turning the base and turning the hinge are the same
+    motion."""
     path = robot(link("base", mass=None), link("arm"), joint("j", "base", "arm"))
-    with pytest.raises(ModelError, match=r"tiny.urdf: joints .*: a motion of theirs has no inertia .*; base='fixed'"):
+    with pytest.raises(
+        ModelError,
+        match=r"tiny.urdf: joints .*: a motion of theirs has no inertia .*; base='fixed'",
+    ):
         load(path)
     assert load(path, "fixed").nx == 1
 
 
 def test_point_mass_on_its_own_axis(robot):
     point = (
-        '<link name="b"><inertial><mass value="1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<link name="b"><inertial><mass value="1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
     )
-    with pytest.raises(ModelError, match=r"tiny.urdf: joints j: a motion of theirs has no inertia \(0e\+00\), every one must$"):
+    with pytest.raises(
+        ModelError,
+        match=r"tiny.urdf: joints j: a motion of theirs has no inertia \(0e\+00\), every one must$",
+    ):
         load(robot(link("a"), point, joint("j", "a", "b")))

@@ -25,13 +25,17 @@ def test_the_motion_is_as_long_as_asked_and_obeys_physics(motion, horizon):
     assert motion.steps == 60 and len(motion.history["energy"]) == 10
     np.testing.assert_array_equal(motion.x[1], horizon.start)
     assert motion.converged
-    residual = horizon.dynamics.evaluate(motion.x[None], horizon.p[None])[0][0][:, horizon.dynamics.unactuated]
-    assert np.abs(residual * horizon.row_scale).max() < 1e-2  # of the weight, at every step of all plans
+    residual = horizon.dynamics.evaluate(motion.x[None], horizon.p[None])[0][0][
+        :, horizon.dynamics.unactuated
+    ]
+    # of the weight, at every step of all plans
+    assert np.abs(residual * horizon.row_scale).max() < 1e-2
     assert motion.com[-1, 0] - motion.com[0, 0] > 0.3
 
 
 def test_its_kept_steps_are_those_of_the_plans(motion):
-    """No jump where one plan takes over from another: joint rates change no faster there than elsewhere."""
+    """No jump where one plan takes over from another: joint rates change no faster there than
+    elsewhere."""
     rate = np.diff(motion.x, axis=0) / motion.dt
     change = np.abs(np.diff(rate, axis=0)).max(axis=1)
     seams = np.arange(6, 60, 6)

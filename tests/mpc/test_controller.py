@@ -26,16 +26,25 @@ def test_it_stands(controller, plant, stand, robot):
     assert plant.base_rotation[2, 2] > 0.99
     assert all(inside(command.u, robot.torque_limit) for command in commands)
     last = commands[-1]
-    assert last.u.shape == (robot.nu,) and last.x.shape == (robot.nx + 1,) and last.v.shape == (robot.nx,)
+    assert (
+        last.u.shape == (robot.nu,)
+        and last.x.shape == (robot.nx + 1,)
+        and last.v.shape == (robot.nx,)
+    )
     assert last.valid_until == pytest.approx(0.59 + 20 * 0.04)
     assert last.iterations == 1 and 0.0 < last.prepare < last.seconds
 
 
 def test_torques_hold_the_weight(controller, plant, stand, robot):
-    """Standing still, the planned torques are those of statics: their power on any small motion lifts the weight."""
+    """Standing still, the planned torques are those of statics: their power on any small motion
+    lifts the weight."""
     commands = stand(150)
     u = np.mean([command.u for command in commands[-20:]], axis=0)
-    knees = [robot.actuated.tolist().index(j) for j, joint in enumerate(robot.joints) if joint.name.endswith("knee")]
+    knees = [
+        robot.actuated.tolist().index(j)
+        for j, joint in enumerate(robot.joints)
+        if joint.name.endswith("knee")
+    ]
     force, _ = plant.contacts()
     assert force[:, 2].sum() == pytest.approx(9.81 * robot.mass, rel=0.1)
     measured = plant.torque
@@ -44,7 +53,8 @@ def test_torques_hold_the_weight(controller, plant, stand, robot):
 
 
 def test_the_gains_are_derivatives_on_the_tangent_space(controller, plant, stand, robot):
-    """K against differences of U·FD along MuJoCo's own integration of a small error; the gain of x_1 is the solver's."""
+    """K against differences of U·FD along MuJoCo's own integration of a small error; the gain of
+    x_1 is the solver's."""
     command = stand(100)[-1]
     K, gain, nodes = command.K, controller._gain.copy(), controller._gain_nodes.copy()
     assert K.shape == (robot.nu, 2 * robot.nx)
@@ -53,7 +63,9 @@ def test_the_gains_are_derivatives_on_the_tangent_space(controller, plant, stand
     def torque(q, v):
         x, before = controller.convention.to_octo(q, v, controller.dt, nodes[1])
         after = nodes[2] + gain @ np.concatenate([x - nodes[1], before - nodes[0]])
-        fd = controller.problem.dynamics.evaluate(np.stack([before, x, after])[None], controller.compiled.p)[0]
+        fd = controller.problem.dynamics.evaluate(
+            np.stack([before, x, after])[None], controller.compiled.p
+        )[0]
         return fd[0, 0, robot.actuated]
 
     h = 1e-5
@@ -67,7 +79,9 @@ def test_the_gains_are_derivatives_on_the_tangent_space(controller, plant, stand
             else:
                 speed += error
             answers.append(torque(place, speed))
-        np.testing.assert_allclose(K[:, column], (answers[0] - answers[1]) / (2 * h), atol=0.02 * np.abs(K).max())
+        np.testing.assert_allclose(
+            K[:, column], (answers[0] - answers[1]) / (2 * h), atol=0.02 * np.abs(K).max()
+        )
 
 
 def test_command_is_read_in_microseconds_and_follows_the_plan(controller, plant, stand, robot):
@@ -80,7 +94,9 @@ def test_command_is_read_in_microseconds_and_follows_the_plan(controller, plant,
     assert inside(u, robot.torque_limit)
     x, rate, ahead = controller.plan.at(0.1)
     expected = ahead + controller.kp * (x[6:] - q[7:]) + controller.kd * (rate[6:] - v[6:])
-    np.testing.assert_allclose(u, np.clip(expected, -robot.torque_limit, robot.torque_limit), atol=1e-12)
+    np.testing.assert_allclose(
+        u, np.clip(expected, -robot.torque_limit, robot.torque_limit), atol=1e-12
+    )
 
 
 def test_references_change_without_compiling(controller, plant, stand, problem):
@@ -126,7 +142,9 @@ def test_what_a_controller_is_not_made_of(robot, problem):
         Controller(problem, budget=-1.0)
     with pytest.raises(DeviceError):
         Controller(problem, device="cuda")
-    with pytest.raises(ProblemError, match="basis is 'hermite': a controller needs the basis 'nodes'"):
+    with pytest.raises(
+        ProblemError, match="basis is 'hermite': a controller needs the basis 'nodes'"
+    ):
         Controller(problem.replace(basis="hermite"))
     with pytest.raises(ProblemError, match="x_end is given"):
         Controller(problem.replace(x_end=problem.start))
@@ -139,7 +157,9 @@ def test_warm_start_from_a_solution(controller, problem):
     controller.warm_start(solution, t=2.0)
     np.testing.assert_allclose(controller.plan.at(2.04)[0], solution.x[2], atol=1e-12)
     with pytest.raises(ValueRangeError, match="dt"):
-        controller.warm_start(octo.solve(problem.replace(dt=0.02), passes=1, device="cpu", max_iterations=1))
+        controller.warm_start(
+            octo.solve(problem.replace(dt=0.02), passes=1, device="cpu", max_iterations=1)
+        )
 
 
 def test_pinocchio_form_gives_the_same_command(problem, robot):
@@ -179,7 +199,9 @@ def test_stance_bends_straight_legs(robot):
 def test_walking_problem_plans_with_soft_feet_that_carry_the_weight_at_rest(robot, gravity):
     problem = walking_problem(robot, steps=20, parameters={"gravity_z": -gravity})
     assert problem.gravity == gravity
-    force, *_, depth = CompiledProblem([problem]).kinematics(problem.start, problem.start, problem.p)
+    force, *_, depth = CompiledProblem([problem]).kinematics(
+        problem.start, problem.start, problem.p
+    )
     force, depth = np.asarray(force), np.asarray(depth).ravel()
     assert force[2].sum() == pytest.approx(gravity * robot.mass, rel=0.02)
     assert np.abs(depth[force[2] > 0.5 * gravity]).max() < 0.004  # hard feet would stand as high
@@ -225,7 +247,9 @@ def test_it_stands_on_the_moon(robot):
     plant.reset_chart(problem.start)
     log = run(Controller(problem), plant, 1.0)
     assert log.force[-1, :, 2].sum() == pytest.approx(1.62 * robot.mass, rel=0.1)
-    assert log.falls == [] and log.feet.tolist() == np.flatnonzero(log.force[-1, :, 2] > 0.5).tolist()
+    assert (
+        log.falls == [] and log.feet.tolist() == np.flatnonzero(log.force[-1, :, 2] > 0.5).tolist()
+    )
     assert len(log.feet) == 4 and log.solution().weight == pytest.approx(1.62 * robot.mass)
     with pytest.raises(ProblemError, match="gravity is 0"):
         walking_problem(robot, parameters={"gravity_z": 0.0})

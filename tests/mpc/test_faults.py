@@ -1,4 +1,5 @@
-"""Nothing raises in the loop, commands stay inside the limits, and the status says what happened."""
+"""Nothing raises in the loop, commands stay inside the limits, and the status says what
+happened."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def test_wrong_shape_or_no_orientation(running, plant, robot):
 
 def test_stale(running, plant):
     plan = running.plan
-    assert running.step(0.19, plant.q, plant.v).status is CommandStatus.STALE  # the time of the last one
+    # the time of the last one
+    assert running.step(0.19, plant.q, plant.v).status is CommandStatus.STALE
     assert running.step(0.1, plant.q, plant.v).status is CommandStatus.STALE
     assert kept(running, plan)
     q, v = plant.q.copy(), plant.v.copy()
@@ -61,8 +63,11 @@ def test_the_plan_before_continues_shifted(running, plant):
     for k in range(30):
         t = 0.2 + 0.01 * k
         command = running.step(t, bad, plant.v)
-        np.testing.assert_allclose(command.u, np.clip(plan.at(t)[2], -running.limit, running.limit), atol=1e-12)
-    beyond = running.step(plan.end + 10.0, bad, plant.v)  # long after its end: the last torques, joints at rest
+        np.testing.assert_allclose(
+            command.u, np.clip(plan.at(t)[2], -running.limit, running.limit), atol=1e-12
+        )
+    # long after its end: the last torques, joints at rest
+    beyond = running.step(plan.end + 10.0, bad, plant.v)
     np.testing.assert_allclose(beyond.v[6:], 0.0, atol=0.2)
 
 
@@ -105,7 +110,8 @@ def test_more_iterations_never_return_a_worse_plan(running, plant):
 
 
 def test_a_plan_that_cannot_converge(running, plant, robot):
-    """A measurement ten metres under the ground at 1,000 m/s: whatever is answered is finite, limited and says so."""
+    """A measurement ten metres under the ground at 1,000 m/s: whatever is answered is finite,
+    limited and says so."""
     q, v = plant.q.copy(), plant.v.copy()
     q[2] -= 10.0
     v[:3] = 1e3
@@ -128,7 +134,8 @@ def test_weights_that_are_not_finite_are_no_plan(running, plant, robot):
 
 
 def test_a_plant_that_falls(running, plant, robot):
-    """Thrown over: through roll 180° and beyond the controller answers every time, finite and inside the limits."""
+    """Thrown over: through roll 180° and beyond the controller answers every time, finite and
+    inside the limits."""
     thrown = np.concatenate([[0.0, 0.0, 1.0, 9.0, 4.0, 2.0], np.zeros(robot.nu)])
     plant.reset(np.concatenate([plant.q[:2], [0.6], plant.q[3:]]), thrown)
     tilts = []
@@ -189,14 +196,19 @@ def test_lists_are_measurements(running, plant):
 @pytest.mark.parametrize("glitch", [1e9, 1e300, -1e9])
 def test_one_wrong_time_changes_nothing(running, plant, glitch):
     plan = running.plan
-    assert running.step(glitch, plant.q, plant.v).status in (CommandStatus.INVALID, CommandStatus.STALE)
+    assert running.step(glitch, plant.q, plant.v).status in (
+        CommandStatus.INVALID,
+        CommandStatus.STALE,
+    )
     assert kept(running, plan)
     assert running.step(0.2, plant.q, plant.v).status is CommandStatus.SOLVED
 
 
 @pytest.mark.parametrize("start", [1e6, -1e6])
 def test_a_clock_that_was_set_anew_is_followed(running, plant, start):
-    statuses = [running.step(start + 0.01 * k, plant.q + 1e-9 * k, plant.v).status for k in range(4)]
+    statuses = [
+        running.step(start + 0.01 * k, plant.q + 1e-9 * k, plant.v).status for k in range(4)
+    ]
     assert not statuses[0].fresh and all(status.fresh for status in statuses[1:])
     assert statuses[2] is CommandStatus.SOLVED and running.plan.time == pytest.approx(start + 0.03)
 

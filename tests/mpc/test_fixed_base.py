@@ -1,4 +1,5 @@
-"""Robots whose base does not float: an arm with a motor in every joint, and a cart with a pole that has none."""
+"""Robots whose base does not float: an arm with a motor in every joint, and a cart with a pole that
+has none."""
 
 from __future__ import annotations
 
@@ -12,16 +13,20 @@ from octo.plant import MujocoPlant, SimulatorPlant
 
 ARM = """<mujoco model="arm"><worldbody><body name="stand" pos="0 0 0.5" euler="0 0 30">
   <geom type="box" size="0.1 0.1 0.1" mass="5"/>
-  <body name="upper" pos="0 0 0.1"><joint name="yaw" axis="0 0 1"/><joint name="shoulder" axis="0 1 0"/>
+  <body name="upper" pos="0 0 0.1"><joint name="yaw" axis="0 0 1"/><joint name="shoulder" axis="0
+    1 0"/>
     <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.04" mass="2"/>
     <body name="lower" pos="0 0 0.4"><joint name="elbow" axis="0 1 0"/>
-      <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.03" mass="1"/></body></body></body></worldbody>
+      <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.03"
+        mass="1"/></body></body></body></worldbody>
   <actuator><motor joint="yaw" ctrlrange="-30 30"/><motor joint="shoulder" ctrlrange="-60 60"/>
     <motor joint="elbow" ctrlrange="-30 30"/></actuator></mujoco>"""
-CART = """<mujoco model="cart"><worldbody><body name="cart" pos="0 0 1"><joint name="rail" type="slide" axis="1 0 0"/>
+CART = """<mujoco model="cart"><worldbody><body name="cart" pos="0 0 1"><joint name="rail"
+  type="slide" axis="1 0 0"/>
   <geom type="box" size="0.1 0.1 0.05" mass="1" contype="0" conaffinity="0"/>
   <body name="pole"><joint name="pin" axis="0 1 0"/>
-    <geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body></body></worldbody>
+    <geom type="capsule" fromto="0 0 0 0 0 0.5" size="0.02" mass="0.2" contype="0"
+      conaffinity="0"/></body></body></worldbody>
   <actuator><motor joint="rail" ctrlrange="-20 20"/></actuator></mujoco>"""
 GOAL = np.array([0.8, 0.6, -0.9])  # rad, of the arm
 
@@ -35,14 +40,21 @@ def loaded(tmp_path_factory, text, name):
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     robot = loaded(tmp_path_factory, ARM, "arm")
-    costs = [octo.Posture(reference=GOAL, weight=10.0), octo.JointVelocity(weight=0.01), octo.Effort(weight=1e-4)]
+    costs = [
+        octo.Posture(reference=GOAL, weight=10.0),
+        octo.JointVelocity(weight=0.01),
+        octo.Effort(weight=1e-4),
+    ]
     return octo.Problem(robot, steps=20, dt=0.04, costs=costs, x0=np.zeros(3))
 
 
 @pytest.fixture(scope="module")
 def cart(tmp_path_factory):
     robot = loaded(tmp_path_factory, CART, "cart")
-    costs = [octo.PoseTarget(target=np.zeros(2), steps="all", weight=10.0), octo.Effort(weight=1e-3)]
+    costs = [
+        octo.PoseTarget(target=np.zeros(2), steps="all", weight=10.0),
+        octo.Effort(weight=1e-3),
+    ]
     return octo.Problem(robot, steps=25, dt=0.04, costs=costs, x0=np.array([0.0, 0.3]))
 
 
@@ -63,7 +75,8 @@ def test_an_arm_goes_where_it_shall(arm, kind):
 
 @pytest.mark.parametrize("kind", [MujocoPlant, SimulatorPlant])
 def test_a_pole_is_balanced_by_its_cart(cart, kind):
-    """Upright from 0.3 rad on, and the cart back where it was: nothing but planning ahead does that."""
+    """Upright from 0.3 rad on, and the cart back where it was: nothing but planning ahead does
+    that."""
     log = run(Controller(cart), plant_of(kind, cart), 5.0)
     assert np.abs(log.x[:, 0]).max() > 0.05
     np.testing.assert_allclose(log.x[-50:], 0.0, atol=0.01)
@@ -77,7 +90,8 @@ def test_noise_delay_and_real_time(arm):
 
 @pytest.mark.parametrize("name", ["arm", "cart"])
 def test_a_command_has_the_plan_s_next_state_and_its_gains(name, request):
-    """K against differences of the torque of FD where x_1 answers by the solver's own gain; x, v one tick on in the plan."""
+    """K against differences of the torque of FD where x_1 answers by the solver's own gain; x, v
+    one tick on in the plan."""
     problem = request.getfixturevalue(name)
     controller, robot = Controller(problem), problem.character
     plant = plant_of(MujocoPlant, problem)
@@ -94,13 +108,17 @@ def test_a_command_has_the_plan_s_next_state_and_its_gains(name, request):
     def torque(place, speed):
         before = place - controller.dt * speed
         after = nodes[2] + gain @ np.concatenate([place - nodes[1], before - nodes[0]])
-        fd = problem.dynamics.evaluate(np.stack([before, place, after])[None], controller.compiled.p)[0]
+        fd = problem.dynamics.evaluate(
+            np.stack([before, place, after])[None], controller.compiled.p
+        )[0]
         return fd[0, 0, robot.actuated]
 
     h, state = 1e-6, np.concatenate([nodes[1], (nodes[1] - nodes[0]) / controller.dt])
     for column, error in enumerate(h * np.eye(2 * robot.nx)):
         up, down = (torque(*np.split(state + side * error, 2)) for side in (1.0, -1.0))
-        np.testing.assert_allclose(command.K[:, column], (up - down) / (2 * h), atol=1e-4 * np.abs(command.K).max())
+        np.testing.assert_allclose(
+            command.K[:, column], (up - down) / (2 * h), atol=1e-4 * np.abs(command.K).max()
+        )
 
 
 def test_both_conventions_are_the_coordinates_themselves(arm):
@@ -114,7 +132,9 @@ def test_both_conventions_are_the_coordinates_themselves(arm):
 
 def test_a_fixed_base_does_not_fall_nor_is_it_pushed(cart):
     plant = plant_of(MujocoPlant, cart)
-    with pytest.raises(ProblemError, match="push needs a floating base: the base of 'cart' is fixed"):
+    with pytest.raises(
+        ProblemError, match="push needs a floating base: the base of 'cart' is fixed"
+    ):
         run(Controller(cart), plant, 1.0, push=Push(1.0, start=0.1))
 
 

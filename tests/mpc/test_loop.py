@@ -1,4 +1,5 @@
-"""The loop: falls, pushes, noise and delay, two plants, real time, and what the log says of them."""
+"""The loop: falls, pushes, noise and delay, two plants, real time, and what the log says of
+them."""
 
 from __future__ import annotations
 
@@ -36,14 +37,29 @@ def test_it_walks_without_a_gait(walked, robot):
 def test_report_has_the_fields_of_the_file(walked):
     report = walked.report()
     assert set(report["latency"]) == {"p50", "p95", "p99", "max"}
-    assert report["latency"]["p50"] <= report["latency"]["p95"] <= report["latency"]["p99"] <= report["latency"]["max"]
+    assert (
+        report["latency"]["p50"]
+        <= report["latency"]["p95"]
+        <= report["latency"]["p99"]
+        <= report["latency"]["max"]
+    )
     assert set(report["tracking_error"]) == {"velocity", "yaw_rate"}
-    names = {"rate", "missed_deadlines", "falls", "statuses", "torque_excess", "pushes", "memory_start", "memory_end"}
+    names = {
+        "rate",
+        "missed_deadlines",
+        "falls",
+        "statuses",
+        "torque_excess",
+        "pushes",
+        "memory_start",
+        "memory_end",
+    }
     assert names <= set(report) and report["rate"] == 100.0 and report["pushes"] == []
 
 
 def test_slip_is_the_speed_of_what_touches(walked):
-    """A foot that only rolls does not slip: the centres of the spheres move faster than the points under them."""
+    """A foot that only rolls does not slip: the centres of the spheres move faster than the points
+    under them."""
     assert walked.slip_speeds.mean() < 0.1
     assert walked.slip >= walked.slip_speeds.mean()
 
@@ -71,7 +87,9 @@ def test_a_push_is_felt_and_counted(problem, robot):
 
 def test_push_turns_with_the_heading():
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(Push(2.0, 0.2, 90.0, 1.0).at(1.1, turned), [-2.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        Push(2.0, 0.2, 90.0, 1.0).at(1.1, turned), [-2.0, 0.0, 0.0], atol=1e-12
+    )
     assert not Push(2.0, 0.2, 90.0, 1.0).at(1.2, turned).any()
 
 
@@ -89,7 +107,14 @@ def test_falls_are_counted_once_and_the_plant_is_put_back_once(problem, robot):
 def test_noise_and_delay(problem, robot):
     plant = MujocoPlant(robot, payload=0.2)
     plant.reset_chart(problem.start)
-    log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 1.5, noise=1.0, delay=1, seed=3)
+    log = run(
+        Controller(problem, guide=VelocityCommand((0.0, 0.0))),
+        plant,
+        1.5,
+        noise=1.0,
+        delay=1,
+        seed=3,
+    )
     assert log.report()["falls"] == 0
     assert log.statuses == ["nothing measured yet"] + ["solved"] * 149
 
@@ -114,7 +139,8 @@ def test_octo_s_own_simulation_is_a_plant(problem, robot):
     plant.reset_chart(problem.start)
     log = run(Controller(problem, guide=VelocityCommand((0.0, 0.0))), plant, 0.6)
     assert log.report()["falls"] == 0 and plant.unsolved == 0
-    standing = log.force[len(log.force) // 2]  # later it starts to step, at a moment that rounding decides
+    # later it starts to step, at a moment that rounding decides
+    standing = log.force[len(log.force) // 2]
     assert np.sum(standing[:, 2]) == pytest.approx(9.81 * robot.mass, rel=0.2)
 
 
@@ -139,7 +165,9 @@ def test_simulator_plant_falls_freely(robot):
     assert plant.v[2] == pytest.approx(-9.81 * 0.2, rel=0.02)
     plant.push[:] = (robot.mass * 2.0, 0.0, 0.0)
     plant.step(np.zeros(robot.nu), 0.2)
-    assert octo.model.kinematics.center_of_mass(robot, plant.x)[0] == pytest.approx(0.5 * 2.0 * 0.2**2, rel=0.1)
+    assert octo.model.kinematics.center_of_mass(robot, plant.x)[0] == pytest.approx(
+        0.5 * 2.0 * 0.2**2, rel=0.1
+    )
 
 
 def test_real_time(problem, robot):
@@ -168,7 +196,11 @@ def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
     log = run(controller, plant, 1.0, realtime=True)
     assert 1.0 <= time.perf_counter() - began < 1.5
     calls = int(np.isfinite(log.seconds).sum())
-    assert len(log.t) == 100 and 10 <= calls <= 26 and len(set(log.seconds[np.isfinite(log.seconds)])) == calls
+    assert (
+        len(log.t) == 100
+        and 10 <= calls <= 26
+        and len(set(log.seconds[np.isfinite(log.seconds)])) == calls
+    )
     report = log.report()
     assert report["statuses"]["no new command"] == report["missed_deadlines"] == 100 - calls
     assert report["latency"]["p50"] >= 0.04 and np.isfinite(report["torque_excess"])
@@ -180,10 +212,16 @@ def test_real_time_falls_and_goes_on(problem, robot):
     plant.reset_chart(problem.start)
     controller = Controller(problem, guide=VelocityCommand((0.0, 0.0)))
     resets, threads, reset = [], [], controller.reset
-    controller.reset = lambda *args: (resets.append(args), threads.append(threading.get_ident()), reset(*args))
+    controller.reset = lambda *args: (
+        resets.append(args),
+        threads.append(threading.get_ident()),
+        reset(*args),
+    )
     log = run(controller, plant, 2.5, realtime=True, push=Push(400.0, 0.2, 90.0, start=0.2))
-    assert len(log.falls) >= 1 and len(resets) == 2 and threads[0] != threads[1]  # at the start, and after the fall
-    assert "solved" in log.statuses[int(100 * log.falls[0]) + 1 :]  # on a slow machine some ticks come without a command
+    # at the start, and after the fall
+    assert len(log.falls) >= 1 and len(resets) == 2 and threads[0] != threads[1]
+    # on a slow machine some ticks come without a command
+    assert "solved" in log.statuses[int(100 * log.falls[0]) + 1 :]
     assert log.x[int(100 * log.falls[0]) + 3, 2] > 0.8 * problem.start[2]  # put back
 
 
@@ -210,7 +248,9 @@ def test_it_climbs_a_slope_that_it_knows(robot):
     assert 0.02 < log.foot_lift < 0.12  # over the slope, not over the level
 
 
-@pytest.mark.parametrize("values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}, {"delay": 100}])
+@pytest.mark.parametrize(
+    "values", [{"seconds": 0.0}, {"rate": 300.0}, {"noise": -1.0}, {"delay": -1}, {"delay": 100}]
+)
 def test_refused(controller, plant, values):
     with pytest.raises(ValueRangeError, match=next(iter(values))):
         run(controller, plant, **{"seconds": 1.0, **values})
@@ -218,17 +258,22 @@ def test_refused(controller, plant, values):
 
 @pytest.mark.parametrize("realtime", [True, False])
 def test_a_delay_is_no_missed_deadline(controller, plant, realtime):
-    """Until the first measurement is through nothing is asked of the controller, and its first plan is followed."""
+    """Until the first measurement is through nothing is asked of the controller, and its first plan
+    is followed."""
     times, step = [], controller.step
     controller.step = lambda t, q, v: (times.append(t), step(t, q, v))[1]
     try:
         log = run(controller, plant, 0.4, delay=3, realtime=realtime)
     finally:
         del controller.step
-    assert log.statuses[:3] == ["nothing measured yet"] * 3 and "nothing measured yet" not in log.statuses[3:]
+    assert (
+        log.statuses[:3] == ["nothing measured yet"] * 3
+        and "nothing measured yet" not in log.statuses[3:]
+    )
     assert np.isnan(log.seconds[:3]).all() and times[0] == 0.0 and len(set(times)) == len(times)
     if realtime:
-        assert log.report()["missed_deadlines"] == log.statuses.count("no new command") < 37  # not all of them
+        # not all of them
+        assert log.report()["missed_deadlines"] == log.statuses.count("no new command") < 37
     else:
         assert log.statuses[3:] == ["solved"] * 37 and len(times) == 37
         assert plant.height > 0.9 * controller.problem.start[2]
@@ -240,8 +285,15 @@ def test_a_controller_that_never_answers_has_a_report(problem, robot):
     guide = Slow((0.0, 0.0), seconds=0.2)
     log = run(Controller(problem, guide=guide), plant, 0.05, realtime=True, delay=1)
     report = log.report()
-    assert report["statuses"] == {"nothing measured yet": 1, "no new command": 4} and report["missed_deadlines"] == 4
-    assert np.isnan(report["latency"]["p50"]) and np.isnan(report["torque_excess"]) and "4 missed" in str(log)
+    assert (
+        report["statuses"] == {"nothing measured yet": 1, "no new command": 4}
+        and report["missed_deadlines"] == 4
+    )
+    assert (
+        np.isnan(report["latency"]["p50"])
+        and np.isnan(report["torque_excess"])
+        and "4 missed" in str(log)
+    )
 
 
 @pytest.mark.parametrize("realtime", [True, False])

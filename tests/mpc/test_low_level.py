@@ -22,24 +22,37 @@ def interpreted(request, monkeypatch):
 
 @pytest.fixture
 def made(interpreted):
-    """A low level of six joints in twelve coordinates, two of them before the base's, and a plan of five steps."""
+    """A low level of six joints in twelve coordinates, two of them before the base's, and a plan of
+    five steps."""
     rng = np.random.default_rng(0)
     grid = Grid(5, 0.04, np.array([0, 1, 8, 9, 10, 11]), 12)
     plan = Plan(grid, 2.0, rng.standard_normal((7, 12)), rng.standard_normal((5, 6)))
     q_at = np.array([0, 1, 9, 10, 11, 12])
     limit = np.array([3.0, 3.0, 0.5, np.inf, 3.0, 3.0])
-    return grid, plan, q_at, LowLevel(grid, q_at, rng.uniform(1.0, 2.0, 6), rng.uniform(0.1, 0.2, 6), limit)
+    return (
+        grid,
+        plan,
+        q_at,
+        LowLevel(grid, q_at, rng.uniform(1.0, 2.0, 6), rng.uniform(0.1, 0.2, 6), limit),
+    )
 
 
 @pytest.mark.parametrize("t", [-1.0, 2.0, 2.013, 2.1, 2.1999, 2.2, 2.27, 2.41, 3.0, 1e300])
 def test_it_follows_the_plan_with_springs_and_dampers(made, interpreted, t):
-    """Also before the plan's start and after its end, where the base goes on and the joints come to rest."""
+    """Also before the plan's start and after its end, where the base goes on and the joints come to
+    rest."""
     grid, plan, q_at, low = made
     rng = np.random.default_rng(1)
     q, v = 0.1 * rng.standard_normal(13), 0.1 * rng.standard_normal(12)
     x, rate, u = plan.at(t)
-    wanted = u + low.kp * (x[grid.actuated] - q[q_at]) + low.kd * (rate[grid.actuated] - v[grid.actuated])
-    np.testing.assert_allclose(low(plan, t, q, v), np.clip(wanted, -low.limit, low.limit), rtol=1e-12, atol=1e-12)
+    wanted = (
+        u
+        + low.kp * (x[grid.actuated] - q[q_at])
+        + low.kd * (rate[grid.actuated] - v[grid.actuated])
+    )
+    np.testing.assert_allclose(
+        low(plan, t, q, v), np.clip(wanted, -low.limit, low.limit), rtol=1e-12, atol=1e-12
+    )
     assert (low._entry is None) == interpreted
 
 
@@ -54,7 +67,9 @@ def test_a_joint_that_is_not_measured_follows_the_plan_s_torque(made):
         np.testing.assert_array_equal(u[[0, 2, 4, 5]], whole[[0, 2, 4, 5]])
         assert np.isfinite(u).all()
     for t in (np.nan, np.inf, -np.inf):
-        np.testing.assert_array_equal(low(plan, t, np.zeros(13), np.zeros(12)), low(plan, 2.0, np.zeros(13), np.zeros(12)))
+        np.testing.assert_array_equal(
+            low(plan, t, np.zeros(13), np.zeros(12)), low(plan, 2.0, np.zeros(13), np.zeros(12))
+        )
 
 
 def test_a_plan_is_never_changed(made):
@@ -66,7 +81,8 @@ def test_a_plan_is_never_changed(made):
 
 
 def test_every_command_is_of_one_whole_plan(controller, plant, robot):
-    """A thread reads commands while plans are made and forgotten: each is what one of the plans says, whole."""
+    """A thread reads commands while plans are made and forgotten: each is what one of the plans
+    says, whole."""
     plans, answers, over = [controller.plan], [], threading.Event()
     take, q, v, t = controller._take, plant.q, plant.v, 0.05
     controller._take = lambda *args, **named: (take(*args, **named), plans.append(controller.plan))
@@ -102,5 +118,6 @@ def test_every_command_is_of_one_whole_plan(controller, plant, robot):
 
 
 def test_a_loop_that_runs_holds_no_more_memory(controller, plant):
-    """Two thousand calls: octo's Python holds at the end what it held before, but for a few numbers."""
+    """Two thousand calls: octo's Python holds at the end what it held before, but for a few
+    numbers."""
     assert held(controller, plant, 100, 2000)[0] < 200

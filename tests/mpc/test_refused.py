@@ -52,7 +52,9 @@ def test_controller(problem, robot, values, said):
 )
 def test_walking_problem(robot, values, said):
     refused(lambda: walking_problem(robot, **values), said)
-    refused(lambda: walking_problem("go2"), "robot is 'go2', must be a Character: what octo.load gives")
+    refused(
+        lambda: walking_problem("go2"), "robot is 'go2', must be a Character: what octo.load gives"
+    )
 
 
 @pytest.mark.parametrize(
@@ -119,4 +121,7 @@ def test_plants(robot, kind):
 
 def test_the_ground_and_gravity_of_mujoco(robot):
     refused(lambda: MujocoPlant(robot, gravity=9.81), "gravity has shape (), expected (3,)")
-    refused(lambda: MujocoPlant(robot, terrain=octo.Terrain(lambda point, p: point[2])), "terrain is 'Terrain', must be a Plane")
+    refused(
+        lambda: MujocoPlant(robot, terrain=octo.Terrain(lambda point, p: point[2])),
+        "terrain is 'Terrain', must be a Plane",
+    )

@@ -14,10 +14,20 @@ from typing import Any
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--disable-dev-shm-usage", "--no-first-run", "--remote-debugging-port=0", "--window-size=640,560",
-)  # fmt: skip
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--remote-debugging-port=0",
+    "--window-size=640,560",
+)
 
 
 def executable() -> str | None:
@@ -56,12 +66,16 @@ class Page:
             self.requests.append(str(values["request"]["url"]))
 
     def evaluate(self, expression: str) -> Any:
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)[
+            "result"
+        ].get("value")
 
     def wait_for(self, expression: str, seconds: float = 60.0) -> None:
         end = time.monotonic() + seconds
         while not self.evaluate(expression):
-            assert time.monotonic() < end, f"waited {seconds} s for {expression}; errors: {self.errors}"
+            assert time.monotonic() < end, (
+                f"waited {seconds} s for {expression}; errors: {self.errors}"
+            )
             time.sleep(0.2)
 
     def click(self, x: float, y: float) -> None:
@@ -79,7 +93,9 @@ def offline_page(program: str, folder: Path) -> Iterator[Page]:
     from websockets.sync.client import connect
 
     browser = subprocess.Popen(
-        [program, *OPTIONS, f"--user-data-dir={folder}", "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [program, *OPTIONS, f"--user-data-dir={folder}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     try:
         port_file = folder / "DevToolsActivePort"
@@ -91,11 +107,19 @@ def offline_page(program: str, folder: Path) -> Iterator[Page]:
         with connect(f"ws://127.0.0.1:{port}{path}", proxy=None) as socket:
             whole = Page(socket)
             target = whole.call("Target.createTarget", url="about:blank")["targetId"]
-        with connect(f"ws://127.0.0.1:{port}/devtools/page/{target}", proxy=None, max_size=None) as socket:
+        with connect(
+            f"ws://127.0.0.1:{port}/devtools/page/{target}", proxy=None, max_size=None
+        ) as socket:
             page = Page(socket)
             for domain in ("Page", "Runtime", "Log", "Network"):
                 page.call(f"{domain}.enable")
-            page.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=-1, uploadThroughput=-1)
+            page.call(
+                "Network.emulateNetworkConditions",
+                offline=True,
+                latency=0,
+                downloadThroughput=-1,
+                uploadThroughput=-1,
+            )
             yield page
     finally:
         browser.terminate()

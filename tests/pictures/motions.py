@@ -1,4 +1,5 @@
-"""Motions that nobody solved: smooth, with feet that carry load in turns, every field of a Solution filled."""
+"""Motions that nobody solved: smooth, with feet that carry load in turns, every field of a Solution
+filled."""
 
 from __future__ import annotations
 
@@ -9,12 +10,17 @@ from octo.model.kinematics import sphere_centers
 from octo.solver.solution import HISTORY, Solution, Status
 
 
-def wandering(character: Character, steps: int = 40, dt: float = 0.025, seed: int = 0, hills: float = 0.0) -> Solution:
-    """The character swings its joints about the default pose while its base travels at 0.5 m/s, over waves ``hills`` m high."""
+def wandering(
+    character: Character, steps: int = 40, dt: float = 0.025, seed: int = 0, hills: float = 0.0
+) -> Solution:
+    """The character swings its joints about the default pose while its base travels at 0.5 m/s,
+    over waves ``hills`` m high."""
     random = np.random.default_rng(seed)
     times = dt * np.arange(-1, steps + 1)
     pose = character.default_pose if character.default_pose is not None else np.zeros(character.nx)
-    swing = random.uniform(0.05, 0.25, character.nx) * np.sin(4.0 * times[:, None] + random.uniform(0.0, 6.0, character.nx))
+    swing = random.uniform(0.05, 0.25, character.nx) * np.sin(
+        4.0 * times[:, None] + random.uniform(0.0, 6.0, character.nx)
+    )
     x = pose + np.where([joint.actuated for joint in character.joints], swing, 0.0)
     if character.base == "floating":
         x[:, 0] += 0.5 * times
@@ -60,10 +66,25 @@ def plain(steps: int, dt: float, x: np.ndarray, u: np.ndarray, weight: float) ->
     """What does not depend on the kind of dynamics: two passes of 30 iterations."""
     history = {name: np.zeros(60) for name in HISTORY}
     history["pass"] = np.repeat([1.0, 2.0], 30)
-    history["energy"], history["violation"] = np.geomspace(1.0, 1e-3, 60), np.geomspace(1e2, 1e-6, 60)
+    history["energy"] = np.geomspace(1.0, 1e-3, 60)
+    history["violation"] = np.geomspace(1e2, 1e-6, 60)
     return {
-        "dt": dt, "basis": "nodes", "x": x, "u": u, "unknowns": x[2:], "multipliers": np.zeros((steps, 6)),
-        "status": Status.CONVERGED, "iterations": 60, "factorizations": 90, "terms": {"Effort": 1e-3},
-        "violation": 1e-6, "pointwise_residual": 1e-6, "weight": weight, "length": 0.3, "history": history,
-        "parameters": {}, "seconds": 1.0, "setup_seconds": 1.0,
-    }  # fmt: skip
+        "dt": dt,
+        "basis": "nodes",
+        "x": x,
+        "u": u,
+        "unknowns": x[2:],
+        "multipliers": np.zeros((steps, 6)),
+        "status": Status.CONVERGED,
+        "iterations": 60,
+        "factorizations": 90,
+        "terms": {"Effort": 1e-3},
+        "violation": 1e-6,
+        "pointwise_residual": 1e-6,
+        "weight": weight,
+        "length": 0.3,
+        "history": history,
+        "parameters": {},
+        "seconds": 1.0,
+        "setup_seconds": 1.0,
+    }

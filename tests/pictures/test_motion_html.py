@@ -20,7 +20,9 @@ from octo.solver.solution import Solution
 from octo.viewer import view
 
 STEPS, DT = 120, 0.025
-pytestmark = pytest.mark.skipif(executable() is None, reason="no chromium or google-chrome is installed")
+pytestmark = pytest.mark.skipif(
+    executable() is None, reason="no chromium or google-chrome is installed"
+)
 
 
 @contextmanager
@@ -34,7 +36,9 @@ def opened(solution: Solution, folder: Path, **options: bool) -> Iterator[Page]:
         page.wait_for("window.octoPlayer !== undefined && octoPlayer.ready")
         yield page
         assert page.errors == []
-        assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+        assert [
+            url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))
+        ] == []
 
 
 def shown(page: Page) -> float:
@@ -46,7 +50,8 @@ def cursor(page: Page) -> float:
     """s, where the cursor stands between the two ends of the time line."""
     left, width, x = page.evaluate(
         "['.track', '.track', '.cursor'].map((name, k) => "
-        "Number(document.querySelector(`.octo-chart ${name}`).getAttribute(['x', 'width', 'x1'][k])))"
+        "Number(document.querySelector(`.octo-chart ${name}`).getAttribute(['x', 'width', "
+        "'x1'][k])))"
     )
     return float((x - left) / width * page.evaluate("octoPlayer.end"))
 
@@ -68,7 +73,9 @@ def click(page: Page, selector: str, share: float = 0.5) -> None:
 
 def picture(page: Page) -> np.ndarray:
     """The scene once it stands still, without viser's notice that there is no graphics card."""
-    page.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())")
+    page.evaluate(
+        "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
+    )
     top, bottom = page.evaluate(
         "(() => { const box = document.querySelector('#root').getBoundingClientRect();"
         "return [box.top, box.bottom].map(Math.round) })()"
@@ -100,23 +107,47 @@ def test_it_plays_offline_without_errors(tmp_path: Path) -> None:
         early, late, again = pictures
         assert early.std() > 0.02, "nothing is drawn"
         assert changed(early, late) > 0.01, "two moments look the same"
-        assert changed(early, again) < 0.02 * changed(early, late), "one moment does not look the same twice"
-        assert len(page.evaluate("[...document.querySelectorAll('path.curve')].map(c => c.dataset.joint)")) == 12
-        feet = page.evaluate("[...document.querySelectorAll('rect.loaded')].map(bar => bar.dataset.foot)")
+        assert changed(early, again) < 0.02 * changed(early, late), (
+            "one moment does not look the same twice"
+        )
+        assert (
+            len(
+                page.evaluate(
+                    "[...document.querySelectorAll('path.curve')].map(c => c.dataset.joint)"
+                )
+            )
+            == 12
+        )
+        feet = page.evaluate(
+            "[...document.querySelectorAll('rect.loaded')].map(bar => bar.dataset.foot)"
+        )
         assert set(feet) >= {"front_left", "front_right", "hind_left", "hind_right"}
 
 
 def test_frames_and_speeds(tmp_path: Path) -> None:
     with opened(motions.wandering(CHARACTERS["mammal"](), STEPS, DT), tmp_path) as page:
         press(page, "Home")
-        for key, frame in ((".", 1), ("ArrowRight", 2), (",", 1), ("ArrowLeft", 0), ("End", STEPS), ("Home", 0), (".", 1)):
+        for key, frame in (
+            (".", 1),
+            ("ArrowRight", 2),
+            (",", 1),
+            ("ArrowLeft", 0),
+            ("End", STEPS),
+            ("Home", 0),
+            (".", 1),
+        ):
             press(page, key)
             assert shown(page) == pytest.approx(frame * DT, abs=1e-3), key
             assert cursor(page) == pytest.approx(frame * DT, abs=1e-3), key
         click(page, "[data-octo=buttons] button:last-child")
         assert shown(page) == pytest.approx(2 * DT) and page.evaluate("octoPlayer.playing") is False
-        click(page, "[data-speed=\"0.05\"]")
-        assert page.evaluate("document.querySelector('[data-speed=\"0.05\"]').getAttribute('aria-pressed')") == "true"
+        click(page, '[data-speed="0.05"]')
+        assert (
+            page.evaluate(
+                "document.querySelector('[data-speed=\"0.05\"]').getAttribute('aria-pressed')"
+            )
+            == "true"
+        )
         began = time.monotonic()
         press(page, " ")
         time.sleep(1.0)
@@ -125,14 +156,17 @@ def test_frames_and_speeds(tmp_path: Path) -> None:
         assert 0.0 < later - 2 * DT <= 0.05 * (time.monotonic() - began) + 1e-3
         time.sleep(0.3)
         assert shown(page) == later  # it stands
-        speeds = page.evaluate("[...document.querySelectorAll('[data-speed]')].map(b => Number(b.dataset.speed))")
+        speeds = page.evaluate(
+            "[...document.querySelectorAll('[data-speed]')].map(b => Number(b.dataset.speed))"
+        )
         assert speeds == [0.05, 0.1, 0.25, 0.5, 1, 2]
 
 
 def test_a_cycle_goes_on_without_a_seam(tmp_path: Path) -> None:
     steps = 60
     walk = motions.wandering(CHARACTERS["mammal"](), steps, dt=2.0 * np.pi / 4.0 / steps)
-    still = dataclasses.replace(walk, contact_force=np.zeros_like(walk.contact_force))  # only poses are periodic
+    # only poses are periodic
+    still = dataclasses.replace(walk, contact_force=np.zeros_like(walk.contact_force))
     with opened(still, tmp_path, loop=True) as page:
         page.wait_for("octoPlayer.lap >= 1")
         lap = page.evaluate("octoPlayer.seek(octoPlayer.end); octoPlayer.lap")

@@ -26,9 +26,13 @@ def volume(surface: Surface) -> float:
 
 
 def test_a_hull_is_closed_and_looks_outward() -> None:
-    solid = Solid(np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1], [0.2, 0.0, 0.0]]), np.array([0.05, 0.05, 0.02]))
+    solid = Solid(
+        np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1], [0.2, 0.0, 0.0]]), np.array([0.05, 0.05, 0.02])
+    )
     surface = hull(solid)
-    edges = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    edges = np.concatenate(
+        [surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]]
+    )
     forward = {tuple(edge) for edge in edges}
     assert len(forward) == len(edges) and forward == {(b, a) for a, b in forward}
     assert volume(surface) == pytest.approx(ConvexHull(surface.vertices).volume, rel=1e-9)
@@ -37,7 +41,9 @@ def test_a_hull_is_closed_and_looks_outward() -> None:
 def test_a_link_without_spheres_is_the_capsule_of_its_inertia() -> None:
     start, end, radius = (0.0, 0.0, 0.1), (0.1, 0.0, -0.2), 0.03
     mass, com, inertia = capsule(start, end, radius)
-    character = Character("stick", (Body("link", -1, floating_base(), mass=mass, com=com, inertia=inertia),))
+    character = Character(
+        "stick", (Body("link", -1, floating_base(), mass=mass, com=com, inertia=inertia),)
+    )
     (surface,) = surfaces(character, fineness=3)
     assert surface is not None
     assert volume(surface) == pytest.approx(mass, rel=0.02)
@@ -54,7 +60,10 @@ def massless() -> Character:
     slide = Joint("slide", "slide", np.array([1.0, 0.0, 0.0]))
     link = Body("link", 0, (turn,), position=np.array([0.1, 0.0, 0.0]))
     tip = Body("tip", 1, (slide,), position=np.array([0.3, 0.0, 0.0]), mass=0.1)
-    contacts = (ContactSphere("point", 2, np.zeros(3), 0.0), ContactSphere("foot", 2, np.array([0.05, 0.0, 0.0]), 0.02))
+    contacts = (
+        ContactSphere("point", 2, np.zeros(3), 0.0),
+        ContactSphere("foot", 2, np.array([0.05, 0.0, 0.0]), 0.02),
+    )
     return Character("massless", (plate, link, tip), contacts)
 
 
@@ -71,7 +80,9 @@ def near(image: np.ndarray, color: np.ndarray, within: float = 0.12) -> float:
     """Share of pixels of about that colour, up to brightness."""
     pixels = image[..., :3].reshape(-1, 3)
     direction = pixels / np.maximum(np.linalg.norm(pixels, axis=1, keepdims=True), 1e-9)
-    return float(np.mean(np.linalg.norm(direction - color / np.linalg.norm(color), axis=1) < within))
+    return float(
+        np.mean(np.linalg.norm(direction - color / np.linalg.norm(color), axis=1) < within)
+    )
 
 
 @pytest.mark.parametrize("hills", [0.0, 0.05])

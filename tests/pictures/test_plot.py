@@ -47,7 +47,10 @@ def in_the_air(solution: Solution) -> Solution:
 
 DEGENERATE = {
     "custom": (lambda: motions.custom(), ["coordinates", "their", "torque", "E", "‖C‖∞"]),
-    "custom without torques": (lambda: motions.custom(nx=9, nu=0), ["coordinates", "their", "E", "‖C‖∞"]),
+    "custom without torques": (
+        lambda: motions.custom(nx=9, nu=0),
+        ["coordinates", "their", "E", "‖C‖∞"],
+    ),
     "one step": (
         lambda: motions.wandering(CHARACTERS["mammal"](), steps=1),
         ["centre", "its", "normal", "torque", "E", "‖C‖∞"],
@@ -56,7 +59,10 @@ DEGENERATE = {
         lambda: without_history(motions.wandering(CHARACTERS["chain"]())),
         ["centre", "its", "normal", "torque"],
     ),
-    "in the air": (lambda: in_the_air(motions.wandering(CHARACTERS["chain"]())), ["centre", "its", "torque", "E", "‖C‖∞"]),
+    "in the air": (
+        lambda: in_the_air(motions.wandering(CHARACTERS["chain"]())),
+        ["centre", "its", "torque", "E", "‖C‖∞"],
+    ),
     "no limits": (lambda: motions.custom(nu=8), ["coordinates", "their", "torque", "E", "‖C‖∞"]),
 }
 

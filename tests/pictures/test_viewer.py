@@ -58,7 +58,9 @@ def turning(rate: float) -> Solution:
     steps = 60
     solution = motions.wandering(CHARACTERS["mammal"](), steps, dt=2.0 * np.pi / 4.0 / steps)
     x, angle = solution.x.copy(), rate * solution.dt * np.arange(-1, steps + 1)
-    x[:, 0], x[:, 1], x[:, 3] = 0.5 / rate * np.sin(angle), 0.5 / rate * (1.0 - np.cos(angle)), angle
+    x[:, 0] = 0.5 / rate * np.sin(angle)
+    x[:, 1] = 0.5 / rate * (1.0 - np.cos(angle))
+    x[:, 3] = angle
     return dataclasses.replace(solution, x=x)
 
 
@@ -73,7 +75,9 @@ def test_bodies_are_where_kinematics_has_them(name: str, tmp_path: Path) -> None
     _, origin = body_poses(character, solution.x[1:])
     drawn = [int(path.rpartition("/")[2].partition("_")[0]) for path in shown["bodies"]]
     assert np.allclose(shown["origin"].reshape(21, -1, 3), origin[:, drawn], atol=GRAIN)
-    assert {f"/world/0_{name}/{b}_{character.bodies[b].name}" for b in drawn} == set(shown["bodies"])
+    assert {f"/world/0_{name}/{b}_{character.bodies[b].name}" for b in drawn} == set(
+        shown["bodies"]
+    )
 
 
 def test_viser_has_the_still_scene_alone(tmp_path: Path) -> None:
@@ -81,7 +85,13 @@ def test_viser_has_the_still_scene_alone(tmp_path: Path) -> None:
     scene, data = recorded(tmp_path / "motion.html"), page_data(tmp_path / "motion.html")
     assert scene["durationSeconds"] == 0.0  # viser hides its own player then
     (shown,) = data["characters"]
-    nodes = {*shown["bodies"], *shown["feet"], shown["arrows"], data["grounds"][0]["name"], "/world"}
+    nodes = {
+        *shown["bodies"],
+        *shown["feet"],
+        shown["arrows"],
+        data["grounds"][0]["name"],
+        "/world",
+    }
     assert nodes <= {message.get("name") for _, message in scene["messages"]}
 
 
@@ -112,7 +122,9 @@ def test_the_camera_follows_and_feet_change_colour(tmp_path: Path) -> None:
     assert shift[-1, 0] - shift[0, 0] == pytest.approx(1.5, abs=0.15)
     carries = data["characters"][0]["carries"].reshape(len(shift), -1)
     assert (carries.min(axis=0) == 0.0).all() and (carries.max(axis=0) == 1.0).all()
-    view(motions.wandering(CHARACTERS["mammal"](), steps=120), tmp_path / "still.html", follow=False)
+    view(
+        motions.wandering(CHARACTERS["mammal"](), steps=120), tmp_path / "still.html", follow=False
+    )
     assert np.ptp(page_data(tmp_path / "still.html")["shift"].reshape(-1, 3), axis=0).max() == 0.0
 
 
@@ -120,7 +132,9 @@ def test_title_legend_and_charts(tmp_path: Path) -> None:
     solution = motions.wandering(CHARACTERS["mammal"](), steps=80)
     view(solution, tmp_path / "motion.html")
     text = (tmp_path / "motion.html").read_text()
-    assert "<h1>mammal: 2 s, 1.00 m at 0.50 m/s</h1>" in text and "<title>mammal: 2 s</title>" in text
+    assert (
+        "<h1>mammal: 2 s, 1.00 m at 0.50 m/s</h1>" in text and "<title>mammal: 2 s</title>" in text
+    )
     assert solution.status.value in text
     for entry in ("foot", "loaded foot", "contact force (0.1 m is "):
         assert f"</i>{entry}" in text
@@ -140,7 +154,11 @@ def test_two_side_by_side_on_hills(tmp_path: Path) -> None:
     trunks = {"/world/0_mammal/0_trunk", "/world/1_spider/0_trunk"}
     assert {*trunks, "/world/ground_0", "/world/ground_1"} <= names
     text = (tmp_path / "both.html").read_text()
-    assert "<title>mammal, spider" in text and "</i>plan</li>" in text and "</i>&lt;plant&gt;</li>" in text
+    assert (
+        "<title>mammal, spider" in text
+        and "</i>plan</li>" in text
+        and "</i>&lt;plant&gt;</li>" in text
+    )
     view([mammal, mammal], tmp_path / "both.html")
     labels = [c["label"] for c in page_data(tmp_path / "both.html")["characters"]]
     assert labels == ["mammal 1", "mammal 2"]
@@ -153,7 +171,9 @@ def test_a_lap_goes_on_where_the_last_one_ended(rate: float, tmp_path: Path) -> 
     assert data["loop"] is True
     yaw, way = data["cycle"]["yaw"], np.array(data["cycle"]["way"])
     assert yaw == pytest.approx(0.5 * np.pi * rate, abs=1e-6)
-    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    turn = np.array(
+        [[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+    )
     shift, origin = data["shift"].reshape(61, 3), data["characters"][0]["origin"].reshape(61, -1, 3)
     for place in (shift, origin):
         assert np.allclose(place[0] @ turn.T + way, place[-1], atol=2e-3)
@@ -164,7 +184,8 @@ def test_what_loops(tmp_path: Path) -> None:
     straight = turning(1e-9)
     view(straight, file)
     assert page_data(file)["loop"] is False and page_data(file)["cycle"] is None
-    object.__setattr__(straight, "cycle", SimpleNamespace(mirrored=False))  # whatever says that it is one
+    # whatever says that it is one
+    object.__setattr__(straight, "cycle", SimpleNamespace(mirrored=False))
     view(straight, file)
     assert page_data(file)["loop"] is True
     assert "one cycle of 1.5708 s, repeated" in file.read_text()
@@ -190,7 +211,9 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         view(motions.custom(), tmp_path / "motion.html")
     with pytest.raises(ShapeError, match="one Solution or more"):
         view([], tmp_path / "motion.html")
-    with pytest.raises(ShapeError, match=r"labels has shape \(2,\), expected one for each solution"):
+    with pytest.raises(
+        ShapeError, match=r"labels has shape \(2,\), expected one for each solution"
+    ):
         view(chain, tmp_path / "motion.html", labels=("plan", "plant"))
     with pytest.raises(OutputError, match="cannot be written"):
         view(chain, tmp_path / "nowhere" / "motion.html")
@@ -199,7 +222,10 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     def server(**options: object) -> None:
         raise ModuleNotFoundError("No module named 'websockets'")
 
-    with monkeypatch.context() as patch, pytest.raises(MissingExtraError, match=r"websockets.*'view'"):
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(MissingExtraError, match=r"websockets.*'view'"),
+    ):
         patch.setattr("viser.ViserServer", server)
         view(chain, tmp_path / "motion.html")
     monkeypatch.setitem(sys.modules, "viser", None)

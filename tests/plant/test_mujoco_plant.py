@@ -57,7 +57,9 @@ def test_rates_are_mujocos_velocity(mammal):
     np.testing.assert_allclose(moved, from_chart(mammal, x + small * rate)[0], atol=1e-10)
     plant.reset(q, v)
     mujoco.mj_energyVel(plant.model, plant.data)
-    assert plant.data.energy[1] == pytest.approx(0.5 * rate @ mass_matrix(mammal, x) @ rate, rel=1e-9)
+    assert plant.data.energy[1] == pytest.approx(
+        0.5 * rate @ mass_matrix(mammal, x) @ rate, rel=1e-9
+    )
 
 
 def test_order_is_the_characters_where_mujoco_numbers_otherwise():
@@ -96,7 +98,9 @@ def test_friction_decides_whether_a_robot_slides_down_a_slope(mammal):
 
 def test_bumps_carry_feet_and_leave_the_start_free(mammal):
     plant = MujocoPlant(mammal, bumps=0.02, seed=3)
-    boxes = [g for g in range(plant.model.ngeom) if plant.model.geom_type[g] == mujoco.mjtGeom.mjGEOM_BOX]
+    boxes = [
+        g for g in range(plant.model.ngeom) if plant.model.geom_type[g] == mujoco.mjtGeom.mjGEOM_BOX
+    ]
     place = plant.model.geom_pos[boxes]
     half = plant.model.geom_size[boxes]
     assert np.max(place[:, 2] + half[:, 2]) <= 0.02 + 1e-9
@@ -131,7 +135,13 @@ def test_torques_are_clipped_and_a_push_pushes(mammal):
 
 
 def test_bad_input_is_refused(mammal):
-    for options in ({"friction": -0.1}, {"timestep": 0.0}, {"bumps": -1.0}, {"payload": -1.5}, {"friction": np.nan}):
+    for options in (
+        {"friction": -0.1},
+        {"timestep": 0.0},
+        {"bumps": -1.0},
+        {"payload": -1.5},
+        {"friction": np.nan},
+    ):
         with pytest.raises(ValueRangeError, match=next(iter(options))):
             MujocoPlant(mammal, **options)
     with pytest.raises(ShapeError, match="q has shape"):

@@ -37,8 +37,12 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.BaseOrientation(roll_pitch_yaw=rows[:, 3:6], axes=(1.0, 0.5, 2.0)),
         costs.BaseHeight(height=0.3 + rows[:, 6]),
         costs.BaseAngularVelocity(velocity=(0.0, 0.2, 0.5), axes=(1.0, 0.2, 0.7), body="shank"),
-        costs.PointPosition(body="shank", point=(0.0, 0.0, -0.2), target=rows[:, :3], axes=(1.0, 1.0, 0.0)),
-        costs.PointVelocity(body="mast", point=(0.1, 0.0, 0.2), velocity=(0.2, 0.0, 0.0), weight=per_step),
+        costs.PointPosition(
+            body="shank", point=(0.0, 0.0, -0.2), target=rows[:, :3], axes=(1.0, 1.0, 0.0)
+        ),
+        costs.PointVelocity(
+            body="mast", point=(0.1, 0.0, 0.2), velocity=(0.2, 0.0, 0.0), weight=per_step
+        ),
         costs.Posture(reference=rows[:, :9], joints=(1.0, 0.5, 2.0)),
         costs.JointVelocity(velocity=rows[:, 3:6]),
         costs.JointAcceleration(weight=1e-3),
@@ -65,11 +69,18 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
 @lru_cache
 def _compiled(basis: str, threads: int = 1, steps: int = STEPS) -> CompiledProblem:
     problem = Problem(
-        walker(), steps=steps, dt=DT, costs=_every_cost(steps), basis=BASES[basis], x0=START, v0=0.2 * np.ones(9),
+        walker(),
+        steps=steps,
+        dt=DT,
+        costs=_every_cost(steps),
+        basis=BASES[basis],
+        x0=START,
+        v0=0.2 * np.ones(9),
         parameters={"contact.onset": 0.004},
-    )  # fmt: skip
+    )
     made = CompiledProblem([problem, problem.replace(x0=START + 0.03, v0=None)], threads)
-    made.evaluate(wiggle_near_ground(made))  # loads the native code, so that problems made like this one share it
+    # loads the native code, so that problems made like this one share it
+    made.evaluate(wiggle_near_ground(made))
     return made
 
 

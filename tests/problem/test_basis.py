@@ -1,4 +1,5 @@
-"""Nodes and Hermite: nodes of unknowns, unknowns of nodes, rows of the test functions, refused numbers of steps."""
+"""Nodes and Hermite: nodes of unknowns, unknowns of nodes, rows of the test functions, refused
+numbers of steps."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ def test_nodes_are_their_own_unknowns():
     basis = Nodes()
     x0, before, unknowns = random(2, N), random(2, N) + 1.0, random(2, STEPS, N) + 2.0
     nodes = node_values(basis.stencil(STEPS), unknowns, basis.constant(STEPS, x0, before))
-    np.testing.assert_array_equal(nodes, np.concatenate([before[:, None], x0[:, None], unknowns], axis=1))
+    np.testing.assert_array_equal(
+        nodes, np.concatenate([before[:, None], x0[:, None], unknowns], axis=1)
+    )
     np.testing.assert_array_equal(basis.fit(nodes, 0.1), unknowns)
 
 
@@ -40,21 +43,27 @@ def test_hermite_nodes_lie_on_the_cubics():
 def test_hermite_fit_keeps_a_straight_motion():
     basis = Hermite(4)
     nodes = (random(1, 1, N) * np.arange(-1, STEPS + 1)[:, None]) + 0.3
-    fitted = node_values(basis.stencil(STEPS), basis.fit(nodes, 0.1), basis.constant(STEPS, nodes[:, 1], nodes[:, 0]))
+    fitted = node_values(
+        basis.stencil(STEPS), basis.fit(nodes, 0.1), basis.constant(STEPS, nodes[:, 1], nodes[:, 0])
+    )
     np.testing.assert_allclose(fitted, nodes, atol=1e-13)
 
 
 @pytest.mark.parametrize("basis", [Nodes(), Hermite(4)])
 def test_rows_are_the_columns_of_the_middle_nodes(basis):
-    """C = Sᵀ U_/ FD with S the map of the unknowns to x_0 … x_{N−1}, the fixed c_0 included; lags 0 to 2 only."""
+    """C = Sᵀ U_/ FD with S the map of the unknowns to x_0 … x_{N−1}, the fixed c_0 included; lags 0
+    to 2 only."""
     stencil = basis.stencil(STEPS)
     rows = np.zeros((STEPS, stencil.units * stencil.parts))
     for k in range(stencil.test_row.shape[1]):
         live = np.flatnonzero(stencil.test_row[:, k] >= 0)
-        rows[live, stencil.test_row[live, k] * stencil.parts + stencil.test_part[live, k]] += stencil.test_coefficient[live, k]
+        rows[live, stencil.test_row[live, k] * stencil.parts + stencil.test_part[live, k]] += (
+            stencil.test_coefficient[live, k]
+        )
     columns = np.zeros((STEPS, stencil.units * stencil.parts))
     unit = np.eye(stencil.units * stencil.parts).reshape(-1, stencil.units, stencil.parts)
-    moved = node_values(stencil, unit, np.zeros((len(unit), STEPS + 2, 1)))[..., 0]  # (columns, N+2)
+    # (columns, N+2)
+    moved = node_values(stencil, unit, np.zeros((len(unit), STEPS + 2, 1)))[..., 0]
     if isinstance(basis, Hermite):  # row k is control c_k, unit k is c_{k+1}
         columns[:, stencil.parts :] = moved[: -stencil.parts, 1:-1].T
         np.testing.assert_array_equal(rows[:, stencil.parts :], columns[:, stencil.parts :])
@@ -68,7 +77,9 @@ def test_rows_are_the_columns_of_the_middle_nodes(basis):
 
 
 def test_refused():
-    with pytest.raises(ProblemError, match=r"steps is 25, must be a multiple of the Hermite segment of 10 steps"):
+    with pytest.raises(
+        ProblemError, match=r"steps is 25, must be a multiple of the Hermite segment of 10 steps"
+    ):
         Hermite().check(25)
     with pytest.raises(ProblemError, match="steps_per_segment is 1, must be at least 2"):
         Hermite(1).check(4)

@@ -1,4 +1,5 @@
-"""Cycles: how they close, derivatives of E and C, native code, batches, what is asked of a stride, what is refused."""
+"""Cycles: how they close, derivatives of E and C, native code, batches, what is asked of a stride,
+what is refused."""
 
 from __future__ import annotations
 
@@ -87,7 +88,7 @@ def turned(angle: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-# -- how a cycle closes -----------------------------------------------------------------------------
+# -- how a cycle closes ----------------------------------------------------------------------------
 
 
 @every_cycle
@@ -147,7 +148,8 @@ def test_a_turn_in_the_other_chart_of_a_base_that_is_not_the_first_body():
 
 @pytest.mark.parametrize("heading", [0.0, 0.8])
 def test_displacement_and_turn_of_a_stride(heading):
-    """Over level ground a chord of the arc, 2r sin(turn/2) long, from half of the turn left of the heading."""
+    """Over level ground a chord of the arc, 2r sin(turn/2) long, from half of the turn left of the
+    heading."""
     pose = mammal().default_pose.copy()
     pose[3] = heading
     cycle = Cycle(speed=0.5, turn=0.6, period=0.8, mirror=False)
@@ -163,7 +165,7 @@ def test_displacement_and_turn_of_a_stride(heading):
     np.testing.assert_allclose(travel, [-0.12, -0.12 * np.tan(0.1)], atol=1e-12)
 
 
-# -- derivatives ------------------------------------------------------------------------------------
+# -- derivatives -----------------------------------------------------------------------------------
 
 
 @every_cycle
@@ -200,7 +202,8 @@ def test_hessian_where_only_torques_are_curved(name):
 
 @every_cycle
 def test_a_part_that_no_node_is_made_of_stays(name):
-    """The dummy of the fold and the odd half of a pair: no gradient, no column of A, one on H's diagonal."""
+    """The dummy of the fold and the odd half of a pair: no gradient, no column of A, one on H's
+    diagonal."""
     problem = compiled(name)
     model = blocks(problem, wiggle(problem), multipliers(problem))
     unused = np.repeat(problem.basis.dummies(problem.steps).ravel(), problem.n)
@@ -212,7 +215,7 @@ def test_a_part_that_no_node_is_made_of_stays(name):
     np.testing.assert_array_equal(dense[:, :size, :size][:, unused], [expected, expected])
 
 
-# -- native code, batches, threads ------------------------------------------------------------------
+# -- native code, batches, threads -----------------------------------------------------------------
 
 
 def close(found: np.ndarray, expected: np.ndarray) -> None:
@@ -262,12 +265,13 @@ def test_members_and_threads_do_not_disturb_each_other(name):
             np.testing.assert_array_equal(getattr(same, field)[k], getattr(model, field)[k])
 
 
-# -- solved -----------------------------------------------------------------------------------------
+# -- solved ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["mirrored", "turning", "sideways"])
 def test_a_solved_cycle_does_what_was_asked(name):
-    """The anchor costs nothing, the first pose is where the search began, and the robot looks where it should."""
+    """The anchor costs nothing, the first pose is where the search began, and the robot looks where
+    it should."""
     problem = described(name, terrain=None)
     found = octo.solve(problem, passes=1, device="cpu", max_iterations=500)
     assert found.converged
@@ -284,7 +288,7 @@ def test_a_solved_cycle_does_what_was_asked(name):
     assert found.x[2:, 3].mean() == pytest.approx(problem.start[3] + 0.5 * cycle.turn, abs=0.05)
 
 
-# -- what may change, what is refused ---------------------------------------------------------------
+# -- what may change, what is refused --------------------------------------------------------------
 
 
 def test_the_anchor_follows_what_is_replaced():

@@ -1,4 +1,5 @@
-"""The gradient, A and H of every term and of the constraints against finite differences, in both bases."""
+"""The gradient, A and H of every term and of the constraints against finite differences, in both
+bases."""
 
 from __future__ import annotations
 
@@ -12,13 +13,17 @@ from octo.problem.compiled import CompiledProblem
 from octo.solver.blocks import KKTBlocks
 
 SIZES = np.geomspace(1e-3, 1e-5, 5)  # of a step along a direction of length 1
-COST_CLASSES = [name for name in costs.__all__ if name[0].isupper() and name not in ("Cost", "ContactCost")]
+COST_CLASSES = [
+    name for name in costs.__all__ if name[0].isupper() and name not in ("Cost", "ContactCost")
+]
 
 
 def alone(problem: CompiledProblem, label: str) -> CompiledProblem:
     """The same code with all weights zero but one."""
     changed = [
-        p.replace(costs=[t if t.label == label else dataclasses.replace(t, weight=0.0) for t in p.costs])
+        p.replace(
+            costs=[t if t.label == label else dataclasses.replace(t, weight=0.0) for t in p.costs]
+        )
         for p in problem.problems
     ]
     return CompiledProblem(changed, problem.threads, like=problem)
@@ -41,10 +46,15 @@ def test_gradient_of_a_term(compiled, wiggle, remainder_slope, basis, label):
     at, d = wiggle(problem), direction(problem)
     evaluation = problem.evaluate(at)
     place = [term.label for term in problem.problems[0].costs].index(label)
-    np.testing.assert_allclose(problem.term_values(evaluation)[:, place], evaluation.energy, rtol=1e-12, atol=1e-300)
+    np.testing.assert_allclose(
+        problem.term_values(evaluation)[:, place], evaluation.energy, rtol=1e-12, atol=1e-300
+    )
     assert evaluation.energy.sum() > 1e-9
     b = problem.linearize(evaluation, None).b
-    assert remainder_slope(lambda h: problem.evaluate(at + h * d).energy.sum(), (b * d).sum(), SIZES) > 1.9
+    assert (
+        remainder_slope(lambda h: problem.evaluate(at + h * d).energy.sum(), (b * d).sum(), SIZES)
+        > 1.9
+    )
 
 
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
@@ -57,24 +67,35 @@ def test_jacobian_of_the_constraints(compiled, wiggle, remainder_slope, basis):
     assert remainder_slope(lambda h: problem.evaluate(at + h * d).C, change, SIZES) > 1.9
 
 
-def gradient_of_lagrangian(problem: CompiledProblem, unknowns: np.ndarray, lam: np.ndarray) -> np.ndarray:
+def gradient_of_lagrangian(
+    problem: CompiledProblem, unknowns: np.ndarray, lam: np.ndarray
+) -> np.ndarray:
     model = problem.linearize(problem.evaluate(unknowns), None)
-    gradient = model.b + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(lam)
+    gradient = model.b + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(
+        lam
+    )
     gradient[:, problem.fixed] = 0.0
     return gradient
 
 
-LINEAR = ("Effort", "TorqueLimit", "Posture", "JointVelocity", "JointAcceleration", "PoseTarget")  # in x and u
+# in x and u
+LINEAR = ("Effort", "TorqueLimit", "Posture", "JointVelocity", "JointAcceleration", "PoseTarget")
 TOUCHING = [name for name in COST_CLASSES if issubclass(getattr(costs, name), costs.ContactCost)]
 
 
-@pytest.mark.parametrize("exact", [LINEAR, *((name,) for name in TOUCHING)], ids=["linear", *TOUCHING])
+@pytest.mark.parametrize(
+    "exact", [LINEAR, *((name,) for name in TOUCHING)], ids=["linear", *TOUCHING]
+)
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_exact_hessian(compiled, wiggle, basis, exact):
-    """Of terms linear in x and u, and over contacts, H is the whole second derivative of E + lamᵀC, jumps of laws apart."""
+    """Of terms linear in x and u, and over contacts, H is the whole second derivative of E + lamᵀC,
+    jumps of laws apart."""
     full = compiled(basis)
     changed = [
-        p.replace(costs=[t if t.label in exact else dataclasses.replace(t, weight=0.0) for t in p.costs]) for p in full.problems
+        p.replace(
+            costs=[t if t.label in exact else dataclasses.replace(t, weight=0.0) for t in p.costs]
+        )
+        for p in full.problems
     ]
     problem = CompiledProblem(changed, like=full)
     at, d = wiggle(problem), direction(problem)
@@ -82,23 +103,32 @@ def test_exact_hessian(compiled, wiggle, basis, exact):
     model = problem.linearize(problem.evaluate(at), lam)
     product = KKTBlocks(model.H, model.A, model.b, model.C).hessian_times(d)
     h = 1e-5
-    difference = (gradient_of_lagrangian(problem, at + h * d, lam) - gradient_of_lagrangian(problem, at - h * d, lam)) / (2 * h)
+    difference = (
+        gradient_of_lagrangian(problem, at + h * d, lam)
+        - gradient_of_lagrangian(problem, at - h * d, lam)
+    ) / (2 * h)
     np.testing.assert_allclose(product, difference, atol=1e-6 * np.abs(difference).max())
     plain = problem.linearize(problem.evaluate(at), np.zeros_like(lam))
-    difference = plain.H - problem.linearize(problem.evaluate(at), None).H  # curvature of the residuals themselves
+    # curvature of the residuals themselves
+    difference = plain.H - problem.linearize(problem.evaluate(at), None).H
     assert np.abs(difference).max() > 1e-4 * np.abs(plain.H).max()
 
 
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_other_terms_keep_the_gauss_newton_hessian(compiled, wiggle, basis):
-    """H(lam) − H(no lam) does not know the other terms; and JᵀJ is the whole Hessian of a term whose residual is zero."""
+    """H(lam) − H(no lam) does not know the other terms; and JᵀJ is the whole Hessian of a term
+    whose residual is zero."""
     full = compiled(basis)
     at = wiggle(full)
     lam = np.random.default_rng(5).standard_normal((full.batch, full.K, full.ma))
     evaluation = full.evaluate(at)
     added = full.linearize(evaluation, lam).H - full.linearize(evaluation, None).H
     torque = [
-        p.replace(costs=[dataclasses.replace(t, weight=t.weight if _is_curved(t) else 0.0) for t in p.costs])
+        p.replace(
+            costs=[
+                dataclasses.replace(t, weight=t.weight if _is_curved(t) else 0.0) for t in p.costs
+            ]
+        )
         for p in full.problems
     ]
     only = CompiledProblem(torque, like=full)
@@ -107,19 +137,26 @@ def test_other_terms_keep_the_gauss_newton_hessian(compiled, wiggle, basis):
 
     com = np.stack([_com_velocity(full, nodes) for nodes in evaluation.nodes])
     followed = [
-        p.replace(costs=[
-            dataclasses.replace(t, velocity=v) if t.label == "CenterOfMassVelocity" else dataclasses.replace(t, weight=0.0)
-            for t in p.costs
-        ])
+        p.replace(
+            costs=[
+                dataclasses.replace(t, velocity=v)
+                if t.label == "CenterOfMassVelocity"
+                else dataclasses.replace(t, weight=0.0)
+                for t in p.costs
+            ]
+        )
         for p, v in zip(full.problems, com, strict=True)
-    ]  # fmt: skip
+    ]
     problem = CompiledProblem(followed, like=full)
     d = direction(problem)
     model = problem.linearize(problem.evaluate(at), None)
     assert problem.evaluate(at).energy.max() < 1e-20
     product = KKTBlocks(model.H, model.A, model.b, model.C).hessian_times(d)
     zero, h = np.zeros_like(lam), 1e-5
-    difference = (gradient_of_lagrangian(problem, at + h * d, zero) - gradient_of_lagrangian(problem, at - h * d, zero)) / (2 * h)
+    difference = (
+        gradient_of_lagrangian(problem, at + h * d, zero)
+        - gradient_of_lagrangian(problem, at - h * d, zero)
+    ) / (2 * h)
     np.testing.assert_allclose(product, difference, atol=1e-7 * np.abs(difference).max())
 
 
@@ -141,16 +178,30 @@ def test_derivatives_with_a_fixed_end(compiled, wiggle, remainder_slope, basis):
     """The pinned units are constants: no column of A, no gradient, an identity block of H."""
     free = compiled(basis)
     end = free.start[0] + 0.02
-    problem = CompiledProblem([p.replace(x_end=end, v_end=0.1 * np.ones(9)) for p in free.problems], like=free)
+    problem = CompiledProblem(
+        [p.replace(x_end=end, v_end=0.1 * np.ones(9)) for p in free.problems], like=free
+    )
     at, d = wiggle(problem), direction(problem)
     evaluation = problem.evaluate(at)
     np.testing.assert_allclose(evaluation.nodes[:, -1], end[None].repeat(2, axis=0), atol=1e-15)
     model = problem.linearize(evaluation, None)
     blocks = KKTBlocks(model.H, model.A, model.b, model.C)
-    assert remainder_slope(lambda h: problem.evaluate(at + h * d).energy.sum(), (model.b * d).sum(), SIZES) > 1.9
-    assert remainder_slope(lambda h: problem.evaluate(at + h * d).C, blocks.constraints_times(d), SIZES) > 1.9
+    assert (
+        remainder_slope(
+            lambda h: problem.evaluate(at + h * d).energy.sum(), (model.b * d).sum(), SIZES
+        )
+        > 1.9
+    )
+    assert (
+        remainder_slope(
+            lambda h: problem.evaluate(at + h * d).C, blocks.constraints_times(d), SIZES
+        )
+        > 1.9
+    )
     pinned = np.zeros_like(d)
-    pinned[:, problem.fixed] = np.random.default_rng(0).standard_normal((problem.batch, len(problem.fixed), problem.nc))
+    pinned[:, problem.fixed] = np.random.default_rng(0).standard_normal(
+        (problem.batch, len(problem.fixed), problem.nc)
+    )
     np.testing.assert_array_equal(blocks.constraints_times(pinned), 0.0)
     np.testing.assert_array_equal(blocks.hessian_times(pinned), pinned)
     np.testing.assert_array_equal(model.b[:, problem.fixed], 0.0)

@@ -1,4 +1,5 @@
-"""assemble.c equals CasADi's virtual machine with NumPy; threads and the members of a batch do not disturb each other."""
+"""assemble.c equals CasADi's virtual machine with NumPy; threads and the members of a batch do not
+disturb each other."""
 
 from __future__ import annotations
 
@@ -27,10 +28,14 @@ def interpreted(problem: CompiledProblem) -> CompiledProblem:
 
 
 def close(found: np.ndarray, expected: np.ndarray, relative: float = 1e-11) -> None:
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=relative * max(1e-300, np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(
+        found, expected, rtol=0.0, atol=relative * max(1e-300, np.abs(expected).max(initial=0.0))
+    )
 
 
-def both(problem: CompiledProblem, unknowns: np.ndarray, lam: np.ndarray | None) -> tuple[Evaluation, Model]:
+def both(
+    problem: CompiledProblem, unknowns: np.ndarray, lam: np.ndarray | None
+) -> tuple[Evaluation, Model]:
     at = problem.evaluate(unknowns)
     return at, problem.linearize(at, lam)
 
@@ -44,7 +49,9 @@ def random_lam(problem: CompiledProblem) -> np.ndarray:
 def test_native_equals_interpreted(compiled, wiggle, basis, exact):
     problem = compiled(basis)
     lam = random_lam(problem) if exact else None
-    (at, model), (plain_at, plain) = (both(p, wiggle(problem), lam) for p in (problem, interpreted(problem)))
+    (at, model), (plain_at, plain) = (
+        both(p, wiggle(problem), lam) for p in (problem, interpreted(problem))
+    )
     for name in ("fd", "terms", "energy", "C"):
         close(getattr(at, name), getattr(plain_at, name))
     for name in FIELDS:
@@ -55,7 +62,9 @@ def test_curvature_of_contacts_for_some_members(compiled, wiggle):
     """Of each member, with lam, as if it were alone: Gauss and Newton's or all of it."""
     problem = compiled("nodes")
     lam, at = random_lam(problem), problem.evaluate(wiggle(problem))
-    both_ways = [problem.linearize(at, lam, np.full(problem.batch, value)).H for value in (False, True)]
+    both_ways = [
+        problem.linearize(at, lam, np.full(problem.batch, value)).H for value in (False, True)
+    ]
     np.testing.assert_array_equal(both_ways[1], problem.linearize(at, lam).H)
     assert np.abs(both_ways[1] - both_ways[0]).max() > 1e-3 * np.abs(both_ways[0]).max()
     curved = np.arange(problem.batch) % 2 == 1
@@ -72,7 +81,9 @@ def test_any_number_of_steps(compiled, wiggle, steps, threads):
     """More and less than fill a vector, cut in chunks of whole vectors but for the last."""
     problem = compiled("nodes", threads, steps)
     lam = random_lam(problem)
-    (at, model), (plain_at, plain) = (both(p, wiggle(problem), lam) for p in (problem, interpreted(problem)))
+    (at, model), (plain_at, plain) = (
+        both(p, wiggle(problem), lam) for p in (problem, interpreted(problem))
+    )
     for name in ("fd", "terms", "energy", "C"):
         close(getattr(at, name), getattr(plain_at, name))
     for name in FIELDS:

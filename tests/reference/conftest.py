@@ -1,4 +1,5 @@
-"""Small problems that the reference is compared on: a robot with contact, and user-written dynamics."""
+"""Small problems that the reference is compared on: a robot with contact, and user-written
+dynamics."""
 
 from __future__ import annotations
 
@@ -21,25 +22,39 @@ def _fall(x_next: ca.SX, x: ca.SX, x_prev: ca.SX, p: dict[str, ca.SX]) -> ca.SX:
         return ca.vertcat(q[0], q[0] + p["length"] * ca.sin(q[1]), p["length"] * ca.cos(q[1]))
 
     mass = ca.vertcat(p["cart"], p["pole"], p["pole"])
-    acceleration = (places(x_next) - 2 * places(x) + places(x_prev)) / p["dt"] ** 2 + ca.vertcat(0, 0, 9.81)
+    acceleration = (places(x_next) - 2 * places(x) + places(x_prev)) / p["dt"] ** 2 + ca.vertcat(
+        0, 0, 9.81
+    )
     return ca.jtimes(places(x_next), x_next, mass * acceleration, True)
 
 
 def _cart_pole(**changes: object) -> Problem:
     """The pole balanced from 0.1 rad: one optimum."""
-    dynamics = octo.CustomDynamics(_fall, nx=2, actuated=[0], parameters={"cart": 1.0, "pole": 0.2, "length": 0.5})
-    near = costs.CustomCost(lambda step, p: step.x_next - p["target"], {"target": np.zeros(2)}, name="near")
+    dynamics = octo.CustomDynamics(
+        _fall, nx=2, actuated=[0], parameters={"cart": 1.0, "pole": 0.2, "length": 0.5}
+    )
+    near = costs.CustomCost(
+        lambda step, p: step.x_next - p["target"], {"target": np.zeros(2)}, name="near"
+    )
     terms = [near, costs.Effort(weight=1e-3)]
-    return Problem(dynamics, steps=40, dt=0.05, x0=np.array([0.0, 0.1]), costs=terms).replace(**changes)
+    return Problem(dynamics, steps=40, dt=0.05, x0=np.array([0.0, 0.1]), costs=terms).replace(
+        **changes
+    )
 
 
-def _robot(name: str, steps: int, terms: list[costs.Cost], basis: str | Hermite = "nodes") -> Problem:
+def _robot(
+    name: str, steps: int, terms: list[costs.Cost], basis: str | Hermite = "nodes"
+) -> Problem:
     return Problem(octo.gallery.CHARACTERS[name](), steps=steps, dt=0.05, costs=terms, basis=basis)
 
 
-def _cycle(name: str, steps: int, cycle: octo.Cycle, terms: list[costs.Cost] | None = None) -> Problem:
+def _cycle(
+    name: str, steps: int, cycle: octo.Cycle, terms: list[costs.Cost] | None = None
+) -> Problem:
     """With the natural terms, or others."""
-    problem = Problem(octo.gallery.CHARACTERS[name](), steps=steps, costs=[costs.Effort()], cycle=cycle)
+    problem = Problem(
+        octo.gallery.CHARACTERS[name](), steps=steps, costs=[costs.Effort()], cycle=cycle
+    )
     return problem.replace(costs=costs.natural(length=problem.length) if terms is None else terms)
 
 

@@ -23,7 +23,9 @@ needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C comp
 
 
 def _turned(step, p):
-    return p["gain"] * ca.vertcat(step.com[0] * step.u[0], step.pose("left_shank")[1][2], step.com_velocity[2] ** 2)
+    return p["gain"] * ca.vertcat(
+        step.com[0] * step.u[0], step.pose("left_shank")[1][2], step.com_velocity[2] ** 2
+    )
 
 
 def _between(control, following, p):
@@ -44,11 +46,23 @@ def _cases(
         "end, hermite": cart_pole(basis="hermite", **end),
         "cycle": cycle("mammal", 6, octo.Cycle(speed=0.5, period=0.6)),
         "cycle, odd": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7)),
-        "cycle, turning": cycle("mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)),
+        "cycle, turning": cycle(
+            "mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)
+        ),
     }
 
 
-CASES = ("mammal", "chain", "biped", "cart-pole", "end", "end, hermite", "cycle", "cycle, odd", "cycle, turning")
+CASES = (
+    "mammal",
+    "chain",
+    "biped",
+    "cart-pole",
+    "end",
+    "end, hermite",
+    "cycle",
+    "cycle, odd",
+    "cycle, turning",
+)
 
 
 def _point(made: Nlp) -> np.ndarray:
@@ -57,7 +71,9 @@ def _point(made: Nlp) -> np.ndarray:
 
 def _close(found: object, wanted: np.ndarray) -> None:
     found, wanted = np.asarray(found), np.asarray(wanted)
-    assert found.reshape(wanted.shape) == pytest.approx(wanted, abs=TOLERANCE * max(1.0, np.abs(wanted).max(initial=0.0)))
+    assert found.reshape(wanted.shape) == pytest.approx(
+        wanted, abs=TOLERANCE * max(1.0, np.abs(wanted).max(initial=0.0))
+    )
 
 
 def _dense(made: Nlp, A: np.ndarray) -> np.ndarray:
@@ -85,7 +101,10 @@ def _symmetric(made: Nlp, H: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", CASES)
 def test_expressions_equal_the_compiled_problem(
-    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
+    name: str,
+    cart_pole: Callable[..., Problem],
+    robot: Callable[..., Problem],
+    cycle: Callable[..., Problem],
 ) -> None:
     made = nlp(_cases(cart_pole, robot, cycle)[name])
     c, x, p = made.compiled, _point(made), made.parameters
@@ -100,7 +119,10 @@ def test_expressions_equal_the_compiled_problem(
 @needs_compiler
 @pytest.mark.parametrize("name", CASES)
 def test_library_equals_the_expressions(
-    name: str, cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
+    name: str,
+    cart_pole: Callable[..., Problem],
+    robot: Callable[..., Problem],
+    cycle: Callable[..., Problem],
 ) -> None:
     made = nlp(_cases(cart_pole, robot, cycle)[name])
     library = Library(made.compiled, octo_layout(made.compiled))
@@ -109,7 +131,10 @@ def test_library_equals_the_expressions(
     _close(library.function("nlp_f")(x, p), np.asarray(made.objective(x, p)))
     _close(library.function("nlp_g")(x, p), np.asarray(made.constraints(x, p)))
     _close(library.function("nlp_grad_f")(x, p)[1], np.asarray(made.gradient(x, p)))
-    _close(ca.densify(library.function("nlp_jac_g")(x, p)[1]), np.asarray(ca.densify(made.jacobian(x, p))))
+    _close(
+        ca.densify(library.function("nlp_jac_g")(x, p)[1]),
+        np.asarray(ca.densify(made.jacobian(x, p))),
+    )
     for sigma in (0.7, 0.0):  # IPOPT's restoration asks for the curvature of the constraints alone
         wanted = np.asarray(ca.densify(ca.triu(made.hessian(x, p, sigma, lam))))
         _close(ca.densify(library.function("nlp_hess_l")(x, p, sigma, lam)), wanted)
@@ -121,7 +146,10 @@ def test_terms_between_hermite_controls(cart_pole: Callable[..., Problem]) -> No
     x = _point(made)
     at = made.compiled.evaluate(made.unknowns(x))
     _close(made.objective(x, made.parameters), at.energy)
-    _close(made.gradient(x, made.parameters), point_of(made.compiled, made.compiled.linearize(at, None).b))
+    _close(
+        made.gradient(x, made.parameters),
+        point_of(made.compiled, made.compiled.linearize(at, None).b),
+    )
 
 
 CYCLES = {
@@ -134,7 +162,8 @@ CYCLES = {
 
 @pytest.mark.parametrize("name", CYCLES)
 def test_curvature_of_cycles(name: str, cycle: Callable[..., Problem]) -> None:
-    """octo's exact curvature is that of the Lagrangian where E has terms of torques and linear ones alone."""
+    """octo's exact curvature is that of the Lagrangian where E has terms of torques and linear ones
+    alone."""
     made = nlp(cycle(*CYCLES[name], [costs.Effort()]))
     c, x = made.compiled, _point(made)
     rows = np.random.default_rng(2).standard_normal(made.g.numel())
@@ -142,7 +171,10 @@ def test_curvature_of_cycles(name: str, cycle: Callable[..., Problem]) -> None:
     assert made.g.numel() == c.steps * c.m and len(x) == c.steps * c.n
     assert (rows_of(c, lam) == rows).all()
     H = _symmetric(made, c.linearize(c.evaluate(made.unknowns(x)), lam[None]).H)
-    assert np.linalg.matrix_rank(_dense(made, c.linearize(c.evaluate(made.unknowns(x)), None).A)) == made.g.numel()
+    assert (
+        np.linalg.matrix_rank(_dense(made, c.linearize(c.evaluate(made.unknowns(x)), None).A))
+        == made.g.numel()
+    )
     _close(ca.densify(made.hessian(x, made.parameters, 1.0, rows)), H)
 
 

@@ -27,7 +27,9 @@ SAME = 1e-6  # part of E
 
 
 def _agree(problem: Problem, solvers: tuple[Callable, ...]) -> None:
-    own = octo.solve(problem, start=np.repeat(problem.start[None], problem.steps + 1, axis=0), device="cpu")
+    own = octo.solve(
+        problem, start=np.repeat(problem.start[None], problem.steps + 1, axis=0), device="cpu"
+    )
     assert own.converged
     for solver in solvers:
         run = solver(problem)
@@ -43,8 +45,11 @@ def test_cart_pole_balanced(basis: str | Hermite, cart_pole: Callable[..., Probl
 
 
 def test_settle(robot: Callable[..., Problem]) -> None:
-    """Of the first two terms alone the still stance is a saddle between two optima, each the other's mirror image."""
-    problem = robot("biped", 20, [costs.CenterOfMassVelocity(), costs.Effort(), costs.Posture(weight=0.005)])
+    """Of the first two terms alone the still stance is a saddle between two optima, each the
+    other's mirror image."""
+    problem = robot(
+        "biped", 20, [costs.CenterOfMassVelocity(), costs.Effort(), costs.Posture(weight=0.005)]
+    )
     names = ("contact.w_perp", "contact.w_par", "contact.onset")  # as they are: one pass
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     _agree(problem.replace(parameters={name: values[name] for name in names}), (ipopt, fatrop))
@@ -56,7 +61,8 @@ def test_a_fixed_end(cart_pole: Callable[..., Problem]) -> None:
 
 
 def test_a_cycle(cycle: Callable[..., Problem]) -> None:
-    """From one start; and IPOPT from beside octo's solution, with the multipliers that belong to it."""
+    """From one start; and IPOPT from beside octo's solution, with the multipliers that belong to
+    it."""
     problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))
     stage = schedule(problem, 1)[0]
     assert stage is not None
@@ -91,7 +97,9 @@ def test_history_and_limits(kind: type, cart_pole: Callable[..., Problem]) -> No
     history = run.solution.history
     assert set(history) == set(HISTORY)
     assert len(history["energy"]) >= run.solution.iterations
-    assert (np.diff(history["seconds"]) >= 0.0).all() and history["seconds"][-1] <= run.solution.seconds
+    assert (np.diff(history["seconds"]) >= 0.0).all() and history["seconds"][
+        -1
+    ] <= run.solution.seconds
     assert history["violation"][-1] <= 1e-5 < history["violation"][0]
     assert history["energy"][-1] == pytest.approx(run.solution.energy)
     short = kind(problem, SqpOptions(max_iterations=2)).solve().solution
@@ -107,12 +115,16 @@ def test_ipopt_starts_warm(cart_pole: Callable[..., Problem]) -> None:
 
 
 def test_octos_rule_of_an_acceptable_point_stops_ipopt(cart_pole: Callable[..., Problem]) -> None:
-    run = ipopt(cart_pole(x0=np.array([0.0, 1.5])), options=SqpOptions(dual_tolerance=1e-300, plateau=2, plateau_change=1e-2))
+    run = ipopt(
+        cart_pole(x0=np.array([0.0, 1.5])),
+        options=SqpOptions(dual_tolerance=1e-300, plateau=2, plateau_change=1e-2),
+    )
     assert run.solution.status is Status.ACCEPTABLE and "octo's rule" in run.said
 
 
 def test_one_core_is_one_core(cart_pole: Callable[..., Problem]) -> None:
-    """Asked of the library itself: MUMPS calls a BLAS of CasADi's own, as wide as the machine by default."""
+    """Asked of the library itself: MUMPS calls a BLAS of CasADi's own, as wide as the machine by
+    default."""
     Ipopt(cart_pole())  # loads it
     found = list(Path(ca.__file__).parent.glob("libcasadi-tp-openblas.so*"))
     if not found:
@@ -125,7 +137,9 @@ def test_one_core_is_one_core(cart_pole: Callable[..., Problem]) -> None:
     assert blas.openblas_get_num_threads() == before
 
 
-def test_without_a_compiler_casadi_interprets(cart_pole: Callable[..., Problem], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_casadi_interprets(
+    cart_pole: Callable[..., Problem], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(native, "compiler", lambda: None)
     run = ipopt(cart_pole())
     assert run.solution.status is Status.CONVERGED and not run.compiled

@@ -29,19 +29,28 @@ def split() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
 def _cart_pole() -> octo.CustomDynamics:
     def dynamics(x_next, x, x_prev, p):
         def places(q):
-            return ca.vertcat(q[0], 0.0, q[0] + p["length"] * ca.sin(q[1]), p["length"] * ca.cos(q[1]))
+            return ca.vertcat(
+                q[0], 0.0, q[0] + p["length"] * ca.sin(q[1]), p["length"] * ca.cos(q[1])
+            )
 
         mass = ca.vertcat(p["cart"], p["cart"], p["pole"], p["pole"])
         acceleration = (places(x_next) - 2.0 * places(x) + places(x_prev)) / p["dt"] ** 2
-        return ca.jtimes(places(x_next), x_next, mass * (acceleration + ca.vertcat(0.0, 9.81, 0.0, 9.81)), True)
+        return ca.jtimes(
+            places(x_next), x_next, mass * (acceleration + ca.vertcat(0.0, 9.81, 0.0, 9.81)), True
+        )
 
-    return octo.CustomDynamics(dynamics, nx=2, actuated=[0], parameters={"cart": 1.0, "pole": 0.2, "length": 0.5})
+    return octo.CustomDynamics(
+        dynamics, nx=2, actuated=[0], parameters={"cart": 1.0, "pole": 0.2, "length": 0.5}
+    )
 
 
 def _balance(**changes: Any) -> octo.Problem:
     near = octo.CustomCost(lambda step, p: step.x_next, name="near")
     costs = [near, octo.Effort(weight=1e-3)]
-    return octo.Problem(_cart_pole(), **{"steps": 40, "dt": 0.05, "x0": np.array([0.0, 0.1]), "costs": costs, **changes})
+    return octo.Problem(
+        _cart_pole(),
+        **{"steps": 40, "dt": 0.05, "x0": np.array([0.0, 0.1]), "costs": costs, **changes},
+    )
 
 
 def _swing_up(**changes: Any) -> octo.Problem:

@@ -1,4 +1,5 @@
-"""The loop on user-written dynamics: every kind of step converges; batches, seeds, warm starts and files keep every bit."""
+"""The loop on user-written dynamics: every kind of step converges; batches, seeds, warm starts and
+files keep every bit."""
 
 from __future__ import annotations
 
@@ -43,19 +44,24 @@ def test_balance(balance, basis, name):
 @pytest.mark.parametrize("name", OPTIONS)
 @pytest.mark.parametrize("basis", BASES)
 def test_swing_up(swing_up, turning, basis, name):
-    solution = octo.solve(swing_up(basis=BASES[basis]), options=OPTIONS[name], start=turning, max_iterations=1000)
+    solution = octo.solve(
+        swing_up(basis=BASES[basis]), options=OPTIONS[name], start=turning, max_iterations=1000
+    )
     assert solution.converged and solution.violation <= 1e-5
     np.testing.assert_allclose(solution.x[-1], 0.0, atol=1e-12)
     if basis == "nodes":
         np.testing.assert_allclose(solution.x[-2], 0.0, atol=1e-12)
         assert solution.pointwise_residual <= 1e-5
     work = np.sum(solution.u[:, 0] * np.diff(solution.x[1:, 0]))
-    assert work > 2 * 0.2 * 9.81 * 0.5  # the pole is raised by twice its length; the differences damp
+    # the pole is raised by twice its length; the differences damp
+    assert work > 2 * 0.2 * 9.81 * 0.5
 
 
 def test_all_ways_find_the_same_swing_up(swing_up, turning):
     energies = {
-        name: octo.solve(swing_up(), options=dataclasses.replace(OPTIONS[name], plateau=200), start=turning).energy
+        name: octo.solve(
+            swing_up(), options=dataclasses.replace(OPTIONS[name], plateau=200), start=turning
+        ).energy
         for name in ("exact", "gauss_newton_first")
     }
     assert energies["exact"] == pytest.approx(energies["gauss_newton_first"], rel=1e-4)
@@ -66,17 +72,34 @@ def test_all_ways_find_the_same_swing_up(swing_up, turning):
 def test_a_fully_actuated_arm_has_no_constraints(hessian, step):
     y = np.array([0.0, 1.0, 0.0])
     inertia = np.diag([0.01, 0.01, 0.001])
-    upper = Body("upper", -1, (Joint("shoulder", "hinge", y),), mass=1.0, com=np.array([0, 0, -0.2]), inertia=inertia)
+    upper = Body(
+        "upper",
+        -1,
+        (Joint("shoulder", "hinge", y),),
+        mass=1.0,
+        com=np.array([0, 0, -0.2]),
+        inertia=inertia,
+    )
     lower = Body(
-        "lower", 0, (Joint("elbow", "hinge", y),), np.array([0, 0, -0.4]), mass=0.5, com=np.array([0, 0, -0.2]), inertia=inertia
+        "lower",
+        0,
+        (Joint("elbow", "hinge", y),),
+        np.array([0, 0, -0.4]),
+        mass=0.5,
+        com=np.array([0, 0, -0.2]),
+        inertia=inertia,
     )
     arm = Character("arm", (upper, lower), base="fixed")
     target = np.array([0.6, -0.8])
     costs = [octo.PoseTarget(target, weight=10.0), octo.Effort()]
     for basis in ("nodes", octo.Hermite(5)):
-        problem = octo.Problem(arm, steps=20, dt=0.05, costs=costs, basis=basis, x0=np.array([0.1, 0.1]))
+        problem = octo.Problem(
+            arm, steps=20, dt=0.05, costs=costs, basis=basis, x0=np.array([0.1, 0.1])
+        )
         tolerance = 1e-5 if step == "trust_region" else 2e-7
-        solution = octo.solve(problem, options=octo.SqpOptions(hessian=hessian, step=step, tolerance=tolerance))
+        solution = octo.solve(
+            problem, options=octo.SqpOptions(hessian=hessian, step=step, tolerance=tolerance)
+        )
         assert solution.converged and solution.multipliers.size == 0
         assert solution.violation == solution.pointwise_residual == 0.0
         assert np.abs(solution.x[-1] - target).max() < 0.1
@@ -93,7 +116,11 @@ def test_several_starts_as_one_batch_are_those_of_one_by_one(balance):
     alone = [octo.solve(problem, seed=4 + k) for k in range(3)]
     assert len(seen[0]) == 3 and together.converged
     for record, own in zip(together.starts, alone, strict=True):
-        assert record["iterations"] == own.iterations and record["energy"] == own.energy and record["seed"] == own.seed
+        assert (
+            record["iterations"] == own.iterations
+            and record["energy"] == own.energy
+            and record["seed"] == own.seed
+        )
     same(together, alone[together.seed - 4])
     assert together.energy == min(own.energy for own in alone)
     assert len({own.x.tobytes() for own in alone}) == 3  # the seeds do differ
@@ -101,14 +128,19 @@ def test_several_starts_as_one_batch_are_those_of_one_by_one(balance):
 
 @pytest.mark.parametrize("basis", BASES)
 def test_a_list_of_problems_is_one_batch(balance, basis):
-    """Starts, time steps, parameters, weights and ends of their own: bit for bit the solves one by one."""
+    """Starts, time steps, parameters, weights and ends of their own: bit for bit the solves one by
+    one."""
     longer = balance(parameters={"length": 1.0})
     problems = [
-        balance(), balance(dt=0.04, x0=np.array([0.3, -0.2]), v0=np.array([0.1, -0.2])),
+        balance(),
+        balance(dt=0.04, x0=np.array([0.3, -0.2]), v0=np.array([0.1, -0.2])),
         longer.replace(costs=[dataclasses.replace(c, weight=2.0 * c.weight) for c in longer.costs]),
-    ]  # fmt: skip
+    ]
     for ends in ([None] * 3, [np.zeros(2), np.array([0.1, 0.0]), np.array([-0.2, 0.0])]):
-        listed = [problem.replace(basis=BASES[basis], x_end=end) for problem, end in zip(problems, ends, strict=True)]
+        listed = [
+            problem.replace(basis=BASES[basis], x_end=end)
+            for problem, end in zip(problems, ends, strict=True)
+        ]
         for solution, problem in zip(octo.solve(listed), listed, strict=True):
             assert solution.converged
             np.testing.assert_array_equal(solution.x[1], problem.x0)
@@ -129,7 +161,8 @@ def test_a_warm_start_resumes(swing_up, turning, tmp_path):
     cold.save(tmp_path / "swing.npz")
     for start in (cold, octo.Solution.load(tmp_path / "swing.npz")):
         warm = octo.solve(swing_up(), start=start)
-        assert warm.converged and warm.iterations <= 22 < cold.iterations  # 20 of them see that E does not change
+        # 20 of them see that E does not change
+        assert warm.converged and warm.iterations <= 22 < cold.iterations
         assert warm.energy <= cold.energy * (1 + 1e-4)
     half = octo.solve(swing_up(), start=turning, max_iterations=10)
     assert half.status is Status.ITERATION_LIMIT
@@ -145,7 +178,9 @@ def test_saved_and_loaded(swing_up, turning, tmp_path):
         if isinstance(kept, np.ndarray):
             np.testing.assert_array_equal(kept, found, strict=True)
         elif item.name == "history":
-            assert list(kept) == list(found) and all((kept[name] == found[name]).all() for name in kept)
+            assert list(kept) == list(found) and all(
+                (kept[name] == found[name]).all() for name in kept
+            )
         else:
             assert kept == found, item.name
     assert loaded.report() == solution.report() and str(loaded) == str(solution)
@@ -154,7 +189,12 @@ def test_saved_and_loaded(swing_up, turning, tmp_path):
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 def test_both_linear_solvers_take_the_same_iterations(swing_up, turning):
     first, second = (
-        octo.solve(swing_up(), start=turning, options=octo.SqpOptions(linear_solver=solver), max_iterations=20)
+        octo.solve(
+            swing_up(),
+            start=turning,
+            options=octo.SqpOptions(linear_solver=solver),
+            max_iterations=20,
+        )
         for solver in ("elimination", "cyclic_reduction")
     )
     for name in ("energy", "violation", "step", "sigma", "factorizations", "ratio"):
@@ -164,10 +204,15 @@ def test_both_linear_solvers_take_the_same_iterations(swing_up, turning):
 def test_history_has_a_row_per_iteration(swing_up, turning):
     solution = octo.solve(swing_up(), start=turning)
     history = solution.history
-    assert tuple(history) == HISTORY and {len(column) for column in history.values()} == {solution.iterations}
+    assert tuple(history) == HISTORY and {len(column) for column in history.values()} == {
+        solution.iterations
+    }
     np.testing.assert_array_equal(history["iteration"], np.arange(solution.iterations))
     np.testing.assert_array_equal(history["pass"], 1.0)
-    assert history["factorizations"][-1] == solution.factorizations and (np.diff(history["factorizations"]) >= 1).all()
+    assert (
+        history["factorizations"][-1] == solution.factorizations
+        and (np.diff(history["factorizations"]) >= 1).all()
+    )
     assert (np.diff(history["seconds"]) >= 0).all() and np.isfinite(history["energy"]).all()
     assert set(solution.stages) == {"linearize", "factor", "solve", "evaluate"}
     assert sum(solution.stages.values()) <= solution.seconds
@@ -177,7 +222,12 @@ def test_history_has_a_row_per_iteration(swing_up, turning):
 def test_numbers_of_a_problem_change_without_a_new_model(balance):
     """replace() shares the dynamics: longer poles, other weights, another time step."""
     first = balance()
-    for changes in ({"parameters": {"length": 1.0}}, {"dt": 0.04}, {"steps": 50}, {"costs": [octo.Effort(), first.costs[0]]}):
+    for changes in (
+        {"parameters": {"length": 1.0}},
+        {"dt": 0.04},
+        {"steps": 50},
+        {"costs": [octo.Effort(), first.costs[0]]},
+    ):
         changed = first.replace(**changes)
         assert changed.dynamics is first.dynamics
         assert octo.solve(changed).converged

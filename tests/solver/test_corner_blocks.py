@@ -1,6 +1,8 @@
-"""Corner blocks: a chain that closes on itself, folded in the middle, against dense algebra of the cyclic matrix.
+"""Corner blocks: a chain that closes on itself, folded in the middle, against dense algebra of the
+cyclic matrix.
 
-Node k of N is coupled with k, k − 1 and k − 2 counted around the circle, and so is constraint row k.
+Node k of N is coupled with k, k − 1 and k − 2 counted around the circle, and so is constraint row
+k.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ STEPS = [4, 5, 6, 7, 14, 17]  # two threads share a problem from 8 units on, 13 
 
 @dataclass
 class Cyclic:
-    """Dense H (batch, N n, N n), A (batch, N m, N n) of a closed chain, right-hand sides, and the chain folded."""
+    """Dense H (batch, N n, N n), A (batch, N m, N n) of a closed chain, right-hand sides, and the
+    chain folded."""
 
     H: np.ndarray
     A: np.ndarray
@@ -51,7 +54,8 @@ class Cyclic:
 
 
 def cyclic(seed: int, batch: int, N: int, n: int, m: int, lowered: float = 0.0) -> Cyclic:
-    """H a sum of squares over three neighbouring nodes plus I, minus a random diagonal in [0, lowered)."""
+    """H a sum of squares over three neighbouring nodes plus I, minus a random diagonal in [0,
+    lowered)."""
     random = np.random.default_rng(seed)
     H, A = np.zeros((batch, N, n, N, n)), np.zeros((batch, N, m, N, n))
     for k in range(N):
@@ -69,7 +73,8 @@ def cyclic(seed: int, batch: int, N: int, n: int, m: int, lowered: float = 0.0) 
 
 
 def fold(H: np.ndarray, A: np.ndarray, b: np.ndarray, C: np.ndarray, N: int) -> Cyclic:
-    """By the tables of the stencil: node i + 1 is a part of a unit, residual i a part of a row block."""
+    """By the tables of the stencil: node i + 1 is a part of a unit, residual i a part of a row
+    block."""
     batch, n, m = len(H), H.shape[1] // N, A.shape[1] // N
     s = Folded().stencil(N)
     K, nc, ma = s.units, s.parts * n, s.parts * m
@@ -94,7 +99,8 @@ def fold(H: np.ndarray, A: np.ndarray, b: np.ndarray, C: np.ndarray, N: int) -> 
 
 
 def lags(dense: np.ndarray, K: int) -> np.ndarray:
-    """(batch, K, 3, rows, columns) of a matrix that is symmetric or has nothing above its diagonal."""
+    """(batch, K, 3, rows, columns) of a matrix that is symmetric or has nothing above its
+    diagonal."""
     batch, rows, columns = len(dense), dense.shape[1] // K, dense.shape[2] // K
     blocks = np.zeros((batch, K, 3, rows, columns))
     for k in range(K):
@@ -129,7 +135,8 @@ def solved(system: Cyclic, method, threads: int) -> tuple[np.ndarray, object]:
 def test_solution_and_inertia_are_those_of_the_cyclic_matrix(
     monkeypatch, method, threads, n, m, lowered
 ):
-    """Three members, definite and indefinite; two threads a problem come from both ends of the folded chain."""
+    """Three members, definite and indefinite; two threads a problem come from both ends of the
+    folded chain."""
     monkeypatch.setattr(elimination, "SHARED_WORK", 0)
     wrong = 0
     for N in STEPS:
@@ -164,7 +171,8 @@ def test_stops_where_the_inertia_is_wrong_in_one_member_only(N):
 @pytest.mark.parametrize("compiled", [False, True] if COMPILER else [False])
 @pytest.mark.parametrize("n,m", SIZES)
 def test_normal_step_and_multipliers(compiled, n, m):
-    """The empty rows at the fold are dropped, and no others; what is left is the pseudo-inverse of the cyclic A."""
+    """The empty rows at the fold are dropped, and no others; what is left is the pseudo-inverse of
+    the cyclic A."""
     for N in STEPS:
         system = cyclic(N, 2, N, n, m)
         blocks, inverse = system.folded, np.linalg.pinv(system.A)
@@ -190,16 +198,15 @@ def unfolded(problem: CompiledProblem, blocks: KKTBlocks) -> Cyclic:
     row = ((s.test_row * blocks.ma + s.test_part * problem.m) + np.arange(problem.m)).ravel()
     tall = blocks.units * blocks.nc + row
     H, A = dense[:, variable[:, None], variable], dense[:, tall[:, None], variable]
-    b, C = (
-        blocks.b.reshape(blocks.batch, -1)[:, variable],
-        blocks.C.reshape(blocks.batch, -1)[:, row],
-    )
+    b = blocks.b.reshape(blocks.batch, -1)[:, variable]
+    C = blocks.C.reshape(blocks.batch, -1)[:, row]
     return Cyclic(H, A, b, C, blocks, variable, row)
 
 
 @pytest.mark.parametrize("steps", [12, 13])
 def test_the_cycle_of_a_robot(mammal, steps):
-    """Mirrored, feet in the ground, exact curvature: definite where it is damped, indefinite where it is not."""
+    """Mirrored, feet in the ground, exact curvature: definite where it is damped, indefinite where
+    it is not."""
     described = octo.Problem(
         mammal, steps=steps, costs=octo.costs.natural(), cycle=octo.Cycle(speed=0.5, period=0.6)
     )

@@ -1,4 +1,5 @@
-"""Window elimination against dense linear algebra: solutions, inertia, the first bad unit, dependent rows, NaN."""
+"""Window elimination against dense linear algebra: solutions, inertia, the first bad unit,
+dependent rows, NaN."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from octo.solver.elimination import factorize
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
-SIZES = [(18, 6), (36, 12), (6, 0), (4, 3), (5, 1)]  # Nodes, Hermite, fixed base, cart-pole, odd sizes
+# Nodes, Hermite, fixed base, cart-pole, odd sizes
+SIZES = [(18, 6), (36, 12), (6, 0), (4, 3), (5, 1)]
 UNITS = [1, 2, 3, 4, 9]
 
 
@@ -25,7 +27,9 @@ def reduced_eigenvalues(H: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 def relative_residual(system, dv, lam, sigma=None) -> float:
     size = max(np.abs(system.b).max(), np.abs(system.C).max(initial=0.0))
-    return max(float(np.abs(part).max(initial=0.0)) for part in system.residual(dv, lam, sigma)) / size
+    return (
+        max(float(np.abs(part).max(initial=0.0)) for part in system.residual(dv, lam, sigma)) / size
+    )
 
 
 @pytest.mark.parametrize("nc,ma", SIZES)
@@ -62,7 +66,8 @@ def test_inertia_is_that_of_the_dense_matrix(random_system, split, nc, ma, lower
 
 @pytest.mark.parametrize("rows_touch", [(0, 1, 2), (1, 2), (2,)])
 def test_first_bad_is_the_last_unit_that_cannot_be_left_free(random_system, split, rows_touch):
-    """Unit k is bad when the Hessian is indefinite on {A v = 0, v_j = 0 for j < k} and definite for every k above."""
+    """Unit k is bad when the Hessian is indefinite on {A v = 0, v_j = 0 for j < k} and definite for
+    every k above."""
     K, nc, ma = 6, 6, 4
     for seed in range(6):
         system = random_system(seed, 1, K, nc, ma, lowered=2.5, rows_touch=rows_touch)
@@ -78,7 +83,8 @@ def test_first_bad_is_the_last_unit_that_cannot_be_left_free(random_system, spli
 
 @pytest.mark.parametrize("nc,ma,rank", [(18, 6, 3), (4, 3, 1), (6, 4, 0)])
 def test_structurally_singular_first_rows(random_system, nc, ma, rank):
-    """The rows of the first units may touch fewer variables than they are many, when later units make up for it."""
+    """The rows of the first units may touch fewer variables than they are many, when later units
+    make up for it."""
     system = random_system(3, 2, 8, nc, ma)
     system.A[:, 7, 0] = 0.0  # the rows of the last unit touch earlier ones only
     system.A[:, 6, 0, :, rank:] = 0.0
@@ -113,7 +119,8 @@ def test_dependent_rows_are_counted_and_harmless(random_system, split, kind):
 
 
 def test_rank_deficient_chain_of_fixed_units(random_system):
-    """A fixed last unit (H = I, no columns of A), and more rows than variables in a pair of units, as in Hermite."""
+    """A fixed last unit (H = I, no columns of A), and more rows than variables in a pair of units,
+    as in Hermite."""
     system = random_system(8, 1, 6, 6, 4)
     system.A[:, 5, 0] = 0.0
     system.H[:, 5, 1:] = 0.0
@@ -153,10 +160,16 @@ def test_two_threads_from_both_ends_agree_with_one(random_system, monkeypatch, n
     one = factorize(system.H, system.A, 0.1, stop=False)
     both = factorize(system.H, system.A, 0.1, stop=False, threads=4)
     np.testing.assert_array_equal(one.negative, both.negative)
-    np.testing.assert_array_equal(one.inertia_ok, factorize(system.H, system.A, 0.1, threads=4).inertia_ok)
+    np.testing.assert_array_equal(
+        one.inertia_ok, factorize(system.H, system.A, 0.1, threads=4).inertia_ok
+    )
     np.testing.assert_array_equal(one.first_bad < 0, both.first_bad < 0)
     np.testing.assert_array_equal(one.dependent, both.dependent)
-    for own, other in zip(one.solve(*columns, tolerance=1e-14), both.solve(*columns, tolerance=1e-14, check=True), strict=True):
+    for own, other in zip(
+        one.solve(*columns, tolerance=1e-14),
+        both.solve(*columns, tolerance=1e-14, check=True),
+        strict=True,
+    ):
         np.testing.assert_allclose(own, other, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0)))
     assert both.residual.max() < 1e-9
     again = factorize(system.H, system.A, 0.1, stop=False, threads=4)
@@ -201,7 +214,8 @@ def test_every_shape_of_sigma(random_system, shape):
 def test_columns_are_solved_like_single_right_hand_sides(random_system):
     system = random_system(1, 2, 5, 18, 6)
     factor = factorize(system.H, system.A, 0.1)
-    columns_v, columns_c = np.stack([system.b, 2 * system.b], -1), np.stack([system.C, 0 * system.C], -1)
+    columns_v = np.stack([system.b, 2 * system.b], -1)
+    columns_c = np.stack([system.C, 0 * system.C], -1)
     dv, lam = factor.solve(columns_v, columns_c, tolerance=0.0, check=True)
     assert factor.residual.shape == (2, 2) and (factor.residual < 1e-13).all()
     for c in range(2):

@@ -17,7 +17,8 @@ from octo.solver import export
 from octo.solver.solution import Solution
 
 DT, STEPS = 0.02, 30
-MJCF = """<mujoco><worldbody><body name="trunk" pos="0 0 1" quat=".9 .1 .2 .3"><freejoint/><geom size=".1"/>
+MJCF = """<mujoco><worldbody><body name="trunk" pos="0 0 1" quat=".9 .1 .2 .3"><freejoint/><geom
+  size=".1"/>
 <body name="arm" pos=".1 0 0"><joint type="ball" name="shoulder" pos="0 0 .05"/><geom size=".05"/>
 <body name="hand" pos=".2 0 0"><joint name="wrist" axis="0 1 0" ref="0.3"/>
 <joint name="reach" type="slide"/><geom size=".02"/></body>
@@ -35,9 +36,16 @@ def moving(robot: Character) -> Solution:
     names = tuple(joint.name for joint in robot.joints)
     actuated = tuple(robot.joints[j].name for j in robot.actuated)
     return types.SimpleNamespace(  # type: ignore[return-value]
-        character=robot, x=x, u=np.zeros((STEPS, robot.nu)), dt=DT, times=DT * np.arange(STEPS + 1),
-        joint_names=names, actuated_names=actuated, contact_names=("foot",), contact_force=rng.normal(size=(STEPS, 1, 3)),
-    )  # fmt: skip
+        character=robot,
+        x=x,
+        u=np.zeros((STEPS, robot.nu)),
+        dt=DT,
+        times=DT * np.arange(STEPS + 1),
+        joint_names=names,
+        actuated_names=actuated,
+        contact_names=("foot",),
+        contact_force=rng.normal(size=(STEPS, 1, 3)),
+    )
 
 
 @pytest.fixture
@@ -95,10 +103,13 @@ def test_circular_joints_of_pinocchio_are_cosine_and_sine(file: Path) -> None:
 def test_three_limited_hinges_are_no_ball(tmp_path: Path) -> None:
     """Whatever their names are."""
     hinges = "".join(
-        f'<joint name="arm_{c}" axis="{a}" range="-40 40"/>' for c, a in (("z", "0 0 1"), ("y", "0 1 0"), ("x", "1 0 0"))
+        f'<joint name="arm_{c}" axis="{a}" range="-40 40"/>'
+        for c, a in (("z", "0 0 1"), ("y", "0 1 0"), ("x", "1 0 0"))
     )
     path = tmp_path / "arm.xml"
-    path.write_text(f'<mujoco><worldbody><body>{hinges}<geom size=".1"/></body></worldbody></mujoco>')
+    path.write_text(
+        f'<mujoco><worldbody><body>{hinges}<geom size=".1"/></body></worldbody></mujoco>'
+    )
     assert export.to_mujoco(moving(octo.load(path)))[0].shape[1] == 3
 
 
@@ -107,13 +118,19 @@ def test_csv(tmp_path: Path) -> None:
     export.to_csv(motion, tmp_path / "motion.csv")
     lines = (tmp_path / "motion.csv").read_text().splitlines()
     names = lines[0].split(",")
-    assert names[:2] == ["time (s)", "base_x (m)"] and names[4] == "base_yaw (rad)" and names[-1] == "force foot z (N)"
+    assert (
+        names[:2] == ["time (s)", "base_x (m)"]
+        and names[4] == "base_yaw (rad)"
+        and names[-1] == "force foot z (N)"
+    )
     assert names[15] == "torque front_inner_pitch (N m)"
     rows = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", skip_header=1)
     assert rows.shape == (STEPS + 1, 1 + 14 + 8 + 3)
     assert np.allclose(rows[:, 1:15], motion.x[1:], atol=1e-8)
     assert np.isnan(rows[-1, 15:23]).all() and not np.isnan(rows[:-1, 15:23]).any()
-    assert np.isnan(rows[0, 23:]).all() and np.allclose(rows[1:, 23:], motion.contact_force[:, 0], atol=1e-8)
+    assert np.isnan(rows[0, 23:]).all() and np.allclose(
+        rows[1:, 23:], motion.contact_force[:, 0], atol=1e-8
+    )
 
 
 def test_user_written_dynamics_have_no_bodies() -> None:

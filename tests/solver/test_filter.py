@@ -43,16 +43,21 @@ def test_an_iterate_that_was_left_cannot_come_back():
     violation, energy = float(entries.violation[0, 0]), float(entries.energy[0, 0])
     assert violation < 1.0 and energy < 5.0
     assert not accepts(entries, (3.0, 9.0), (violation, energy))
-    assert accepts(entries, (3.0, 9.0), (violation, energy - 1e-9)) and accepts(entries, (3.0, 9.0), (violation - 1e-9, energy))
+    assert accepts(entries, (3.0, 9.0), (violation, energy - 1e-9)) and accepts(
+        entries, (3.0, 9.0), (violation - 1e-9, energy)
+    )
 
 
 def test_a_steep_slope_asks_for_a_decrease_of_the_energy():
-    """At feasible iterates the switching condition holds: less violation alone is no reason to go up."""
+    """At feasible iterates the switching condition holds: less violation alone is no reason to go
+    up."""
     entries = Filter(of(1.0))
     assert not accepts(entries, (1e-5, 5.0), (0.0, 5.1), slope=-1.0)
     assert not accepts(entries, (1e-5, 5.0), (1e-6, 5.0 - 0.1 * ARMIJO), slope=-1.0)
     assert accepts(entries, (1e-5, 5.0), (1e-4, 5.0 - 2.0 * ARMIJO), slope=-1.0)
-    assert accepts(entries, (1.0, 5.0), (0.5, 5.1), slope=-10.0), "far from feasible the energy may rise"
+    assert accepts(entries, (1.0, 5.0), (0.5, 5.1), slope=-10.0), (
+        "far from feasible the energy may rise"
+    )
     assert not entries.descends(of(1.0), of(1.0), of(0.0))[0], "an ascent never has to descend"
 
 

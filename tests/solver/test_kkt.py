@@ -1,4 +1,5 @@
-"""Cyclic reduction and window elimination agree: solutions, inertia, fixed units, NaN; and the choice between them."""
+"""Cyclic reduction and window elimination agree: solutions, inertia, fixed units, NaN; and the
+choice between them."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ SIZES = [(18, 6), (36, 12), (6, 0), (4, 3), (5, 1)]
 
 
 def fix_last_unit(system) -> None:
-    """As a fixed end state does it: H = I, no columns of A, so that the rows of the last unit touch earlier ones only."""
+    """As a fixed end state does it: H = I, no columns of A, so that the rows of the last unit touch
+    earlier ones only."""
     system.A[:, -1, 0] = 0.0
     system.H[:, -1, 1:] = 0.0
     system.H[:, -1, 0] = np.eye(system.nc)
@@ -77,13 +79,20 @@ def test_both_ways_agree(random_system, nc, ma, fixed, lowered):
         np.testing.assert_array_equal(one.negative, other.negative)
         np.testing.assert_array_equal(one.inertia_ok, other.inertia_ok)
         columns = [np.stack([-part, 2 * part], axis=-1) for part in (system.b, system.C)]
-        for own, paired in zip(one.solve(*columns, tolerance=1e-14), other.solve(*columns, tolerance=1e-14), strict=True):
-            np.testing.assert_allclose(own, paired, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0)))
+        for own, paired in zip(
+            one.solve(*columns, tolerance=1e-14),
+            other.solve(*columns, tolerance=1e-14),
+            strict=True,
+        ):
+            np.testing.assert_allclose(
+                own, paired, atol=1e-9 * max(1.0, np.abs(own).max(initial=0.0))
+            )
 
 
 @needs_compiler
 def test_both_ways_on_a_hermite_like_tail(random_system):
-    """More rows than variables in a unit pair: the last unit fixed, its rows all on the unit before (|u| < n/2)."""
+    """More rows than variables in a unit pair: the last unit fixed, its rows all on the unit before
+    (|u| < n/2)."""
     system = random_system(8, 1, 8, 6, 4)
     fix_last_unit(system)
     solutions = []
@@ -98,8 +107,11 @@ def test_both_ways_on_a_hermite_like_tail(random_system):
 
 @needs_compiler
 def test_both_ways_where_pivots_grow():
-    """In Hermite, with a small radius, a level of the reduction is left with entries from 1e-8 to 1e8."""
-    problem = octo.Problem(octo.gallery.mammal(), steps=40, dt=0.025, costs=octo.costs.paper(), basis="hermite")
+    """In Hermite, with a small radius, a level of the reduction is left with entries from 1e-8 to
+    1e8."""
+    problem = octo.Problem(
+        octo.gallery.mammal(), steps=40, dt=0.025, costs=octo.costs.paper(), basis="hermite"
+    )
 
     def energies(method: Method):
         options = SqpOptions(linear_solver=method, max_iterations=14)
@@ -119,7 +131,9 @@ def test_dependent_rows_in_cyclic_reduction(random_system):
     assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-10
 
 
-@pytest.mark.parametrize("method", ["cyclic_reduction", pytest.param("elimination", marks=needs_compiler)])
+@pytest.mark.parametrize(
+    "method", ["cyclic_reduction", pytest.param("elimination", marks=needs_compiler)]
+)
 def test_a_nan_member_leaves_the_others_bit_identical(random_system, method):
     system = random_system(2, 3, 9, 6, 4)
     expected = factorize(system.H.copy(), system.A, method=method).solve(-system.b, -system.C)

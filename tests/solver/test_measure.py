@@ -19,21 +19,34 @@ STEPS, DT, RADIUS = 12, 0.05, 0.02
 def block() -> Character:
     """3 kg on four spheres, with a flywheel that gives it an actuator."""
     corners = [(0.2 * a, 0.1 * b, -0.1) for a in (1, -1) for b in (1, -1)]
-    contacts = tuple(ContactSphere(f"corner_{k}", 0, np.array(c), RADIUS) for k, c in enumerate(corners))
+    contacts = tuple(
+        ContactSphere(f"corner_{k}", 0, np.array(c), RADIUS) for k, c in enumerate(corners)
+    )
     wheel = Joint("wheel", "hinge", np.array([0.0, 1.0, 0.0]), torque_limit=2.0)
     inertia = np.diag([0.01, 0.02, 0.03])
     body = Body("block", -1, floating_base(), mass=2.0, inertia=inertia)
-    return Character("block", (body, Body("wheel", 0, (wheel,), mass=1.0, inertia=inertia)), contacts)
+    return Character(
+        "block", (body, Body("wheel", 0, (wheel,), mass=1.0, inertia=inertia)), contacts
+    )
 
 
-def moving(slope: float = 0.0, speed: float = 0.3, depth: float = 0.004) -> tuple[CompiledProblem, dict]:
-    """The block slides level over the ground at constant speed, ``depth`` m in it; fields of the Solution."""
+def moving(
+    slope: float = 0.0, speed: float = 0.3, depth: float = 0.004
+) -> tuple[CompiledProblem, dict]:
+    """The block slides level over the ground at constant speed, ``depth`` m in it; fields of the
+    Solution."""
     x0 = np.array([0.0, 0.0, 0.1 + RADIUS - depth, 0.0, 0.0, 0.0, 0.0])
     v0 = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
     problem = octo.Problem(
-        block(), steps=STEPS, dt=DT, x0=x0, v0=v0, costs=octo.costs.paper(), terrain=octo.Plane(slope=slope),
+        block(),
+        steps=STEPS,
+        dt=DT,
+        x0=x0,
+        v0=v0,
+        costs=octo.costs.paper(),
+        terrain=octo.Plane(slope=slope),
         parameters={"contact.w_perp": 3e4, "contact.w_par": 3e5, "contact.onset": 0.0},
-    )  # fmt: skip
+    )
     compiled = CompiledProblem([problem])
     nodes = (x0 + DT * v0 * np.arange(-1, STEPS + 1)[:, None])[None]
     return compiled, measure.measured(compiled, compiled.evaluate(compiled.unknowns(nodes)), 0)
@@ -41,9 +54,14 @@ def moving(slope: float = 0.0, speed: float = 0.3, depth: float = 0.004) -> tupl
 
 def solution(fields: dict, **changes) -> Solution:
     other = {
-        "multipliers": np.zeros(0), "status": octo.Status.ITERATION_LIMIT, "iterations": 0, "factorizations": 0,
-        "history": {}, "seconds": 0.0, "setup_seconds": 0.0,
-    }  # fmt: skip
+        "multipliers": np.zeros(0),
+        "status": octo.Status.ITERATION_LIMIT,
+        "iterations": 0,
+        "factorizations": 0,
+        "history": {},
+        "seconds": 0.0,
+        "setup_seconds": 0.0,
+    }
     return Solution(**{**fields, **other, **changes})
 
 
@@ -51,18 +69,25 @@ def test_feet_that_slide():
     _, fields = moving()
     found = solution(fields)
     normal, along = 3e4 * 0.004**2, 3e5 * 0.004**2 * 0.3
-    np.testing.assert_allclose(found.contact_force, np.broadcast_to([-along, 0.0, normal], (STEPS, 4, 3)), rtol=1e-9)
+    np.testing.assert_allclose(
+        found.contact_force, np.broadcast_to([-along, 0.0, normal], (STEPS, 4, 3)), rtol=1e-9
+    )
     np.testing.assert_allclose(found.contact_depth, 0.004, rtol=1e-9)
     np.testing.assert_allclose(found.contact_point[0, 0], [0.2 + 0.3 * DT, 0.1, -0.004], atol=0.005)
     assert found.contact_names == ("corner_0", "corner_1", "corner_2", "corner_3")
-    assert found.slip == pytest.approx(0.3) and found.penetration == found.penetration_max == pytest.approx(0.004)
+    assert found.slip == pytest.approx(
+        0.3
+    ) and found.penetration == found.penetration_max == pytest.approx(0.004)
     assert found.friction_use == found.friction_use_95 == pytest.approx(along / normal)
     assert found.loaded.all()
-    np.testing.assert_allclose(found.com[-1] - found.com[0], [0.3 * STEPS * DT, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        found.com[-1] - found.com[0], [0.3 * STEPS * DT, 0.0, 0.0], atol=1e-12
+    )
 
 
 def test_residual_and_violation_are_newtons():
-    """At constant velocity FD is gravity and contact alone: the missing force, and the moment over ℓ, in N."""
+    """At constant velocity FD is gravity and contact alone: the missing force, and the moment over
+    ℓ, in N."""
     compiled, fields = moving()
     normal, along = 4 * 3e4 * 0.004**2, 4 * 3e5 * 0.004**2 * 0.3
     length = compiled.problems[0].length
@@ -72,7 +97,11 @@ def test_residual_and_violation_are_newtons():
     rows = compiled.evaluate(fields["unknowns"][None]).fd[0]
     np.testing.assert_allclose(rows[:, 0], along, rtol=1e-9)
     np.testing.assert_allclose(rows[:, 2], missing, rtol=1e-9)
-    assert fields["violation"] == fields["pointwise_residual"] == pytest.approx(max(missing, along, moment), rel=0.05)
+    assert (
+        fields["violation"]
+        == fields["pointwise_residual"]
+        == pytest.approx(max(missing, along, moment), rel=0.05)
+    )
 
 
 def test_torques_and_terms():

@@ -1,4 +1,5 @@
-"""AAᵀ factored: the normal step, projections and multipliers against the dense pseudo-inverse, on both ways."""
+"""AAᵀ factored: the normal step, projections and multipliers against the dense pseudo-inverse, on
+both ways."""
 
 from __future__ import annotations
 
@@ -21,14 +22,20 @@ def test_against_the_dense_pseudo_inverse(random_system, split, compiled, nc, ma
     _, A = split(system)
     inverse = np.linalg.pinv(A)
     step = factor.least_norm(-system.C)
-    np.testing.assert_allclose(step.reshape(2, -1), -(inverse @ system.C.reshape(2, -1, 1))[..., 0], atol=1e-10)
+    np.testing.assert_allclose(
+        step.reshape(2, -1), -(inverse @ system.C.reshape(2, -1, 1))[..., 0], atol=1e-10
+    )
     np.testing.assert_allclose(system.constraints_times(step), -system.C, atol=1e-11)
     lam = factor.multipliers(system.b)
     turned = np.swapaxes(inverse, -1, -2)
-    np.testing.assert_allclose(lam.reshape(2, -1), -(turned @ system.b.reshape(2, -1, 1))[..., 0], atol=1e-10)
+    np.testing.assert_allclose(
+        lam.reshape(2, -1), -(turned @ system.b.reshape(2, -1, 1))[..., 0], atol=1e-10
+    )
     left = factor.project(np.stack([system.b, 2 * system.b], axis=-1))
     np.testing.assert_allclose(system.constraints_times(left), 0.0, atol=1e-10)
-    np.testing.assert_allclose(left[..., 0], system.b + system.constraints_transposed_times(lam), atol=1e-10)
+    np.testing.assert_allclose(
+        left[..., 0], system.b + system.constraints_transposed_times(lam), atol=1e-10
+    )
     assert not factor.dropped.any()
 
 
@@ -54,7 +61,9 @@ def test_dependent_rows_are_dropped(random_system, split, compiled, kind):
     left = system.b[0].ravel() - inverse @ (A @ system.b[0].ravel())
     np.testing.assert_allclose(factor.project(system.b).ravel(), left, atol=1e-9)
     consistent = system.constraints_times(system.b)
-    np.testing.assert_allclose(system.constraints_times(factor.least_norm(consistent)), consistent, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        system.constraints_times(factor.least_norm(consistent)), consistent, rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("compiled", COMPILED)
@@ -77,7 +86,10 @@ def test_refinement_recovers_what_squaring_loses(random_system, split, compiled)
     factor = NormalFactor(system.A, compiled=compiled)
     consistent = system.constraints_times(system.b)
     expected = np.linalg.pinv(split(system)[1][0]) @ consistent.ravel()
-    errors = [np.abs(factor.least_norm(consistent, refine=steps).ravel() - expected).max() for steps in (0, 1)]
+    errors = [
+        np.abs(factor.least_norm(consistent, refine=steps).ravel() - expected).max()
+        for steps in (0, 1)
+    ]
     assert errors[1] < 1e-8 and errors[1] < 1e-2 * errors[0]
 
 

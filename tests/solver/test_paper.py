@@ -31,12 +31,21 @@ class Recorder(TrustRegion):
             self.tried.clear()
             move = self.move(at, lam, model, iteration)
             row = {
-                "before": radius, "after": self.radius.copy(), "mu": self.mu.copy(), "accepted": move.accepted,
+                "before": radius,
+                "after": self.radius.copy(),
+                "mu": self.mu.copy(),
+                "accepted": move.accepted,
                 "length": self.tried[0],
-                "merit": (self._merit(at), self._merit(move.at)), "taken": move.taken, "converged": move.converged,
-                "violation": (largest(at.C) * self.problem.weight, largest(move.at.C) * self.problem.weight),
-                "same": (move.at.unknowns == at.unknowns).all(axis=(1, 2)) & (move.lam == lam).all(axis=(1, 2)),
-            }  # fmt: skip
+                "merit": (self._merit(at), self._merit(move.at)),
+                "taken": move.taken,
+                "converged": move.converged,
+                "violation": (
+                    largest(at.C) * self.problem.weight,
+                    largest(move.at.C) * self.problem.weight,
+                ),
+                "same": (move.at.unknowns == at.unknowns).all(axis=(1, 2))
+                & (move.lam == lam).all(axis=(1, 2)),
+            }
             rows.append(row)
             at, lam = move.at, move.lam
         return rows
@@ -73,7 +82,9 @@ def test_radius_rules(rows):
         taken = row["accepted"]
         base = np.where(np.isinf(row["before"]), row["length"], row["before"])
         np.testing.assert_allclose(row["after"][taken], 1.2 * base[taken])
-        assert (row["length"] <= np.where(np.isinf(row["before"]), np.inf, row["before"]) * (1 + 1e-9)).all()
+        assert (
+            row["length"] <= np.where(np.isinf(row["before"]), np.inf, row["before"]) * (1 + 1e-9)
+        ).all()
         np.testing.assert_allclose(row["after"][~taken], 0.8 * row["length"][~taken])
         if number:
             np.testing.assert_array_equal(row["before"], rows[number - 1]["after"])
@@ -97,7 +108,8 @@ def test_it_ends_on_the_step_and_the_constraints(rows):
 
 
 def test_energy_is_normalised_by_the_start(swing_up, balance, turning):
-    """E_obj is 1 at the start and E_reg is 1e-4‖u‖² over the steps, for each member; the problem itself keeps its numbers."""
+    """E_obj is 1 at the start and E_reg is 1e-4‖u‖² over the steps, for each member; the problem
+    itself keeps its numbers."""
     problem = CompiledProblem([balance(x0=np.array([0.0, tilt])) for tilt in (0.1, 0.5)])
     unknowns = problem.unknowns(np.repeat(problem.start[:, None], 42, axis=1))
     plain = problem.evaluate(unknowns)
@@ -110,14 +122,23 @@ def test_energy_is_normalised_by_the_start(swing_up, balance, turning):
 
 
 def test_steps_within_the_same_radius_rule_in_the_history(swing_up, turning):
-    history = octo.solve(swing_up(), start=turning, options=SqpOptions.paper(), max_iterations=80).history
+    history = octo.solve(
+        swing_up(), start=turning, options=SqpOptions.paper(), max_iterations=80
+    ).history
     taken = history["taken"] > 0.0
-    np.testing.assert_allclose(history["radius"][1:][taken[1:]] / history["radius"][:-1][taken[1:]], 1.2)
-    assert (history["radius"][1:][~taken[1:]] <= 0.8 * history["radius"][:-1][~taken[1:]] * (1 + 1e-9)).all()
+    np.testing.assert_allclose(
+        history["radius"][1:][taken[1:]] / history["radius"][:-1][taken[1:]], 1.2
+    )
+    assert (
+        history["radius"][1:][~taken[1:]] <= 0.8 * history["radius"][:-1][~taken[1:]] * (1 + 1e-9)
+    ).all()
     assert (np.diff(history["energy"]) != 0.0)[taken[:-1]].all()
 
 
 def test_a_start_that_is_the_solution_already(balance):
-    """Standing still with nothing to do: E is 0 / 0 in the paper's normalisation, and ends at once here."""
-    solution = octo.solve(balance(x0=np.zeros(2)), start=np.zeros((41, 2)), options=SqpOptions.paper())
+    """Standing still with nothing to do: E is 0 / 0 in the paper's normalisation, and ends at once
+    here."""
+    solution = octo.solve(
+        balance(x0=np.zeros(2)), start=np.zeros((41, 2)), options=SqpOptions.paper()
+    )
     assert solution.status is Status.CONVERGED and solution.energy < 1e-20

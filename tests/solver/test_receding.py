@@ -1,4 +1,5 @@
-"""The real-time iteration against the general one: the same step, multipliers and gains from the same trajectory."""
+"""The real-time iteration against the general one: the same step, multipliers and gains from the
+same trajectory."""
 
 from __future__ import annotations
 
@@ -20,7 +21,9 @@ SIGMA = 1e-4
 @pytest.fixture(scope="module")
 def case():
     robot = octo.load("mammal")
-    problem = octo.Problem(robot, steps=9, dt=0.04, costs=octo.costs.locomotion((0.3, 0.0, 0.0)), law=Compliant())
+    problem = octo.Problem(
+        robot, steps=9, dt=0.04, costs=octo.costs.locomotion((0.3, 0.0, 0.0)), law=Compliant()
+    )
     compiled = CompiledProblem([problem])
     compiled.prepare()
     rng = np.random.default_rng(0)
@@ -29,7 +32,8 @@ def case():
 
 
 def general(problem, nodes, lam=None, sigma=SIGMA):
-    """Step and multipliers of the ordinary solver's parts, with nodes[0] and nodes[1] as x_{-1} and x_0."""
+    """Step and multipliers of the ordinary solver's parts, with nodes[0] and nodes[1] as x_{-1} and
+    x_0."""
     own = CompiledProblem([problem])
     own.constant[0, :2] = nodes[:2]
     at = own.evaluate(own.unknowns(nodes[None]))
@@ -78,7 +82,9 @@ def test_exact_curvature_is_the_general_solver_s(case):
     lam = 1e-3 * np.random.default_rng(1).standard_normal((9, 6))
     horizon.nodes[:], horizon.guess[2:] = nodes, lam
     assert horizon.feedback(True, horizon.prepare(True))
-    np.testing.assert_allclose(horizon.step, general(problem, nodes, lam, horizon.sigma[0])[1], atol=1e-9)
+    np.testing.assert_allclose(
+        horizon.step, general(problem, nodes, lam, horizon.sigma[0])[1], atol=1e-9
+    )
 
 
 def test_evaluate_gives_e_and_c(case):
@@ -92,7 +98,8 @@ def test_evaluate_gives_e_and_c(case):
 
 
 def test_gain_of_linear_dynamics_is_exact():
-    """A cart with a weight on a spring: one iteration solves it from anywhere, so differences of its answers are the gain."""
+    """A cart with a weight on a spring: one iteration solves it from anywhere, so differences of
+    its answers are the gain."""
 
     def fd(x_next, x, x_prev, p):
         accelerated = (x_next - 2 * x + x_prev) / p["dt"] ** 2
@@ -101,7 +108,11 @@ def test_gain_of_linear_dynamics_is_exact():
 
     aim = octo.CustomCost(function=lambda step, p: step.x_next, weight=3.0)
     problem = octo.Problem(
-        octo.CustomDynamics(fd, 2, [0], {"dt": 0.05}), steps=12, dt=0.05, costs=[aim, octo.Effort(weight=0.01)], x0=np.ones(2)
+        octo.CustomDynamics(fd, 2, [0], {"dt": 0.05}),
+        steps=12,
+        dt=0.05,
+        costs=[aim, octo.Effort(weight=0.01)],
+        x0=np.ones(2),
     )
     horizon = RecedingHorizon(CompiledProblem([problem]), 1e-9)
 
@@ -114,7 +125,9 @@ def test_gain_of_linear_dynamics_is_exact():
     rng = np.random.default_rng(2)
     start, change = rng.normal(size=(2, 2)), rng.normal(size=(2, 2))
     moved = answer(start + change) - answer(start)
-    np.testing.assert_allclose(horizon.gain() @ np.concatenate([change[1], change[0]]), moved, atol=1e-8)
+    np.testing.assert_allclose(
+        horizon.gain() @ np.concatenate([change[1], change[0]]), moved, atol=1e-8
+    )
 
 
 def test_refuses_what_it_cannot_do(case):
@@ -127,7 +140,8 @@ def test_refuses_what_it_cannot_do(case):
 
 
 def test_without_a_compiler(case):
-    """The general parts give the same step, multipliers, gain and values; exact curvature raises sigma until it can be used."""
+    """The general parts give the same step, multipliers, gain and values; exact curvature raises
+    sigma until it can be used."""
     problem, compiled, nodes = case
     plain = CompiledProblem([problem])
     plain.__dict__["_library"] = None
@@ -137,7 +151,9 @@ def test_without_a_compiler(case):
         assert horizon.feedback(usable=horizon.prepare())
         horizon.evaluate()
     for name in ("step", "lam", "fd", "terms", "C"):
-        np.testing.assert_allclose(getattr(slow, name), getattr(fast, name), rtol=1e-7, atol=1e-8, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(slow, name), getattr(fast, name), rtol=1e-7, atol=1e-8, err_msg=name
+        )
     np.testing.assert_allclose(slow.gain(), fast.gain(), atol=1e-7)
     assert slow.energy == pytest.approx(fast.energy)
     lam = 1e-3 * np.random.default_rng(1).standard_normal((9, 6))

@@ -1,4 +1,5 @@
-"""The weight sigma is raised until the inertia is right, remembered, and no larger than eight times what is needed."""
+"""The weight sigma is raised until the inertia is right, remembered, and no larger than eight times
+what is needed."""
 
 from __future__ import annotations
 
@@ -12,7 +13,12 @@ from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import GROW, SHRINK, Regularisation
 
-METHODS = ["cyclic_reduction", pytest.param("elimination", marks=pytest.mark.skipif(native.compiler() is None, reason="no gcc"))]
+METHODS = [
+    "cyclic_reduction",
+    pytest.param(
+        "elimination", marks=pytest.mark.skipif(native.compiler() is None, reason="no gcc")
+    ),
+]
 
 
 def negatives(system, sigma: np.ndarray) -> np.ndarray:
@@ -79,11 +85,14 @@ def test_a_member_that_is_not_finite_gives_up_alone(random_system, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_member_factored_again_leaves_the_others(random_system, method):
-    """Their weights and their steps to the last bit: a member of a batch goes the way that it goes alone."""
+    """Their weights and their steps to the last bit: a member of a batch goes the way that it goes
+    alone."""
     system = random_system(0, 3, 6, 5, 2, lowered=4.0)
     weight = made(3, method)
     factors, before, _ = factorize(weight, system)
-    held, count, step = weight.last.copy(), weight.factorizations.copy(), factors.solve(-system.b, -system.C)
+    held = weight.last.copy()
+    count = weight.factorizations.copy()
+    step = factors.solve(-system.b, -system.C)
     weight.local[1, 2] = 1e3
     again = np.array([False, True, False])
     sigma, has = weight.factorize(factors, again)
@@ -93,7 +102,9 @@ def test_a_member_factored_again_leaves_the_others(random_system, method):
     dv, lam = factors.solve(-system.b, -system.C)
     np.testing.assert_array_equal(dv[::2], step[0][::2])
     np.testing.assert_array_equal(lam[::2], step[1][::2])
-    stationarity, feasibility = system.residual(dv, lam, choose(again, sigma, before)[:, None] + weight.local)
+    stationarity, feasibility = system.residual(
+        dv, lam, choose(again, sigma, before)[:, None] + weight.local
+    )
     assert max(np.abs(stationarity).max(), np.abs(feasibility).max()) < 1e-8
 
 
@@ -110,12 +121,20 @@ def test_weights_of_single_units_are_added(random_system):
 
 
 REFUSED = {
-    "hessian": ("exakt", "did you mean exact"), "step": ("dogleg", "line_search"), "linear_solver": ("lu", "elimination"),
-    "tolerance": (0.0, "must be positive"), "step_tolerance": (-1.0, "must be positive"), "cap": (np.nan, "must be positive"),
-    "time_limit": (0.0, "must be positive"), "max_iterations": (0, "whole number of at least 1"),
-    "plateau": (1.5, "whole number"), "gauss_newton_first": (-1, "at least 0"), "first_sigma": ("much", "must be positive"),
-    "c_max": (None, "must be positive"), "dual_tolerance": (np.inf * 0, "must be positive"),
-}  # fmt: skip
+    "hessian": ("exakt", "did you mean exact"),
+    "step": ("dogleg", "line_search"),
+    "linear_solver": ("lu", "elimination"),
+    "tolerance": (0.0, "must be positive"),
+    "step_tolerance": (-1.0, "must be positive"),
+    "cap": (np.nan, "must be positive"),
+    "time_limit": (0.0, "must be positive"),
+    "max_iterations": (0, "whole number of at least 1"),
+    "plateau": (1.5, "whole number"),
+    "gauss_newton_first": (-1, "at least 0"),
+    "first_sigma": ("much", "must be positive"),
+    "c_max": (None, "must be positive"),
+    "dual_tolerance": (np.inf * 0, "must be positive"),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -129,7 +148,9 @@ def test_options_name_what_is_wrong(name):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, "ten", None, 2.5])
 def test_whole_numbers_of_options(value):
-    with pytest.raises(ValueRangeError, match="max_iterations is .*, must be a whole number of at least 1"):
+    with pytest.raises(
+        ValueRangeError, match="max_iterations is .*, must be a whole number of at least 1"
+    ):
         SqpOptions(max_iterations=value)
 
 

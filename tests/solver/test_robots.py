@@ -1,4 +1,5 @@
-"""A second of a robot on its feet, in both bases and over passes: found within the laws of physics, and told honestly."""
+"""A second of a robot on its feet, in both bases and over passes: found within the laws of physics,
+and told honestly."""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ from octo.solver.solution import Status
 
 def standing(robot=None, speed: float = 0.0, **changes) -> octo.Problem:
     costs = octo.costs.paper((speed, 0.0, 0.0))
-    return octo.Problem(robot or octo.gallery.biped(), **{"steps": 20, "dt": 0.05, "costs": costs, **changes})
+    return octo.Problem(
+        robot or octo.gallery.biped(), **{"steps": 20, "dt": 0.05, "costs": costs, **changes}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +65,8 @@ def test_the_acceleration_of_the_centre_of_mass_is_the_contacts(two_passes):
     acceleration = np.diff(com, n=2, axis=0) / solution.dt**2
     mass = solution.weight / 9.81
     force = solution.contact_force.sum(axis=1) + [0.0, 0.0, -solution.weight]
-    np.testing.assert_allclose(mass * acceleration, force, atol=0.05 * solution.weight)  # rotations are differenced, not the com
+    # rotations are differenced, not the com
+    np.testing.assert_allclose(mass * acceleration, force, atol=0.05 * solution.weight)
 
 
 def test_a_second_pass_halves_the_penetration(two_passes):
@@ -95,7 +99,8 @@ def interrupted(problem: octo.Problem, stop) -> octo.Solution:
 
 
 def test_stopping_while_the_stiffness_grows_keeps_the_converged_pass():
-    """The first iterations of a pass are at stiffnesses on the way to its own: nothing after the stop is computed."""
+    """The first iterations of a pass are at stiffnesses on the way to its own: nothing after the
+    stop is computed."""
     for stops in (lambda at: at.number == 2, _ctrl_c):
         seen: list[int] = []
 
@@ -119,17 +124,28 @@ def test_ctrl_c_between_two_passes_keeps_the_converged_pass(monkeypatch):
     def press(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module("octo.solve"), "moved", press)  # octo.solve is the function
+    # octo.solve is the function
+    monkeypatch.setattr(importlib.import_module("octo.solve"), "moved", press)
     solution = interrupted(standing(), lambda at: None)
     assert [record["converged"] for record in solution.passes] == [True]
 
 
 def test_passes_are_said_by_how_deep_feet_sink():
     problem = standing()
-    first, second = (stage.parameters(problem.weight) for stage in passes.schedule(problem, 2) if stage is not None)
-    assert first["contact.w_perp"] == pytest.approx(problem.weight / 4 / (0.08 * problem.length) ** 2)  # on four feet
+    first, second = (
+        stage.parameters(problem.weight)
+        for stage in passes.schedule(problem, 2)
+        if stage is not None
+    )
+    # on four feet
+    assert first["contact.w_perp"] == pytest.approx(
+        problem.weight / 4 / (0.08 * problem.length) ** 2
+    )
     assert second["contact.w_perp"] == pytest.approx(4 * first["contact.w_perp"])
-    assert [len(passes.schedule(p, None)) for p in (problem, problem.replace(basis="hermite"))] == [4, 1]
+    assert [len(passes.schedule(p, None)) for p in (problem, problem.replace(basis="hermite"))] == [
+        4,
+        1,
+    ]
     fixed = problem.replace(parameters={"contact.w_perp": 1e5})
     assert passes.schedule(fixed, None) == [None]
     with pytest.raises(ProblemError, match="passes is 2"):
@@ -137,7 +153,8 @@ def test_passes_are_said_by_how_deep_feet_sink():
 
 
 def test_moved_nodes_begin_at_the_new_start():
-    before, after = standing(), standing(parameters={"contact.w_perp": 1e6, "contact.w_par": 1e7}, v0=0.1 * np.ones(14))
+    before = standing()
+    after = standing(parameters={"contact.w_perp": 1e6, "contact.w_par": 1e7}, v0=0.1 * np.ones(14))
     nodes = np.repeat(before.start[None], 22, axis=0) + np.linspace(0.0, 0.1, 22)[:, None]
     nodes[1] = before.start
     shifted = passes.moved(nodes, before, after)
@@ -148,11 +165,16 @@ def test_moved_nodes_begin_at_the_new_start():
 
 def test_threads_and_batches_of_a_robot(two_passes):
     """Three threads find what one does; the members of a batch are the solves of their own."""
-    problem = standing(parameters={"contact.w_perp": 1e4, "contact.w_par": 1e5, "contact.onset": 0.01})
+    problem = standing(
+        parameters={"contact.w_perp": 1e4, "contact.w_par": 1e5, "contact.onset": 0.01}
+    )
     together = octo.solve(problem, seeds=2, max_iterations=25)
     for k in range(2):
         alone = octo.solve(problem, seed=k, max_iterations=25)
-        assert (together.starts[k]["energy"], together.starts[k]["violation"]) == (alone.energy, alone.violation)
+        assert (together.starts[k]["energy"], together.starts[k]["violation"]) == (
+            alone.energy,
+            alone.violation,
+        )
     threaded = octo.solve(problem, seeds=2, max_iterations=25, threads=3)
     assert threaded.energy == pytest.approx(together.energy, rel=1e-6)
     again = octo.solve(problem, seeds=2, max_iterations=25, threads=3)
@@ -163,8 +185,15 @@ def test_elimination_and_cyclic_reduction_on_a_robot():
     problem = CompiledProblem([standing(basis="hermite")])
     nodes = np.repeat(problem.start[:, None], 22, axis=1)
     results = [
-        sqp.run(problem, problem.unknowns(nodes), None, SqpOptions(linear_solver=solver, max_iterations=15))
+        sqp.run(
+            problem,
+            problem.unknowns(nodes),
+            None,
+            SqpOptions(linear_solver=solver, max_iterations=15),
+        )
         for solver in ("elimination", "cyclic_reduction")
     ]
     for name in ("energy", "violation", "sigma"):
-        np.testing.assert_allclose(results[0].history[0][name], results[1].history[0][name], rtol=1e-4, atol=1e-7)
+        np.testing.assert_allclose(
+            results[0].history[0][name], results[1].history[0][name], rtol=1e-4, atol=1e-7
+        )

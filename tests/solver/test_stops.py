@@ -1,4 +1,5 @@
-"""Every way a solve can end: what is returned, what it is called, and that the other members of a batch do not notice."""
+"""Every way a solve can end: what is returned, what it is called, and that the other members of a
+batch do not notice."""
 
 from __future__ import annotations
 
@@ -36,7 +37,9 @@ def test_a_start_that_is_not_finite_ends_alone(swing_up, turning):
         assert result.iterations[1] == 0 and result.history[1]["iteration"].shape == (0,)
         for k in (0, 2):
             alone = sqp.run(CompiledProblem([swing_up()]), unknowns[[k]], None, options)
-            assert result.status[k] is alone.status[0] and result.iterations[k] == alone.iterations[0]
+            assert (
+                result.status[k] is alone.status[0] and result.iterations[k] == alone.iterations[0]
+            )
             np.testing.assert_array_equal(result.at.unknowns[k], alone.at.unknowns[0])
             np.testing.assert_array_equal(result.lam[k], alone.lam[0])
             for name in ("energy", "violation", "sigma", "factorizations"):
@@ -46,7 +49,9 @@ def test_a_start_that_is_not_finite_ends_alone(swing_up, turning):
 def test_a_term_that_is_not_finite_is_said(balance):
     broken = octo.CustomCost(lambda step, p: 1.0 / (step.x_next[0] - step.x_next[0]), name="broken")
     solution = octo.solve(balance(costs=[broken]))
-    assert solution.status is Status.NOT_FINITE and not solution.converged and solution.iterations == 0
+    assert (
+        solution.status is Status.NOT_FINITE and not solution.converged and solution.iterations == 0
+    )
 
 
 def test_limit_of_iterations(swing_up, turning):
@@ -59,12 +64,14 @@ def test_limit_of_iterations(swing_up, turning):
 
 
 def test_the_best_iterate_is_returned_and_not_the_last(swing_up, turning):
-    """Gauss–Newton steps go up and down: whatever the limit, nothing that was seen is better than what is returned."""
+    """Gauss–Newton steps go up and down: whatever the limit, nothing that was seen is better than
+    what is returned."""
     options, better = SqpOptions(hessian="gauss_newton"), 0
     whole = octo.solve(swing_up(), start=turning, options=options, max_iterations=30).history
     for limit in range(1, 29):
         solution = octo.solve(swing_up(), start=turning, options=options, max_iterations=limit)
-        seen = [score(whole, row) for row in range(limit + 1)]  # the last one is where the limit left it
+        # the last one is where the limit left it
+        seen = [score(whole, row) for row in range(limit + 1)]
         assert solution.energy + 100.0 * solution.violation == pytest.approx(min(seen), rel=1e-9)
         better += min(seen) < seen[-1]
     assert better > 3
@@ -91,7 +98,9 @@ def test_a_callback_sees_every_iteration_and_may_stop(swing_up, turning, paper):
     assert all((at.number, at.passes, at.nodes.shape) == (1, 1, (1, 42, 2)) for at in seen)
     np.testing.assert_allclose([at.energy[0] for at in seen[:-1]], solution.history["energy"][1:])
     assert "E " in seen[0].words and "N" in seen[0].words
-    scores = [score(solution.history, row) for row in range(5)] + [seen[-1].energy[0] + 100.0 * seen[-1].violation[0]]
+    scores = [score(solution.history, row) for row in range(5)] + [
+        seen[-1].energy[0] + 100.0 * seen[-1].violation[0]
+    ]
     assert solution.energy + 100.0 * solution.violation == pytest.approx(min(scores))
 
 
@@ -129,7 +138,10 @@ def test_a_stop_is_not_forgotten():
 def test_a_progress_line_on_the_error_stream(swing_up, turning, capfd):
     solution = octo.solve(swing_up(), start=turning, progress=True)
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("octo: pass")]
-    assert lines[-1].startswith(f"octo: pass 1/1, iteration {solution.iterations - 1}: E ") and "‖C‖∞" in lines[-1]
+    assert (
+        lines[-1].startswith(f"octo: pass 1/1, iteration {solution.iterations - 1}: E ")
+        and "‖C‖∞" in lines[-1]
+    )
 
 
 def test_members_leave_when_they_are_done(balance):
@@ -138,14 +150,21 @@ def test_members_leave_when_they_are_done(balance):
     counts = []
     found = octo.solve(problems, callback=lambda at: counts.append(len(at.energy)))
     assert counts[0] == 3 and counts == sorted(counts, reverse=True)
-    assert len({solution.iterations for solution in found}) > 1 and all(solution.converged for solution in found)
+    assert len({solution.iterations for solution in found}) > 1 and all(
+        solution.converged for solution in found
+    )
 
 
 @pytest.mark.parametrize("options", [SqpOptions(), SqpOptions.paper()])
 def test_ends_that_no_motion_joins(options):
-    """A mass that nothing pushes cannot come to rest elsewhere: never called converged, and the violation is said."""
-    free = octo.CustomDynamics(lambda x_next, x, x_prev, p: (x_next - 2 * x + x_prev) / p["dt"] ** 2, 2, [0], {"dt": 0.1})
-    problem = octo.Problem(free, steps=10, dt=0.1, x0=np.zeros(2), x_end=np.ones(2), costs=[octo.Effort()])
+    """A mass that nothing pushes cannot come to rest elsewhere: never called converged, and the
+    violation is said."""
+    free = octo.CustomDynamics(
+        lambda x_next, x, x_prev, p: (x_next - 2 * x + x_prev) / p["dt"] ** 2, 2, [0], {"dt": 0.1}
+    )
+    problem = octo.Problem(
+        free, steps=10, dt=0.1, x0=np.zeros(2), x_end=np.ones(2), costs=[octo.Effort()]
+    )
     solution = octo.solve(problem, max_iterations=300, options=options)
     assert not solution.converged and solution.status in (Status.STALLED, Status.ITERATION_LIMIT)
     assert solution.violation > 0.1

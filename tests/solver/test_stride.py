@@ -1,4 +1,5 @@
-"""A solved cycle carried on: continuous, still a solution, in a file and tiled again; robots that are not symmetric."""
+"""A solved cycle carried on: continuous, still a solution, in a file and tiled again; robots that
+are not symmetric."""
 
 from __future__ import annotations
 
@@ -68,13 +69,15 @@ def test_a_tiled_cycle_goes_on_without_a_seam(name):
 
 @every_cycle
 def test_a_tiled_cycle_is_still_a_solution(name):
-    """Twenty strides as a plain problem: its C, u and contacts are those that were carried along."""
+    """Twenty strides as a plain problem: its C, u and contacts are those that were carried
+    along."""
     tiles = solved(name).tile(20)
     problem = same_laws(described(name), tiles)
     at = problem.evaluate(problem.unknowns(tiles.x[None]))
     np.testing.assert_allclose(at.nodes[0], tiles.x, atol=1e-12)
     reduced, rows = (float(values[0]) for values in measure.violations(problem, at))
-    near = {"rtol": 0.2, "atol": 1e-7}  # moments are over ℓ, the base's height at the start: another one in mid-stride
+    # moments are over ℓ, the base's height at the start: another one in mid-stride
+    near = {"rtol": 0.2, "atol": 1e-7}
     np.testing.assert_allclose(reduced, solved(name).violation, **near)
     np.testing.assert_allclose(rows, solved(name).pointwise_residual, **near)
     assert tiles.pointwise_residual == pytest.approx(rows, rel=0.2, abs=1e-7)
@@ -122,7 +125,8 @@ def test_refused():
 
 
 def lopsided() -> octo.Character:
-    """A mammal whose trunk has its centre of mass 5 mm to the left, in a file that calls it symmetric."""
+    """A mammal whose trunk has its centre of mass 5 mm to the left, in a file that calls it
+    symmetric."""
     robot = octo.gallery.mammal()
     trunk = robot.bodies[robot.base_body]
     aside = dataclasses.replace(trunk, com=trunk.com + [0.0, 0.005, 0.0])
@@ -131,7 +135,8 @@ def lopsided() -> octo.Character:
 
 
 def test_the_image_of_a_robot_that_is_not_symmetric_says_so():
-    """The mirrored half does not hold by itself; the whole stride, begun from both halves, does, and soon."""
+    """The mirrored half does not hold by itself; the whole stride, begun from both halves, does,
+    and soon."""
     problem = Problem(
         lopsided(),
         steps=13,

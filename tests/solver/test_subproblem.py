@@ -17,7 +17,9 @@ def directions(system) -> tuple[Directions, NormalFactor]:
     size = system.units * system.nc
 
     def solve(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rhs = -np.concatenate([system.b.reshape(system.batch, -1), C.reshape(system.batch, -1)], axis=1)
+        rhs = -np.concatenate(
+            [system.b.reshape(system.batch, -1), C.reshape(system.batch, -1)], axis=1
+        )
         x = np.linalg.solve(matrix, rhs[..., None])[..., 0]
         return x[:, :size].reshape(system.b.shape), x[:, size:].reshape(C.shape)
 
@@ -29,7 +31,16 @@ def directions(system) -> tuple[Directions, NormalFactor]:
 
 def subproblem(system, radius) -> tuple[Step, Directions, NormalFactor]:
     at, normal = directions(system)
-    return minimize(system, at, normal.project, np.broadcast_to(np.asarray(radius, dtype=float), (system.batch,))), at, normal
+    return (
+        minimize(
+            system,
+            at,
+            normal.project,
+            np.broadcast_to(np.asarray(radius, dtype=float), (system.batch,)),
+        ),
+        at,
+        normal,
+    )
 
 
 def test_a_large_radius_gives_the_kkt_step(random_system):
@@ -42,13 +53,16 @@ def test_a_large_radius_gives_the_kkt_step(random_system):
 
 @pytest.mark.parametrize("part", [0.05, 0.3, 0.7, 1.5])
 def test_the_step_is_the_best_of_its_plane_in_the_ball(random_system, part):
-    """Members of one batch have radii of their own; a million points of the plane's disc are no better."""
+    """Members of one batch have radii of their own; a million points of the plane's disc are no
+    better."""
     system = random_system(1, 3, 4, 4, 2)
     at, _ = directions(system)
     radius = part * np.sqrt(inner(at.full, at.full)) * [1.0, 0.5, 2.0]
     step, _, normal = subproblem(system, radius)
     assert (np.sqrt(inner(step.delta, step.delta)) <= radius * (1 + 1e-9)).all()
-    angle, size = (g.ravel() for g in np.meshgrid(np.linspace(0.0, 2 * np.pi, 721), np.linspace(0.0, 1.0, 201)))
+    angle, size = (
+        g.ravel() for g in np.meshgrid(np.linspace(0.0, 2 * np.pi, 721), np.linspace(0.0, 1.0, 201))
+    )
     theta = np.minimum(1.0, 0.8 * radius / np.sqrt(inner(at.normal, at.normal)))
     hessian, _ = dense_parts(system)
     for k in range(system.batch):
@@ -61,11 +75,18 @@ def test_the_step_is_the_best_of_its_plane_in_the_ball(random_system, part):
         room = np.sqrt(radius[k] ** 2 - v @ v)
         z = room * size * np.stack([np.cos(angle), np.sin(angle)])
         b2, H2 = plane.T @ gradient, plane.T @ hessian[k] @ plane
-        values = b2 @ z + 0.5 * np.einsum("ip,ij,jp->p", z, H2, z) + system.b[k].ravel() @ v + 0.5 * v @ hessian[k] @ v
+        values = (
+            b2 @ z
+            + 0.5 * np.einsum("ip,ij,jp->p", z, H2, z)
+            + system.b[k].ravel() @ v
+            + 0.5 * v @ hessian[k] @ v
+        )
         assert step.energy[k] <= values.min() + 1e-9 * np.abs(values).max()
         assert step.energy[k] >= values.min() - 1e-3 * np.ptp(values)
         delta = step.delta[k].ravel()
-        assert step.energy[k] == pytest.approx(system.b[k].ravel() @ delta + 0.5 * delta @ hessian[k] @ delta)
+        assert step.energy[k] == pytest.approx(
+            system.b[k].ravel() @ delta + 0.5 * delta @ hessian[k] @ delta
+        )
         np.testing.assert_allclose(delta - v, plane @ (plane.T @ (delta - v)), atol=1e-10)
 
 
@@ -86,15 +107,23 @@ def test_near_the_minimum_of_the_whole_space(random_system, part):
         b, C = system.b.ravel(), system.C.ravel()
         theta = min(1.0, 0.8 * radius / float(np.linalg.norm(at.normal)))
         best = scipy_minimize(
-            lambda d, H=H, b=b: 0.5 * d @ H @ d + b @ d, theta * at.normal.ravel(), jac=lambda d, H=H, b=b: H @ d + b,
-            hess=lambda d, H=H: H, method="trust-constr", options={"gtol": 1e-9, "xtol": 1e-12},
+            lambda d, H=H, b=b: 0.5 * d @ H @ d + b @ d,
+            theta * at.normal.ravel(),
+            jac=lambda d, H=H, b=b: H @ d + b,
+            hess=lambda d, H=H: H,
+            method="trust-constr",
+            options={"gtol": 1e-9, "xtol": 1e-12},
             constraints=[
                 LinearConstraint(A, -theta * C, -theta * C),
                 NonlinearConstraint(
-                    lambda d: d @ d, -np.inf, radius**2, jac=lambda d: 2 * d[None], hess=lambda d, v: 2 * v[0] * np.eye(len(d))
+                    lambda d: d @ d,
+                    -np.inf,
+                    radius**2,
+                    jac=lambda d: 2 * d[None],
+                    hess=lambda d, v: 2 * v[0] * np.eye(len(d)),
                 ),
             ],
-        )  # fmt: skip
+        )
         start = theta * at.normal.ravel()
         at_start = 0.5 * start @ H @ start + b @ start
         assert step.energy[0] >= best.fun - 1e-5 * abs(best.fun)
@@ -109,7 +138,9 @@ def test_constraints_are_relaxed_by_theta(random_system, part):
     length = np.sqrt(inner(at.normal, at.normal))
     step, _, _ = subproblem(system, part * length)
     theta = min(1.0, 0.8 * part)
-    np.testing.assert_allclose(step.residual, (1.0 - theta) * np.sqrt(inner(system.C, system.C)), atol=1e-10)
+    np.testing.assert_allclose(
+        step.residual, (1.0 - theta) * np.sqrt(inner(system.C, system.C)), atol=1e-10
+    )
 
 
 def test_without_constraints_and_without_a_gradient(random_system):
@@ -121,11 +152,17 @@ def test_without_constraints_and_without_a_gradient(random_system):
     np.testing.assert_array_equal(step.delta, 0.0)
 
 
-@pytest.mark.parametrize("hessian", [(2.0, 0.3, 1.0), (1.0, 0.0, 0.0), (1.0, 2.0, 1.0), (-1.0, 0.2, -3.0), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "hessian",
+    [(2.0, 0.3, 1.0), (1.0, 0.0, 0.0), (1.0, 2.0, 1.0), (-1.0, 0.2, -3.0), (0.0, 0.0, 0.0)],
+)
 def test_two_by_two(hessian):
     """Definite, singular and indefinite, against a search over the disc."""
     random = np.random.default_rng(0)
-    angle, size = (g.ravel() for g in np.meshgrid(np.linspace(0.0, 2 * np.pi, 1441), np.linspace(0.0, 1.0, 301)))
+    angle, size = (
+        g.ravel()
+        for g in np.meshgrid(np.linspace(0.0, 2 * np.pi, 1441), np.linspace(0.0, 1.0, 301))
+    )
     for radius in (0.1, 1.0, 5.0):
         g = random.standard_normal(2)
         (a, b, c), arrays = hessian, [np.array([v]) for v in (*hessian, *g, radius)]
@@ -133,5 +170,9 @@ def test_two_by_two(hessian):
         assert z1[0] ** 2 + z2[0] ** 2 <= radius**2 * (1 + 1e-9)
         x, y = radius * size * np.cos(angle), radius * size * np.sin(angle)
         values = g[0] * x + g[1] * y + 0.5 * (a * x * x + 2 * b * x * y + c * y * y)
-        found = g[0] * z1[0] + g[1] * z2[0] + 0.5 * (a * z1[0] ** 2 + 2 * b * z1[0] * z2[0] + c * z2[0] ** 2)
+        found = (
+            g[0] * z1[0]
+            + g[1] * z2[0]
+            + 0.5 * (a * z1[0] ** 2 + 2 * b * z1[0] * z2[0] + c * z2[0] ** 2)
+        )
         assert values.min() - 1e-3 * np.ptp(values) <= found <= values.min() + 1e-9 * np.ptp(values)

@@ -1,4 +1,5 @@
-"""A snake of equal links, five unless told otherwise: 14 degrees of freedom, standing like a low bridge."""
+"""A snake of equal links, five unless told otherwise: 14 degrees of freedom, standing like a low
+bridge."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ DOWN, ASIDE = 1.3, 0.6  # rad, of the default pose
 
 
 def chain(links: int = 5) -> Character:
-    """Equal capsules of 1 kg and 0.4 m, the middle one is the base; each joint pitches, then yaws: 4 + 2 ``links`` coordinates.
+    """Equal capsules of 1 kg and 0.4 m, the middle one is the base; each joint pitches, then yaws:
+    4 + 2 ``links`` coordinates.
 
     Raises
     ------
@@ -35,7 +37,10 @@ def chain(links: int = 5) -> Character:
         names = _names(end, count)
         for k, name in enumerate(names):
             pitch, yaw = _bend(k, links)
-            hinges = (Hinge("pitch", "y", -1.8, 1.8, sign * pitch, 10.0), Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0))
+            hinges = (
+                Hinge("pitch", "y", -1.8, 1.8, sign * pitch, 10.0),
+                Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0),
+            )
             parent = builder.link(name, parent, position, hinges, (sign * LINK, 0.0, 0.0), RADIUS)
             position = (sign * LINK, 0.0, 0.0)
             builder.sphere(name, parent, position, RADIUS)
@@ -47,11 +52,14 @@ def chain(links: int = 5) -> Character:
 
 def _names(end: str, count: int) -> list[str]:
     """From the base outward."""
-    return [f"{end}_{'inner' if k == 0 else 'outer' if k == count - 1 else k + 1}" for k in range(count)]
+    return [
+        f"{end}_{'inner' if k == 0 else 'outer' if k == count - 1 else k + 1}" for k in range(count)
+    ]
 
 
 def _bend(k: int, links: int) -> tuple[float, float]:
-    """Pitch (of the front) and yaw of a side's joint ``k``: the first link of a side leads down, the rest lie in a zigzag.
+    """Pitch (of the front) and yaw of a side's joint ``k``: the first link of a side leads down,
+    the rest lie in a zigzag.
 
     Fewer than five lie flat: on two knees and one tip they would fall over.
     """

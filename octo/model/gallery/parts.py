@@ -1,4 +1,5 @@
-"""What the characters of the gallery are made of: links of one density, hinges, spheres; mirrored left and right."""
+"""What the characters of the gallery are made of: links of one density, hinges, spheres; mirrored
+left and right."""
 
 from __future__ import annotations
 
@@ -11,7 +12,11 @@ import numpy as np
 from octo.model.character import Array, Body, Character, ContactSphere, Joint, floating_base
 from octo.model.kinematics import sphere_centers
 
-AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
+AXES = {
+    "x": np.array([1.0, 0.0, 0.0]),
+    "y": np.array([0.0, 1.0, 0.0]),
+    "z": np.array([0.0, 0.0, 1.0]),
+}
 SIDES = (("left", 1.0), ("right", -1.0))  # y points left
 
 
@@ -27,7 +32,8 @@ class Hinge:
     torque: float  # N m
 
     def mirrored(self, side: float) -> Hinge:
-        """The same hinge on the other side of the x–z plane when ``side`` is -1: turns about x and z change sign."""
+        """The same hinge on the other side of the x–z plane when ``side`` is -1: turns about x and
+        z change sign."""
         if side > 0 or self.axis == "y":
             return self
         return replace(self, lower=-self.upper, upper=-self.lower, default=-self.default)
@@ -43,8 +49,11 @@ class Builder:
     pairs: list[tuple[str, str]] = field(default_factory=list)
     default: list[float] = field(default_factory=list)
 
-    def base(self, name: str, start: Sequence[float], end: Sequence[float], radius: float, *more: tuple) -> int:
-        """The floating base: a capsule and ``more`` capsules (start, end, radius) rigidly joined to it."""
+    def base(
+        self, name: str, start: Sequence[float], end: Sequence[float], radius: float, *more: tuple
+    ) -> int:
+        """The floating base: a capsule and ``more`` capsules (start, end, radius) rigidly joined to
+        it."""
         self.default += [0.0] * 6
         return self._add(Body(name, -1, floating_base()), [(start, end, radius), *more])
 
@@ -60,32 +69,47 @@ class Builder:
         start: Sequence[float] = (0.0, 0.0, 0.0),
         turn: float = 0.0,
     ) -> int:
-        """A capsule from ``start`` to ``end`` (m, own frame) that hangs on ``parent`` at ``position`` by ``hinges``.
+        """A capsule from ``start`` to ``end`` (m, own frame) that hangs on ``parent`` at
+        ``position`` by ``hinges``.
 
         ``turn`` (rad) turns the link's frame about the parent's z axis.
         """
         cos, sin = math.cos(turn), math.sin(turn)
         rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         joints = tuple(
-            Joint(f"{name}_{h.name}", "hinge", AXES[h.axis], lower=h.lower, upper=h.upper, torque_limit=h.torque)
+            Joint(
+                f"{name}_{h.name}",
+                "hinge",
+                AXES[h.axis],
+                lower=h.lower,
+                upper=h.upper,
+                torque_limit=h.torque,
+            )
             for h in hinges
         )
         self.default += [h.default for h in hinges]
-        body = Body(name, parent, joints, position=np.asarray(position, dtype=float), rotation=rotation)
+        body = Body(
+            name, parent, joints, position=np.asarray(position, dtype=float), rotation=rotation
+        )
         return self._add(body, [(start, end, radius), *more])
 
     def sphere(self, name: str, body: int, position: Sequence[float], radius: float) -> None:
         self.contacts.append(ContactSphere(name, body, np.asarray(position, dtype=float), radius))
 
     def finish(self, mass: float, feet: Sequence[str]) -> Character:
-        """Give all links the density that makes the total ``mass`` (kg); number the spheres called ``feet`` first."""
+        """Give all links the density that makes the total ``mass`` (kg); number the spheres called
+        ``feet`` first."""
         density = mass / sum(body.mass for body in self.bodies)
-        bodies = tuple(replace(b, mass=density * b.mass, inertia=density * b.inertia) for b in self.bodies)
+        bodies = tuple(
+            replace(b, mass=density * b.mass, inertia=density * b.inertia) for b in self.bodies
+        )
         names = [*feet, *(c.name for c in self.contacts if c.name not in feet)]
         by_name = {contact.name: contact for contact in self.contacts}
         contacts = tuple(by_name[name] for name in names)
         pairs = tuple((names.index(a), names.index(b)) for a, b in self.pairs)
-        character = Character(self.name, bodies, contacts, pairs, default_pose=np.array(self.default))
+        character = Character(
+            self.name, bodies, contacts, pairs, default_pose=np.array(self.default)
+        )
         return replace(character, default_pose=_on_the_ground(character, np.array(self.default)))
 
     def _add(self, body: Body, capsules: Sequence[tuple]) -> int:
@@ -94,21 +118,27 @@ class Builder:
         return len(self.bodies) - 1
 
 
-def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> tuple[float, Array, Array]:
-    """Volume (m³), centroid (3,) m and inertia (3, 3) m⁵ about it, at unit density, of a capsule."""
+def capsule(
+    start: Sequence[float], end: Sequence[float], radius: float
+) -> tuple[float, Array, Array]:
+    """Volume (m³), centroid (3,) m and inertia (3, 3) m⁵ about it, at unit density, of a
+    capsule."""
     a, b = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     length = float(np.linalg.norm(b - a))
     axis = (b - a) / length if length > 0.0 else AXES["z"]
     cylinder, ball = math.pi * radius**2 * length, 4.0 / 3.0 * math.pi * radius**3
     along = cylinder * radius**2 / 2 + ball * 2 * radius**2 / 5
     # Two half balls whose centroids lie 3/8 radius outside the cylinder's ends.
-    across = cylinder * (radius**2 / 4 + length**2 / 12) + ball * (2 * radius**2 / 5 + length**2 / 4 + 3 * length * radius / 8)
+    across = cylinder * (radius**2 / 4 + length**2 / 12) + ball * (
+        2 * radius**2 / 5 + length**2 / 4 + 3 * length * radius / 8
+    )
     outer = np.outer(axis, axis)
     return cylinder + ball, (a + b) / 2, along * outer + across * (np.eye(3) - outer)
 
 
 def compound(capsules: Sequence[tuple]) -> tuple[float, Array, Array]:
-    """Volume, centroid and inertia about it of several capsules (start, end, radius) joined rigidly."""
+    """Volume, centroid and inertia about it of several capsules (start, end, radius) joined
+    rigidly."""
     parts = [capsule(*c) for c in capsules]
     volume = sum(v for v, _, _ in parts)
     com = sum((v * c for v, c, _ in parts), np.zeros(3)) / volume
