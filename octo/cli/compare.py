@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from octo.checks import ending
+from octo.checks import ending, whole
 from octo.cli.arguments import law_of, number, pose_of, positive, robot_of, terrain_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
@@ -81,8 +81,10 @@ def run(arguments: argparse.Namespace) -> int:
     # after the checks: it takes longer to import than they take
     from octo.bench.contest import Contest, Entry
     from octo.reference.run import OPTIONS
-    from octo.solve import resolve_device
+    from octo.solve import LARGEST_SEED, MOST_STARTS, resolve_device
 
+    whole("seeds", arguments.seeds, most=MOST_STARTS)
+    whole("seed", arguments.seed, 0, LARGEST_SEED)
     device = resolve_device(arguments.device)
     problem = (
         repeated(robot, cycle, arguments)

@@ -234,3 +234,21 @@ def test_an_interrupted_run_that_is_not_finite_stays_interrupted():
     lam = np.zeros((compiled.K, compiled.ma))
     for status, expected in ((Status.INTERRUPTED,) * 2, (Status.STALLED, Status.NOT_FINITE)):
         assert solution_of(compiled, unknowns, lam, status, **own).status is expected
+
+
+@pytest.mark.parametrize(
+    ("flag", "value", "most"),
+    [
+        ("--seeds", "9" * 300, "100000"),
+        ("--seeds", "100001", "100000"),
+        ("--seed", "9" * 300, "18446744073709551615"),
+        ("--seed", "18446744073709551616", "18446744073709551615"),
+    ],
+)
+def test_starts_that_never_end_are_refused(
+    capsys: pytest.CaptureFixture[str], flag: str, value: str, most: str
+) -> None:
+    assert main([*TINY, flag, value]) == 2
+    assert f"{flag[2:]} is" in (said := capsys.readouterr().err)
+    assert said.rstrip().endswith(f"must be at most {most}")
+    assert len(said) < 500
