@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from octo import cache, native
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
+from octo.interrupts import postponed
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ class Monolithic:
     Jacobian.
     """
 
+    @postponed()
     def __init__(self, dynamics: RobotDynamics, plain: bool = False):
         n, self.plain = dynamics.nx, plain
         with _without_cse() if plain else nullcontext():

@@ -11,7 +11,7 @@ import os
 import sys
 from typing import NoReturn, TextIO
 
-from octo.cli.interrupts import like_ctrl_c
+from octo.interrupts import like_ctrl_c
 
 
 def run() -> NoReturn:

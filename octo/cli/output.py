@@ -10,9 +10,9 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from octo.cli.interrupts import postponed
 from octo.errors import MissingExtraError, OctoError, OutputError
 from octo.files import file_name, place, reason, scratch
+from octo.interrupts import postponed
 
 Writer = Callable[[Path], object]
 PICTURES = (".png", ".html", ".pdf", ".svg")  # that cost no numbers when they fail

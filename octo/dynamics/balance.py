@@ -19,6 +19,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import StaticPoseError
+from octo.interrupts import postponed
 from octo.model.character import Array
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.terrain import normal
@@ -58,6 +59,7 @@ class Balance:
     # --- the ground -------------------------------------------------------------------------------
 
     @cached_property
+    @postponed()
     def _ground(self) -> ca.Function:
         """Signed distance (m) and outward normal (3,) of the terrain at a point (3,) m."""
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)

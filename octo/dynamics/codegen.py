@@ -22,6 +22,7 @@ from octo.dynamics.laws import ContactLaw
 from octo.dynamics.long import MOST, brisk, check_length
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
+from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
@@ -38,10 +39,12 @@ HEAD = """#ifndef __CUDACC_RTC__
 HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
 
+@postponed()
 def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
 
 
+@postponed()
 def robot_text(
     character: Character,
     law: ContactLaw,
@@ -83,6 +86,7 @@ def robot_text(
     return "\n".join([HEAD, source("lanes.c"), *made, _macros(sizes), *tables, *common, *steps])
 
 
+@postponed()
 def function_text(fd: ca.Function, lanes: bool = False) -> str:
     """C text of user-written dynamics FD(x_next, x, x_prev, p) -> (n,), for one time step or for
     one in every lane."""
@@ -156,6 +160,7 @@ def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
         check_length("these user-written dynamics", max(expected, function.n_instructions()), HINT)
 
 
+@postponed()
 def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
     """C text of a function with a time step in every lane, compiled as hard as its length
     allows."""

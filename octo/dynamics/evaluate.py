@@ -19,6 +19,7 @@ from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
 from octo.dynamics.symbolic import forward_dynamics
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
+from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
@@ -80,6 +81,7 @@ class Dynamics:
         return native.load(self.lanes_text() + codegen.source("batch.c"))
 
     @cached_property
+    @postponed()
     def _machine(self) -> tuple[ca.Function, ca.Function, ca.Function]:
         """FD, Jacobian and curvature for CasADi's virtual machine: (3n, NP[, n]) -> rows."""
         n, size = self.nx, self.layout.size
@@ -248,6 +250,7 @@ class CustomDynamics(Dynamics):
     parameters: names and defaults of p; ``dt`` (0.025 s) is added in front when it is not there.
     """
 
+    @postponed()
     def __init__(
         self,
         fd: ca.Function | Callable[..., ca.SX],

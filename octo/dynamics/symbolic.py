@@ -13,6 +13,7 @@ import numpy as np
 
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
+from octo.interrupts import postponed
 from octo.model.character import Body, Character, Joint
 from octo.model.terrain import Plane, Terrain, normal
 
@@ -194,6 +195,7 @@ def inertial_energy(body: Body, pose: Pose, now: Pose, previous: Pose, view: Vie
     return energy - body.mass * ca.dot(gravity, pose[0] @ com + pose[1])
 
 
+@postponed()
 def forward_dynamics(
     character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout
 ) -> ca.Function:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from octo.checks import instance, number
 from octo.errors import ProblemError, ValueRangeError, said
+from octo.interrupts import postponed
 
 Array = NDArray[np.float64]
 
@@ -94,6 +95,7 @@ class Terrain:
         return self.expression(point, p)
 
 
+@postponed()
 def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str, float]) -> Array:
     """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
     point = ca.SX.sym("point", 3)
@@ -105,6 +107,7 @@ def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str
     return np.asarray(phi(points.T), dtype=float).reshape(len(points))
 
 
+@postponed()
 def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
     """Outward unit normal ∇φ/|∇φ| (3,) at ``point``."""
     if isinstance(terrain, Plane):

@@ -14,6 +14,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
+from octo.interrupts import postponed
 from octo.model.character import Array, Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.kinematics import body_poses
@@ -34,6 +35,7 @@ class SimulatorPlant:
     solution was found: the best configuration is taken.
     """
 
+    @postponed()
     def __init__(
         self,
         character: Character,
@@ -139,6 +141,7 @@ class SimulatorPlant:
         return np.asarray(force).T, np.asarray(point).T
 
 
+@postponed()
 def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
     """Forces and points (3, c) of the contacts at (x_next, x, p)."""
     n = dynamics.nx

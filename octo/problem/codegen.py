@@ -23,6 +23,7 @@ from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
 from octo.errors import ProblemError
+from octo.interrupts import postponed
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
@@ -60,6 +61,7 @@ class CostFunctions:
         return len(self.state_terms) + own
 
 
+@postponed()
 def cost_functions(
     dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
 ) -> CostFunctions:
@@ -160,6 +162,7 @@ def touching_names(problem: Problem) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=8)
+@postponed()
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the
     dynamics' text in lanes."""
@@ -190,6 +193,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
 
 
+@postponed()
 def residual_text(
     functions: CostFunctions,
     dynamics: Dynamics,

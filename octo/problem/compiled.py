@@ -24,6 +24,7 @@ from octo.checks import doubles
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ProblemError
+from octo.interrupts import postponed
 from octo.problem import codegen
 from octo.problem.basis import Folded, Hermite, Stencil, node_values
 from octo.problem.costs import NeighbourCost
@@ -483,6 +484,7 @@ class CompiledProblem:
         self._free_tasks.append(own)
 
     @cached_property
+    @postponed()
     def kinematics(self) -> ca.Function:
         """Contact forces, points, depths and velocities of one step, for reports: (x_next, x,
         p)."""

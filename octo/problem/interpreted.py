@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
+from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Interpreted:
         self.problem = problem
 
     @cached_property
+    @postponed()
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
         owner = self.problem
@@ -48,6 +50,7 @@ class Interpreted:
         return z[:n], z[n : 2 * n], z[2 * n :]
 
     @cached_property
+    @postponed()
     def _contacts(self) -> list[tuple[int, list[symbolic.Pose], list[ca.SX], Array]]:
         """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
         functions, and ``use``."""
@@ -66,6 +69,7 @@ class Interpreted:
         return made
 
     @cached_property
+    @postponed()
     def _values(self) -> tuple[ca.Function, NDArray[np.intp], Array]:
         """All residuals of one step, with the term of each and its mask."""
         functions = self.problem.functions
@@ -85,6 +89,7 @@ class Interpreted:
         )
 
     @cached_property
+    @postponed()
     def _slopes(self) -> ca.Function:
         """Residuals over the state and their derivatives to (z, u)."""
         z, u, p, q = self._symbols
@@ -93,6 +98,7 @@ class Interpreted:
             "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
         )
 
+    @postponed()
     def _touch(self, exact: bool) -> ca.Function:
         """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over
         contacts."""

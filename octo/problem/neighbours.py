@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.costs import NeighbourCost
 from octo.problem.references import blamed, sizes
@@ -31,6 +32,7 @@ class NeighbourTerms:
     c_{k+1}).
     """
 
+    @postponed()
     def __init__(self, problem: CompiledProblem):
         assert isinstance(problem.basis, Hermite)
         self.segment = problem.basis.steps_per_segment

@@ -19,6 +19,7 @@ import numpy as np
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
+from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.codegen import CostFunctions, cost_functions, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
@@ -73,6 +74,7 @@ class Reader:
         assert isinstance(self.dynamics, RobotDynamics)
         return touching(self.dynamics, self.problem.setting)
 
+    @postponed()
     def read(self, term: Cost) -> Structure:
         """The structure of a term.
 
@@ -115,6 +117,7 @@ KEPT = 8  # generated functions of as many problems
 _functions: OrderedDict[Any, CostFunctions] = OrderedDict()
 
 
+@postponed()
 def functions_of(problem: Problem) -> CostFunctions:
     """The functions of the terms; those of the last few problems are kept, for others of the same
     dynamics and structure.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from octo.dynamics import symbolic
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
+from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
 from octo.model.terrain import Plane, Terrain
@@ -36,6 +37,7 @@ class Setting:
     character: Character | None
 
     @cached_property
+    @postponed()
     def com(self) -> Array:
         """(3,) m, centre of mass at the start."""
         robot = self._robot("the centre of mass")
@@ -44,6 +46,7 @@ class Setting:
             ca.Function("com", [x], [symbolic.center_of_mass(robot, x)])(self.x0)
         ).ravel()
 
+    @postponed()
     def point(self, body: str | None, local: Array) -> Array:
         """(3,) m, world position at the start of a point of a body."""
         robot = self._robot("a point of a body")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.symbolic import perturbed
+from octo.interrupts import postponed
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import NeighbourCost
@@ -49,6 +50,7 @@ class ExactCosts:
     contact: tuple[ca.Function, ...]
 
 
+@postponed()
 def exact_costs(compiled: CompiledProblem) -> ExactCosts:
     """Of the terms that a single step sees."""
     dynamics = compiled.dynamics
@@ -112,6 +114,7 @@ def _contact(compiled: CompiledProblem) -> tuple[ca.Function, ...]:
     )
 
 
+@postponed()
 def patterns(
     compiled: CompiledProblem, costs: ExactCosts
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

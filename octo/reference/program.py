@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
+from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import NeighbourCost
@@ -102,6 +103,7 @@ class Nlp:
         return ca.Function("jacobian", [self.x, self.p], [ca.jacobian(self.g, self.x)])
 
     @cached_property
+    @postponed()
     def hessian(self) -> ca.Function:
         """(x, p, sigma, lam) -> ∇²(sigma f + lamᵀg), sparse, symmetric, exact."""
         sigma, lam = ca.MX.sym("sigma"), ca.MX.sym("lam", self.g.numel())
@@ -115,6 +117,7 @@ class Nlp:
         return unknowns_of(self.compiled, x)
 
 
+@postponed()
 def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     """The problem as functions of one vector x, for any solver.
 

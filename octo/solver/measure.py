@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
+from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
@@ -113,6 +114,7 @@ def _contacts(
     return out
 
 
+@postponed()
 def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]:
     """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around``
     (..., 3)."""

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from octo import cache
-from octo.cli.interrupts import like_ctrl_c
+from octo.interrupts import like_ctrl_c
 from tests.fuzz.worker import KINDS, kind_of
 
 ROOT = Path(__file__).parents[2]

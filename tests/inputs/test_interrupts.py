@@ -17,16 +17,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import octo
 from octo.cli import run
-from octo.cli.interrupts import like_ctrl_c, postponed
 from octo.cli.main import main
 from octo.cli.output import RESCUED, OutputFolder, default_folder
 from octo.errors import OutputError
 from octo.files import SCRATCH, file_name, replacing
+from octo.interrupts import like_ctrl_c, postponed
+from octo.problem.compiled import CompiledProblem
+from octo.problem.structure import functions_of
+from octo.reference.program import nlp
 from octo.solver.solution import Solution
 
 ROOT = Path(octo.__file__).parents[1]
@@ -405,3 +409,47 @@ def test_signals_are_left_alone_in_other_threads() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     like_ctrl_c()
     assert seen == [True] and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+
+
+def interrupting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """CasADi's next look at a symbol's shape is disturbed by Ctrl-C; a list of what was sent."""
+    usual, sent = ca.SX.shape.fget, []
+
+    def shape(symbol: ca.SX) -> tuple[int, int]:
+        if not sent:
+            sent.append(signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+        return tuple(usual(symbol))
+
+    monkeypatch.setattr(ca.SX, "shape", property(shape))
+    return sent
+
+
+def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What `postponed` is for; once CasADi does not, it can go."""
+    x, y = ca.SX.sym("x", 2, 2), ca.SX.sym("y", 2, 2)
+    sent = interrupting(monkeypatch)
+    assert (x @ y).size() == (2, 2) and sent
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda problem: functions_of(problem),
+        lambda problem: problem.dynamics.lanes_text(),
+        lambda problem: problem.setting.com,
+        lambda problem: nlp(problem),
+        lambda problem: CompiledProblem([problem]).kinematics,
+    ],
+    ids=["terms", "dynamics", "centre of mass", "reference", "contacts"],
+)
+def test_ctrl_c_is_not_lost_while_symbols_are_built(
+    monkeypatch: pytest.MonkeyPatch, build: Callable[[octo.Problem], object]
+) -> None:
+    robot = octo.gallery.biped()
+    terms = [octo.CenterOfMassVelocity((0.4, 0.0, 0.0)), octo.Effort(), octo.Slip(name="a foot")]
+    problem = octo.Problem(robot, steps=12, dt=0.03, x0=robot.default_pose, costs=terms)
+    sent = interrupting(monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        build(problem)
+    assert sent

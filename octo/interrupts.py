@@ -1,5 +1,9 @@
 """Ctrl-C and SIGTERM: both stop a command in the same way, and neither stops it while it writes
-what it found."""
+what it found.
+
+Nor while symbols are built: CasADi asks the arguments of its operators for their ``shape``, in
+Python, and takes whatever is raised there for an answer, a KeyboardInterrupt too.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,8 @@ def like_ctrl_c() -> None:
 @contextlib.contextmanager
 def postponed() -> Iterator[None]:
     """Inside, the first of these signals waits for the end; a second one is not made to wait.
+
+    A decorator too: ``@postponed()``.
 
     Raises
     ------
