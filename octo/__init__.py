@@ -37,6 +37,7 @@ _HOME = {
     "walk": "octo.motions",
     "stride": "octo.motions",
     "turn": "octo.motions",
+    "Acceptance": "octo.solver.acceptance",
     "SqpOptions": "octo.solver.options",
     "Solution": "octo.solver.solution",
     "Status": "octo.solver.solution",
@@ -152,6 +153,7 @@ if TYPE_CHECKING:
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay
     from octo.solve import solve as solve
+    from octo.solver.acceptance import Acceptance as Acceptance
     from octo.solver.options import SqpOptions as SqpOptions
     from octo.solver.solution import Solution as Solution
     from octo.solver.solution import Status as Status
