@@ -24,9 +24,10 @@ from octo.errors import (
     UsageError,
     ValueRangeError,
 )
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.describe import lost_shapes
 from octo.model.load import load
+from octo.model.quantities import Array
 from octo.model.terrain import Plane, Terrain
 
 WHOLE = 1e-6  # seconds/dt may be that far from a whole number

@@ -20,8 +20,8 @@ from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import StaticPoseError
 from octo.interrupts import postponed
-from octo.model.character import Array
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
+from octo.model.quantities import Array
 from octo.model.terrain import normal
 
 GRAVITY = 9.81  # m/s², only of scales

@@ -74,11 +74,7 @@ def balanced_pose(robot: Character) -> Array:
     Many files' default pose stands with the centre of mass over two of four feet: a stride that
     begins there hops on two.
     """
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     pose = over_the_feet(robot, inside_limits(robot, default))
     pose.setflags(write=False)  # every pass of every start of a cycle asks for it
     return pose
@@ -86,11 +82,7 @@ def balanced_pose(robot: Character) -> Array:
 
 def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
     """The poses that are tried when none is given."""
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     middle = _middle(robot, default)
     for name, candidate in (
         ("the default pose", default),

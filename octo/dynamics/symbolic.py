@@ -14,7 +14,8 @@ import numpy as np
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
 from octo.interrupts import postponed
-from octo.model.character import Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain, normal
 
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world

@@ -13,8 +13,10 @@ import numpy as np
 from octo.checks import ending, instance, number, numbers
 from octo.errors import ModelError
 from octo.files import replacing
-from octo.model.character import Array, Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
 from octo.model.kinematics import body_poses
+from octo.model.quantities import Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 
@@ -158,9 +160,7 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
     floats = free_base(character) and b == character.base_body
     position, rotation, joints = body.position, body.rotation, body.joints
     if floats:
-        pose = (
-            character.default_pose if character.default_pose is not None else np.zeros(character.nx)
-        )
+        pose = character.start_pose
         rotations, origins = body_poses(character, pose)
         position, rotation = origins[b], rotations[b]
     # MuJoCo's own name of what does not move

@@ -21,9 +21,11 @@ from scipy.optimize import linear_sum_assignment
 
 from octo.checks import instance, one_of
 from octo.errors import MirrorError, ProblemError, ShapeError
-from octo.model.character import Array, Character, Joint
+from octo.model.body import Joint
+from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
+from octo.model.quantities import Array
 
 # How far from a mirror image a robot may be.
 JOINTS = 5e-3  # rad, and of the robot's size

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo.model.character import Array
+from octo.model.quantities import Array
 
 
 def quaternions(rotation: Array) -> Array:

@@ -25,11 +25,7 @@ def stance(robot: Character) -> Array:
     A leg is the chain of joints from the base to a body with a contact sphere near the ground. A
     robot without one, or with its knees bent already, keeps its pose.
     """
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     pose = over_the_feet(robot, inside_limits(robot, default))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from octo.dynamics.balance import GRAVITY
-from octo.model.character import Array
 from octo.model.mass_matrix import mass_matrix
+from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from octo.errors import ProblemError
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.kinematics import body_poses
+from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, turning
 from octo.model.terrain import Plane
 from octo.solver.solution import Solution

@@ -11,7 +11,7 @@ import numpy as np
 
 from octo.checks import one_of, positive, whole
 from octo.errors import ProblemError, ValueRangeError
-from octo.model.character import Array
+from octo.model.quantities import Array
 from octo.plant import MujocoPlant, from_chart
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from octo.model.character import Array, Body, Character, ContactSphere, Joint, floating_base
+from octo.model.body import Body, ContactSphere, Joint, floating_base
+from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
+from octo.model.quantities import Array
 
 AXES = {
     "x": np.array([1.0, 0.0, 0.0]),
