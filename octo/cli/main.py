@@ -76,6 +76,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
             name, help=sentence, description=sentence, allow_abbrev=False
         )
         add_arguments(made[name])
+    made["completion"].set_defaults(commands=made)
     return top, made
 
 
