@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import logging
 import sys
 import types
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+# Silent, as a library is, until its user says where to: logging.basicConfig(), or the command line.
+logging.getLogger("octo").addHandler(logging.NullHandler())
 
 _HOME = {
     "Character": "octo.model.character",
