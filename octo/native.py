@@ -80,6 +80,11 @@ def compiler() -> tuple[str, ...] | None:
     return None
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def run_compiler(command: list[str], scratch: Path, seconds: float | None = None) -> str:
     """Run a compiler, its own temporary files in ``scratch`` too; what it said.
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from octo.checks import instance
 from octo.model.body import Joint
-from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+from octo.model.feet import terrain_bottoms
+from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quantities import Array
 from octo.model.tree import Tree
 
@@ -137,12 +138,10 @@ def summary(character: Tree) -> Text:
 def default_height(character: Tree) -> float | None:
     """m, of the base's origin over the lowest point of a contact in the default pose; None without
     contacts."""
-    spheres = character.terrain_contacts
-    if not spheres:
+    if not character.terrain_contacts:
         return None
     pose = character.start_pose
-    radius = np.array([character.contacts[k].radius for k in spheres])
-    lowest = (sphere_centers(character, pose)[list(spheres), 2] - radius).min()
+    lowest = terrain_bottoms(character, pose).min()
     return float(body_poses(character, pose)[1][character.base_body, 2] - lowest)
 
 

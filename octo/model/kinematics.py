@@ -49,11 +49,16 @@ def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
     return rotation, origin
 
 
+def skew(r: Array) -> Array:
+    """(3, 3): its product with a vector is the cross product of r (3,) with it."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+
+
 def axis_rotation(axis: NDArray, angle: NDArray) -> Array:
     """Rotation matrices (..., 3, 3) about a unit ``axis`` (3,) by ``angle`` (...) rad (Rodrigues'
     formula)."""
     a = np.asarray(axis, dtype=float)
-    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    cross = skew(a)
     angle = np.asarray(angle, dtype=float)[..., None, None]
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.feet import LOADED
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
 from octo.shown import Shown
@@ -17,7 +18,6 @@ from octo.solver.solution import HISTORY, Solution, Status
 __all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 Array = NDArray[np.float64]
 GROUND = 1.0  # m, of ground around the motion in pictures
-LOADED = 0.02  # of the weight: a foot that carries more is loaded
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
 

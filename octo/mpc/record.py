@@ -17,6 +17,7 @@ from octo.files import replacing
 from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.convention import Convention
+from octo.model.terrain import plane_of
 from octo.mpc.command import Command
 from octo.mpc.controller import Controller
 from octo.mpc.machine import Plant
@@ -80,13 +81,10 @@ class Record:
             "normal": [0.0, 0.0, 1.0],
             "height": 0.0,
         }
-        names = problem.dynamics.layout.names
-        if "terrain.normal_x" in names:
-            p, first = self.controller.compiled.p[0], names.index("terrain.normal_x")
-            known |= {
-                "normal": p[first : first + 3].tolist(),
-                "height": float(p[names.index("terrain.height")]),
-            }
+        names, p = problem.dynamics.layout.names, self.controller.compiled.p[0]
+        plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
+        if plane is not None:
+            known |= {"normal": plane[0].tolist(), "height": plane[1]}
         return known
 
     @classmethod

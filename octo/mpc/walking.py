@@ -14,8 +14,10 @@ from octo.dynamics.balance import GRAVITY
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError, said
 from octo.model.character import Character
+from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
-from octo.mpc.stance import bottoms, lowest_contacts, stance
+from octo.mpc.stance import stance
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
@@ -110,7 +112,7 @@ def _on_the_ground(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are
     read of it."""
     placed = pose.copy()
-    placed[robot.base_coordinate + 2] -= float(bottoms(robot, pose).min())
+    placed[robot.base_coordinate + 2] -= float(terrain_bottoms(robot, pose).min())
     return placed
 
 
@@ -174,10 +176,10 @@ class VelocityCommand:
         """On a slope, height and vertical speed are those of the ground under the places (N, 2)
         that the command leads to."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
-        if "terrain.normal_z" not in names:
+        plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
+        if plane is None:
             return
-        first = names.index("terrain.normal_x")
-        normal, height = p[first : first + 3], p[names.index("terrain.height")]
+        normal, height = plane
         rise = -normal[:2] / normal[2]
         if not rise.any():
             return
