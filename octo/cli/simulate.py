@@ -21,13 +21,13 @@ from octo.cli.arguments import (
 )
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.dynamics.balance import GRAVITY, Balance
+from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
 from octo.model.body import Joint
 from octo.model.character import Character
-from octo.model.quantities import Array
+from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Effort
 from octo.problem.problem import Problem

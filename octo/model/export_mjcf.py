@@ -16,7 +16,7 @@ from octo.files import replacing
 from octo.model.body import Body, Joint
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
-from octo.model.quantities import Array
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 
@@ -36,7 +36,7 @@ def export_mjcf(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
 ) -> None:
     """Write ``character`` as an MJCF file.
 
@@ -71,7 +71,7 @@ def mjcf_text(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
     """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes

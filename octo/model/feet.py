@@ -9,7 +9,7 @@ from octo.model.kinematics import sphere_centers
 from octo.model.quantities import Array
 from octo.model.tree import Tree
 
-LOADED = 0.02  # of the weight: a foot that carries more is loaded
+LOADED = 0.02  # relative to mg: a foot that carries more is loaded
 
 
 def bottoms(character: Tree, x: NDArray) -> Array:

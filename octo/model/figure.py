@@ -25,9 +25,9 @@ from octo.model.quantities import Array
 
 Faces = NDArray[np.intp]
 SLENDER = 0.93  # two largest principal moments nearer than this: a capsule, else a box
-ROD = 0.7  # radius of a rod, in parts of the thinner of the two things that it joins
-THICK = 0.06  # radius from which on a solid is drawn finer, in parts of the character's size
-THINNEST = 0.02  # radius of what has no size of its own, in parts of the character's size
+ROD = 0.7  # radius of a rod, relative to the thinner of the two things that it joins
+THICK = 0.06  # radius from which on a solid is drawn finer, relative to the character's size
+THINNEST = 0.02  # radius of what has no size, relative to the character's size
 
 
 @dataclass(frozen=True)

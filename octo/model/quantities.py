@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from octo.errors import ModelError, said
 
 Array = NDArray[np.float64]
+GRAVITY = 9.81  # m/s², the default, and that of scales
 LARGEST = 1e12  # SI units, of every quantity but a limit: squares and cubes of it are still numbers
 
 

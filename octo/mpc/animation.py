@@ -19,8 +19,8 @@ from octo.solver.options import SqpOptions
 from octo.solver.solution import HISTORY, Solution, Status
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
-LEFT = 1e-2  # of the weight, what a plan may leave of it in the steps that are kept
-TOLERANCE = 1e-5  # of the weight, ‖C‖∞ of a horizon
+LEFT = 1e-2  # relative to mg, what a plan may leave of it in the steps that are kept
+TOLERANCE = 1e-5  # relative to mg, ‖C‖∞ of a horizon
 
 
 def animate(
@@ -49,7 +49,7 @@ def animate(
 
     Raises
     ------
-    ProblemError: the basis is not nodes, or a term or the start has values of its own for each
+    ProblemError: the basis is not nodes, or a term or the start has separate values for each
         step.
     """
     _check(problem)

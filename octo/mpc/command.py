@@ -53,7 +53,7 @@ class Command:
         before the measurement.
     iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
         plan.
-    violation: ‖C‖∞ of the plan in parts of the weight.
+    violation: ‖C‖∞ of the plan relative to mg.
     """
 
     u: Array

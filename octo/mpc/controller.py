@@ -33,7 +33,7 @@ CURVATURES = ("gauss-newton", "exact")
 SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
 SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
-WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
+WORST = 20.0  # relative to mg: a plan with a larger residual breaks the laws of physics
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
 
 
@@ -45,7 +45,7 @@ class Controller:
     problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
-    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
+    device: "cpu"; "auto" means that too and logs once that this version has no loop on a GPU.
         Without a C compiler a call takes 70 times as long.
     convention: form of q and v, "mujoco" or "pinocchio" (see
         :class:`octo.model.convention.Convention`).

@@ -64,7 +64,7 @@ class Log(Record, Shown):
 
     @property
     def feet(self) -> NDArray[np.intp]:
-        """Columns of ``force`` that carry a twentieth of the weight some time in the first
+        """Columns of ``force`` that carry a twentieth of mg some time in the first
         second."""
         early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
         return np.flatnonzero(early > 0.05 * self._weight)

@@ -63,7 +63,7 @@ def _length(robot: Character, foot: int) -> float:
 
 
 def _stretch(robot: Character, pose: Array, foot: int) -> float:
-    """Height of the hip over the foot, in parts of the leg's length."""
+    """Height of the hip over the foot, relative to the leg's length."""
     chain = _chain(robot, foot)
     if not chain:
         return 0.0

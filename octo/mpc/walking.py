@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError, said
 from octo.model.character import Character
 from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.quantities import GRAVITY
 from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
@@ -29,7 +29,7 @@ SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
 ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
-LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
+GOVERNOR = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
 def foot_law(
@@ -44,7 +44,7 @@ def foot_law(
     """
     speed = CREEP * float(np.sqrt(gravity * length))
     stiffness, sigma = robot.mass * gravity / (SINK * length), ONSET * length
-    share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
+    share = SINK * length / feet / sigma  # relative to mg, over stiffness·sigma
     return Compliant(
         stiffness=stiffness,
         sigma=sigma,
@@ -117,8 +117,8 @@ def _on_the_ground(robot: Character, pose: Array) -> Array:
 
 
 class VelocityCommand:
-    """A guide for a controller of the locomotion preset: forward and sideways speed and turning,
-    integrated on a leash.
+    """A reference generator (``guide``) for the locomotion preset: speed ahead, sideways, turning,
+    integrated by a reference governor: never far ahead of the robot.
 
     Attributes
     ----------
@@ -159,9 +159,11 @@ class VelocityCommand:
             self._advance(t - self._time)
         self._time = t
         apart = self._place - origin[:2]
-        self._place = origin[:2] + apart * min(1.0, LEASH[0] / max(float(np.hypot(*apart)), 1e-9))
+        self._place = origin[:2] + apart * min(
+            1.0, GOVERNOR[0] / max(float(np.hypot(*apart)), 1e-9)
+        )
         turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
-        self._yaw = ahead + min(max(turn, -LEASH[1]), LEASH[1])
+        self._yaw = ahead + min(max(turn, -GOVERNOR[1]), GOVERNOR[1])
         yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)
         velocity = _turned(self._now, yaw)
         target = self._place + dt * np.cumsum(velocity, axis=0)

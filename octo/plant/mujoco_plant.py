@@ -14,7 +14,7 @@ from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
-from octo.model.quantities import Array
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
@@ -33,7 +33,7 @@ class MujocoPlant:
     ----------
     terrain: the ground. friction: sliding coefficient of feet and ground. timestep: s. gravity:
         (3,) m/s².
-    payload: mass added to the base body, in parts of its mass; its inertia grows alike.
+    payload: mass added to the base body, relative to its mass; its inertia grows alike.
     bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its
         origin); ``seed`` places them.
 
@@ -50,7 +50,7 @@ class MujocoPlant:
         terrain: Plane | None = None,
         friction: float = 0.8,
         timestep: float = 0.002,
-        gravity: Iterable[float] = (0.0, 0.0, -9.81),
+        gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
         payload: float = 0.0,
         bumps: float = 0.0,
         seed: int = 0,

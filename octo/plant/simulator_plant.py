@@ -29,7 +29,7 @@ class SimulatorPlant:
     Parameters
     ----------
     law, terrain: of the contact; octo's defaults. parameters: of the dynamics by name.
-    timestep: s. payload: mass added to the base body, in parts of its mass.
+    timestep: s. payload: mass added to the base body, relative to its mass.
 
     Torques act until the next ``step`` and are clipped to the robot's limits. ``unsolved`` counts
     the steps in which no

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from octo.dynamics.balance import GRAVITY
 from octo.model.kinematics import skew
 from octo.model.mass_matrix import mass_matrix
-from octo.model.quantities import Array
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
