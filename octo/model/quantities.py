@@ -7,11 +7,10 @@ import math
 import operator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import ModelError, said
 
-Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s², the default, and that of scales
 LARGEST = 1e12  # SI units, of every quantity but a limit: squares and cubes of it are still numbers
 

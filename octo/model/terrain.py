@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import instance, number
+from octo.checks import Array, instance, number
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.interrupts import postponed
 
-Array = NDArray[np.float64]
 # names of a plane's numbers among the run-time parameters of the dynamics
 OF_PLANE = tuple(f"terrain.{name}" for name in ("normal_x", "normal_y", "normal_z", "height"))
 

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from octo.model.quantities import Array
 
 
 class CommandStatus(Enum):

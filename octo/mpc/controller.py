@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import one_of, positive, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
+from octo.model.quantities import Array
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
@@ -26,7 +26,6 @@ from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
 from octo.solver.solution import Solution
 
-Array = NDArray[np.float64]
 Guide = Callable[["Controller", float, Array], None]
 
 CURVATURES = ("gauss-newton", "exact")

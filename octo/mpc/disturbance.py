@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, positive
 from octo.model.character import Character
+from octo.model.quantities import Array
 
-Array = NDArray[np.float64]
 # Standard deviations of noise 1, each tick (about that of a robot's state estimator).
 PLACE, TURN, JOINT = 1.5e-3, 3e-3, 3e-3  # m, rad, rad
 SPEED, SPIN, JOINT_SPEED = 0.015, 0.03, 0.09  # m/s, rad/s, rad/s

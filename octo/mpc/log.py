@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from octo.model.feet import LOADED
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
 from octo.shown import Shown
 from octo.solver.solution import HISTORY, Solution, Status
 
 __all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
-Array = NDArray[np.float64]
 GROUND = 1.0  # m, of ground around the motion in pictures
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, positive, whole
 from octo.errors import ProblemError, ValueRangeError
+from octo.model.quantities import Array
 from octo.mpc.command import Command
 from octo.mpc.controller import Controller
 from octo.mpc.disturbance import Push, Sensors
@@ -22,7 +22,6 @@ from octo.mpc.record import memory_in_use
 from octo.plant.fall import fallen
 
 __all__ = ["Plant", "Push", "Sensors", "run", "timing"]
-Array = NDArray[np.float64]
 
 
 def run(

@@ -13,11 +13,10 @@ from octo import native
 from octo.checks import numbers
 from octo.errors import ShapeError, ValueRangeError
 from octo.model.mass_matrix import mass_matrix
-from octo.model.quantities import GRAVITY
+from octo.model.quantities import GRAVITY, Array
 from octo.mpc.plan import Grid, Plan
 from octo.problem.problem import Problem
 
-Array = NDArray[np.float64]
 STIFFNESS = 1.1  # relative to mg·ℓ a rad, kp
 SWING = 0.23  # of √(ℓ/g), kd over kp
 PERIOD = 0.002  # s, in which the low level is expected to be called

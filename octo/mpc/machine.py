@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from octo.model.character import Character
-
-Array = NDArray[np.float64]
+from octo.model.quantities import Array
 
 
 class Plant(Protocol):

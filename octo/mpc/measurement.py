@@ -7,18 +7,17 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.convention import Convention
+from octo.model.quantities import Array
 from octo.problem.problem import Problem
 from octo.solve import check_device_name
 from octo.solver.receding import PAST
 
-Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
 LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion

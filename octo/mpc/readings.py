@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.model.convention import Convention
+from octo.model.quantities import Array
 from octo.mpc.command import CommandStatus
 from octo.mpc.measurement import plausible
 
-Array = NDArray[np.float64]
 # rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of
 # it or less
 FROZEN = 0.02

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import ending, numbers
 from octo.errors import ShapeError, ValueRangeError
@@ -17,12 +16,12 @@ from octo.files import replacing
 from octo.model import archive, store
 from octo.model.character import Character
 from octo.model.convention import Convention
+from octo.model.quantities import Array
 from octo.model.terrain import plane_of
 from octo.mpc.command import Command
 from octo.mpc.controller import Controller
 from octo.mpc.machine import Plant
 
-Array = NDArray[np.float64]
 NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
 NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
 ROWS = (

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.model.character import Character
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.quantities import Array
 
-Array = NDArray[np.float64]
 BENT = 0.76  # of a leg's length, the height of its hip over its foot
 STRAIGHT = 0.84  # from which a leg counts as straight
 START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins

@@ -7,16 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
+from octo.model.quantities import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Cost
 from octo.problem.problem import Problem
 from octo.problem.structure import Reader, same
-
-Array = NDArray[np.float64]
 
 
 class Tuning:

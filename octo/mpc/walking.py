@@ -7,21 +7,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError, said
 from octo.model.character import Character
 from octo.model.feet import lowest_contacts, terrain_bottoms
-from octo.model.quantities import GRAVITY
+from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
-Array = NDArray[np.float64]
 CONE = 0.75  # of the ground's friction, that is planned with
 # of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
 NEAR = 0.1
