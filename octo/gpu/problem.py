@@ -112,7 +112,7 @@ class DeviceProblem:
         )
         neighbours = problem.neighbours
         self.anchor = device.array(
-            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem)
+            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem.data)
         )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = (
