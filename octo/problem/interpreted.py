@@ -180,7 +180,9 @@ class Interpreted:
             "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
         )
         if lam is not None:
-            rows = np.matmul(plan.test_matrix.T, lam.reshape(len(lam), -1, plan.m))
+            rows = np.matmul(
+                plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
+            )
             pull[..., dynamics.unactuated] = rows * scale[:, None]
         order = 1 if lam is None else 2
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)

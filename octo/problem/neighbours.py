@@ -43,9 +43,8 @@ class NeighbourTerms:
             if not isinstance(term, NeighbourCost):
                 continue
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                r = ca.densify(
-                    ca.vec(ca.SX(term.between(control, following, references.view(q, k))))
-                )
+                view = references.view(q, k)
+                r = term.shaped(term.between(control, following, view), view)
             jac = ca.jacobian(r, ca.vertcat(control, following))
             name = f"octo_between_{len(self.functions)}"
             self.functions.append(

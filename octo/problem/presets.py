@@ -15,6 +15,14 @@ from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
 from octo.problem.asked import Asked, Motion
+from octo.problem.body_costs import (
+    BaseAngularVelocity,
+    BaseHeight,
+    BaseOrientation,
+    CenterOfMassVelocity,
+    PointPosition,
+    Upright,
+)
 from octo.problem.contact_costs import (
     BodyLoad,
     Clearance,
@@ -26,22 +34,15 @@ from octo.problem.contact_costs import (
     SlipPower,
     SwingClearance,
 )
-from octo.problem.costs import (
-    BaseAngularVelocity,
-    BaseHeight,
-    BaseOrientation,
-    CenterOfMassVelocity,
-    Cost,
+from octo.problem.costs import Cost, SizedCost
+from octo.problem.joint_costs import (
     Effort,
     JointAcceleration,
     JointLimit,
     JointSpeedLimit,
     JointVelocity,
-    PointPosition,
     Posture,
-    SizedCost,
     TorqueLimit,
-    Upright,
 )
 
 if TYPE_CHECKING:

@@ -32,8 +32,9 @@ from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain, signed_distance
 from octo.problem.basis import Basis, Folded, Hermite, basis_named
-from octo.problem.costs import Cost, PoseTarget, SizedCost
+from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Closure, Cycle, closure_of
+from octo.problem.joint_costs import PoseTarget
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 

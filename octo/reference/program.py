@@ -286,7 +286,8 @@ def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> 
     row = ca.SX.sym("q", compiled.q.shape[2])
     for k, term in enumerate(terms.terms):
         if isinstance(term, NeighbourCost):
-            r = ca.vec(ca.SX(term.between(now, following, terms.view(row, k))))
+            view = terms.view(row, k)
+            r = term.shaped(term.between(now, following, view), view)
             square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(
                 compiled.K - 1
             )

@@ -10,8 +10,8 @@ import octo
 from octo import native
 from octo.model.character import Array, Body, Character, Joint
 from octo.model.chart import rotation_of_angles, turned_by
+from octo.problem.body_costs import BaseOrientation, _rpy, rotation_vector
 from octo.problem.compiled import CompiledProblem
-from octo.problem.costs import BaseOrientation, _rpy, rotation_vector
 
 ANGLES = (
     0.0,
