@@ -48,9 +48,11 @@ def problems(robot: octo.Character) -> Iterator[tuple[str, octo.Problem]]:
     """With spheres so large that contacts and pairs touch."""
     spheres = [replace(s, radius=1.2 * s.radius + 0.01) for s in robot.contacts]
     robot = replace(robot, contacts=tuple(spheres))
-    start = octo.kinematics.body_poses(robot, robot.default_pose)[1][:, 2].min()
     x0 = robot.default_pose.copy()
-    x0[2] -= max(start - 0.05, 0.0)
+    radii = np.array([sphere.radius for sphere in robot.contacts])
+    touching = list(robot.terrain_contacts)
+    lowest = (octo.kinematics.sphere_centers(robot, x0)[:, 2] - radii)[touching].min()
+    x0[2] -= lowest + 0.01
     paper = [octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort()]
     natural = [t for t in octo.costs.natural((0.5, 0.0, 0.0)) if t.label != "Anchor"]
     for basis in ("nodes", "hermite"):

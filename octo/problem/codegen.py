@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +81,12 @@ class Residuals:
     between: list[ca.SX]
     contact: ContactResiduals | None
 
+    @cached_property
+    def function(self) -> ca.Function:
+        """inputs -> all residuals over a step."""
+        r = ca.densify(ca.vertcat(ca.SX(0, 1), *self.state))
+        return ca.Function("octo_state_cost", self.inputs, [r], {"cse": True})
+
     @property
     def structure(self) -> tuple[Any, ...]:
         """What tells one list of terms from another: their expressions, and the names and sizes of
@@ -87,9 +94,10 @@ class Residuals:
         references = self.references
         kinds = tuple((type(term), term.label, term.steps) for term in references.terms)
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
-        state = ca.Function("state", self.inputs, [ca.vertcat(*self.state)]).serialize()
-        between = [*self.controls, *self.inputs[4:]], [ca.vertcat(*self.between)]
-        written = state, ca.Function("between", *between).serialize()
+        written = [self.function.serialize()]
+        if self.between:
+            over = [*self.controls, *self.inputs[4:]]
+            written.append(ca.Function("between", over, self.between).serialize())
         own = None if self.contact is None else self.contact.structure
         return kinds, places, tuple(self.terms), *written, own
 
@@ -139,15 +147,16 @@ def derived(made: Residuals) -> CostFunctions:
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-    length = ca.Function("length", inputs, [r, nonzeros]).n_instructions()
+    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
+    length = jacobian.n_instructions()
     if length >= COSTLY:
         sizes = [ca.Function("length", inputs, [one]).n_instructions() for one in made.state]
         longest = made.references.terms[made.terms[int(np.argmax(sizes))]].label
         check_length("terms of E", length, f"the longest is {longest}, write it in fewer")
     return CostFunctions(
         made.references,
-        ca.Function("octo_state_cost", inputs, [r], {"cse": True}),
-        ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True}),
+        made.function,
+        jacobian,
         jac.sparsity(),
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
