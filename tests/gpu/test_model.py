@@ -11,8 +11,8 @@ import pytest
 
 import octo
 from octo.gpu.emulator import KERNEL, EmulatedDevice, EmulatedKernel
-from octo.gpu.problem import DEFINED as BOUNDS
 from octo.gpu.problem import PARTS, DeviceProblem
+from octo.gpu.program import DEFINED as BOUNDS
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
 
