@@ -37,7 +37,14 @@ FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cost:
-    """A term of E. ``weight``: a number, or one per step (N,)."""
+    """A term of E.
+
+    Parameters
+    ----------
+    weight: a number, or one per step (N,).
+    steps: "all", or "last" for the last step alone.
+    name: what reports and ``Problem.update`` call it; by default the class's name.
+    """
 
     weight: float | Array = 1.0
     steps: Steps = "all"
@@ -194,7 +201,7 @@ class CenterOfMassDisplacement(Cost):
 
 @dataclass(frozen=True, eq=False)
 class BaseOrientation(Cost):
-    """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the
+    """Rotation of a body against ``roll_pitch_yaw`` (3,) rad; ``axes`` weighs the error about the
     reference's x, y, z.
 
     The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it
@@ -297,8 +304,8 @@ class BaseAngularVelocity(Cost):
 
 @dataclass(frozen=True, eq=False)
 class PointPosition(Cost):
-    """A point of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x, y,
-    z."""
+    """``point`` (3,) of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x,
+    y, z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)
@@ -336,8 +343,8 @@ class PointPosition(Cost):
 
 @dataclass(frozen=True, eq=False)
 class PointVelocity(Cost):
-    """World velocity (m/s) of a point of a body against ``velocity`` (3,); ``axes`` weighs x, y,
-    z."""
+    """World velocity (m/s) of ``point`` (3,) of a body (m, body frame) against ``velocity`` (3,);
+    ``axes`` weighs x, y, z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)
