@@ -101,7 +101,7 @@ def comments(kind: type) -> dict[str, str]:
     except (OSError, TypeError):
         return {}
     found = {}
-    for node in ast.parse("\n".join(lines)).body[0].body:  # type: ignore[attr-defined]
+    for node in ast.parse("\n".join(lines)).body[0].body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             last = (node.end_lineno or node.lineno) - 1
             behind = lines[last].encode()[node.end_col_offset :].decode().partition("#")[2]

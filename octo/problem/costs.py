@@ -43,7 +43,7 @@ class Cost:
     ----------
     weight: a number, or one per step (N,).
     steps: "all", or "last" for the last step alone.
-    name: what reports and ``Problem.update`` call it; by default the class's name.
+    name: what reports and ``Controller.update`` call it; by default the class's name.
     """
 
     weight: float | Array = 1.0
