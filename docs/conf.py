@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,11 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
 
+ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], "
+    r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?float64\]\]"
+)
+
 
 def _docstring(app: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
     if what == "data":  # autodoc gives the docstring of its type
@@ -48,7 +54,8 @@ def _docstring(app: Any, what: str, name: str, value: Any, options: Any, lines: 
 def _signature(
     app: Any, what: str, name: str, value: Any, options: Any, signature: str | None, returned: Any
 ) -> tuple[str | None, Any]:
-    return signature and signature.replace("<factory>", "..."), returned
+    shown = [text and ARRAY.sub("Array", text) for text in (signature, returned)]
+    return shown[0] and shown[0].replace("<factory>", "..."), shown[1]
 
 
 def setup(app: Any) -> None:
