@@ -106,12 +106,12 @@ def walk(
     starts: of the stride, for each period; ``seed`` is the first one's number.
     terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
     passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as
-    those of
-        :func:`octo.solve`; ``time_limit`` is of the whole motion.
+        those of :func:`octo.solve`; ``time_limit`` is of the whole motion.
 
     Returns
-    ------- The motion, at rest in its first and last state; its ``starts`` has a record of each
-    stride that was tried.
+    -------
+    The motion, at rest in its first and last state; its ``starts`` has a record of each stride that
+    was tried.
 
     Raises
     ------

@@ -67,6 +67,13 @@ def test_parameters_are_read_one_a_line() -> None:
     assert found["a"] == "both" and found["b"] == "(N,) both"
 
 
+def test_sections_of_docstrings_are_whole() -> None:
+    """A formatter that refills lines puts what follows an underline behind it."""
+    broken = re.compile(r"^ +(?:-{4,} \S|={4,} *[^= \n]).*$", re.MULTILINE)
+    for path in (ROOT / "octo").rglob("*.py"):
+        assert not broken.findall(path.read_text()), path
+
+
 def test_text_is_text_in_the_reference() -> None:
     lines = docstrings.rendered("|x|² of ``a_`` and b_.\n\nRaises\n------\nOctoError: s. It is.\n")
     assert lines[0] == r"\|x\|² of ``a_`` and b\_."
