@@ -29,7 +29,7 @@ from octo.model.body import Joint
 from octo.model.character import Character
 from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
-from octo.problem.costs import Effort
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.solver.measure import measured
 from octo.solver.solution import HISTORY, Solution, Status

@@ -51,6 +51,7 @@ class Command:
     iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
         plan.
     violation: ‖C‖∞ of the plan relative to mg.
+    status: what became of this measurement, with its sentence.
     """
 
     u: Array

@@ -26,23 +26,26 @@ BOOT = 50  # calls from the start that latency leaves out
 class Log(Record, Shown):
     """Columns by tick: the state after it, the torques at its end, and the command it began with.
 
+    The columns of k ticks are attributes: t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx)
+    octo's chart; u (k, nu) N m or N; force, point (k, c, 3) of the contacts that touch the ground,
+    N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
+    command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess
+    (|u|/limit), done (iterations). The last six are NaN where no command came, or no measurement
+    that one could come from.
+
     Attributes
     ----------
-    t: (k,) s.
-    q, v: (k, nq) and (k, nv), MuJoCo's form.
-    x: (k, nx) octo's chart.
-    u: (k, nu) N m or N.
-    force, point: (k, c, 3) N and m, of the contacts that touch the ground.
-    plan_x: (k, nx) where the plan wanted to be.
-    wanted: (k, 3) m/s, m/s, rad/s, the command.
-    seconds, prepare: (k,) s, of the controller's calls. These and the four that follow are NaN
-        where no command came, or no measurement that one could come from.
-    energy, violation, excess, done: (k,) E, mg, |u|/limit, and iterations.
-    falls: s.
-    impulses: N s.
-    interrupted: by Ctrl-C, before its end.
+    robot: whose motion it is.
+    tick: s, between two rows.
     controller: None of a log that was read from a file.
-    world: what is kept of its problem.
+    columns: the arrays by name, of which ``count`` rows are filled.
+    statuses: the label of the command's status, by tick.
+    falls: s, when the robot fell.
+    impulses: N s, of the push, if any.
+    interrupted: by Ctrl-C, before its end.
+    memory_start, memory_end: bytes that the process used.
+    torque: (nu,) N m or N, the limits.
+    saved_world: what ``world`` says of a log that was read from a file.
     """
 
     @property
