@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from octo.checks import floats, instance
 from octo.errors import ShapeError
 from octo.model.quantities import Array
+from octo.model.quaternions import skew
 from octo.model.tree import Tree
 
 
@@ -47,11 +48,6 @@ def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
                 R = R @ turn
         rotation[..., b, :, :], origin[..., b, :] = R, t
     return rotation, origin
-
-
-def skew(r: Array) -> Array:
-    """(3, 3): its product with a vector is the cross product of r (3,) with it."""
-    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
 
 
 def axis_rotation(axis: NDArray, angle: NDArray) -> Array:

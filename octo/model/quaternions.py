@@ -57,6 +57,11 @@ def rotation_of(quaternion: Array) -> Array:
     )
 
 
+def skew(r: Array) -> Array:
+    """(3, 3): its product with a vector is the cross product of r (3,) with it."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+
+
 def turning(rotation: Array) -> Array:
     """(k-1, 3) rotation vectors, body axes, from each of rotations (k, 3, 3) to the next."""
     relative = quaternions(np.matmul(rotation[:-1].transpose(0, 2, 1), rotation[1:]))

@@ -70,10 +70,7 @@ def run(
     whole("seed", seed, 0)
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
-    if push is not None and plant.character.base != "floating":
-        raise ProblemError(
-            f"push needs a floating base: the base of {plant.character.name!r} is fixed"
-        )
+    _check_base(plant, push)
     loop = _Loop(
         controller,
         plant,
@@ -86,6 +83,13 @@ def run(
         ticks,
     )
     return loop.realtime() if realtime else loop.synchronous()
+
+
+def _check_base(plant: Plant, push: Push | None) -> None:
+    if push is not None and plant.character.base != "floating":
+        raise ProblemError(
+            f"push needs a floating base: the base of {plant.character.name!r} is fixed"
+        )
 
 
 def _check_kinds(controller: object, plant: object, push: object, each: object) -> None:

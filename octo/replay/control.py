@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from octo.model.kinematics import skew
 from octo.model.mass_matrix import mass_matrix
 from octo.model.quantities import GRAVITY, Array
-from octo.model.quaternions import rotation_of
+from octo.model.quaternions import rotation_of, skew
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
 from octo.solver.solution import Solution
