@@ -29,9 +29,10 @@ from octo.model.character import Character
 from octo.model.mirror import mirror_of
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
+from octo.problem.closure import along_arc, plane_normal
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
-from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
+from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
 from octo.solve import (
     LARGEST_SEED,
@@ -106,12 +107,12 @@ def walk(
     starts: of the stride, for each period; ``seed`` is the first one's number.
     terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
     passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as
-    those of
-        :func:`octo.solve`; ``time_limit`` is of the whole motion.
+        those of :func:`octo.solve`; ``time_limit`` is of the whole motion.
 
     Returns
-    ------- The motion, at rest in its first and last state; its ``starts`` has a record of each
-    stride that was tried.
+    -------
+    The motion, at rest in its first and last state; its ``starts`` has a record of each stride that
+    was tried.
 
     Raises
     ------
@@ -145,8 +146,12 @@ def stride(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as
-    :func:`walk`."""
+    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("stride", number("speed", speed))
     return goal.said(_journey(given, (0.0, goal.speed), 0.0).solve())
@@ -175,8 +180,12 @@ def turn(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise
-    as :func:`walk`."""
+    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("turn", number("rate", rate))
     return goal.said(_journey(given, (0.0, 0.0), goal.speed).solve())
@@ -392,7 +401,10 @@ class Journey:
         """
         if self.pose is not None or not strides:
             return None
-        best, normal = min(strides, key=_quality), plane_normal(self.whole)
+        best, normal = (
+            min(strides, key=_quality),
+            plane_normal(self.whole.terrain, self.whole.values),
+        )
         first = self.robot.base_coordinate
         away = best.x[1:, first : first + 3] - self.whole.start[first : first + 3]
         if abs(float((away @ normal).mean())) <= RISES * self.whole.length * float(
@@ -500,7 +512,7 @@ class _Pieces:
         self.rest = journey.whole.replace(
             costs=journey.terms, parameters=_ground_laws(stride), **standing
         )
-        self.normal = plane_normal(self.rest)
+        self.normal = plane_normal(self.rest.terrain, self.rest.values)
         self.ends = journey.ends(self.count)
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)

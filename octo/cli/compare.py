@@ -19,8 +19,8 @@ from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem import presets
-from octo.problem.costs import Effort
 from octo.problem.cycle import TIME_STEP, Cycle
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.solver.options import SqpOptions
 from octo.solver.solution import Solution, Status
@@ -240,7 +240,7 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
 
 
 def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
-    """The fields of report.json, those of a goal where there is one, who made it, and to which
+    """The fields of report.json, those of a goal if any, who made it, and to which
     tolerances."""
     return {
         **(entry.solution.report() if goal is None else report(entry.solution, goal)),

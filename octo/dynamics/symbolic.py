@@ -14,7 +14,8 @@ import numpy as np
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
 from octo.interrupts import postponed
-from octo.model.character import Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain, normal
 
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world
@@ -38,9 +39,10 @@ def _joint_pose(joint: Joint, displacement: ca.SX) -> Pose:
     if joint.kind == "slide":
         return ca.SX.eye(3), ca.SX(joint.axis) * displacement
     cross = ca.skew(ca.DM(joint.axis))
-    rotation = (
-        ca.SX.eye(3) + ca.sin(displacement) * cross + (1.0 - ca.cos(displacement)) * (cross @ cross)
-    )
+    sine, cosine = ca.sin(displacement), ca.cos(displacement)
+    rotation = ca.SX.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    if not joint.anchor.any():
+        return rotation, ca.SX.zeros(3)
     anchor = ca.SX(joint.anchor)
     return rotation, anchor - rotation @ anchor
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo.checks import numbers, one_of
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.chart import angles_of, body_axes, rotation_of_angles, turned_by
+from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, rotation_of
 
 CONVENTIONS = ("mujoco", "pinocchio")
@@ -19,8 +20,8 @@ DAMPING = 1e-4  # of the chart's rates there
 
 
 class Convention:
-    """q (nq,), v (nv,) of one robot in the form of MuJoCo or of Pinocchio; a fixed base has none of
-    the first seven.
+    """q (nq,), v (nv,) of one robot in the form ``name``, "mujoco" or "pinocchio"; a fixed base has
+    none of the first seven.
 
     mujoco: base position (m), quaternion (w, x, y, z), velocity (m/s, world), angular velocity
     (rad/s, body axes). pinocchio: base position, quaternion (x, y, z, w), velocity and angular

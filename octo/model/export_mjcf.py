@@ -13,8 +13,10 @@ import numpy as np
 from octo.checks import ending, instance, number, numbers
 from octo.errors import ModelError
 from octo.files import replacing
-from octo.model.character import Array, Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
 from octo.model.kinematics import body_poses
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 
@@ -34,7 +36,7 @@ def export_mjcf(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
 ) -> None:
     """Write ``character`` as an MJCF file.
 
@@ -69,7 +71,7 @@ def mjcf_text(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
     """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes
@@ -158,9 +160,7 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
     floats = free_base(character) and b == character.base_body
     position, rotation, joints = body.position, body.rotation, body.joints
     if floats:
-        pose = (
-            character.default_pose if character.default_pose is not None else np.zeros(character.nx)
-        )
+        pose = character.start_pose
         rotations, origins = body_poses(character, pose)
         position, rotation = origins[b], rotations[b]
     # MuJoCo's own name of what does not move

@@ -21,9 +21,12 @@ from scipy.optimize import linear_sum_assignment
 
 from octo.checks import instance, one_of
 from octo.errors import MirrorError, ProblemError, ShapeError
-from octo.model.character import Array, Character, Joint
+from octo.model.body import Joint
+from octo.model.character import Character
+from octo.model.feet import bottoms
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
+from octo.model.quantities import Array
 
 # How far from a mirror image a robot may be.
 JOINTS = 5e-3  # rad, and of the robot's size
@@ -322,7 +325,7 @@ class _Search:
         """The spheres that a robot in its default pose would stand on."""
         robot = self.robot
         pose = self.x if robot.default_pose is None else robot.default_pose
-        bottom = sphere_centers(robot, pose)[:, 2] - [sphere.radius for sphere in robot.contacts]
+        bottom = bottoms(robot, pose)
         return np.flatnonzero(bottom <= bottom.min(initial=math.inf) + FEET * self.size)
 
     def _check_poses(self, mirror: Mirror, image: Mapping[int, int]) -> None:

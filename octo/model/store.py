@@ -13,7 +13,8 @@ import numpy as np
 
 from octo.checks import numbers, whole
 from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
-from octo.model.character import Body, Character, ContactSphere, Joint
+from octo.model.body import Body, ContactSphere, Joint
+from octo.model.character import Character
 
 SHAPES = {
     "axis": (3,),

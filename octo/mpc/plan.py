@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.quantities import Array
 from octo.solver.elimination import address
 
-Array = NDArray[np.float64]
 FADING = 0.5  # of the joints' velocity, from one step beyond the plan's end to the next
 
 
@@ -33,8 +33,11 @@ class Plan:
 
     Attributes
     ----------
-    time: s, of x_0. x: (2N+4, n), from x_{-1} on. u: (2N+4, nu) N m or N, from u_0 on; the last one
-        is repeated.
+    grid: what all plans of a controller have in common.
+    nodes: (N+2, n) rad and m, that it is made of.
+    time: s, of x_0.
+    x: (2N+4, n), from x_{-1} on.
+    u: (2N+4, nu) N m or N, from u_0 on; the last one is repeated.
     address: of the block of numbers that low_level.c reads.
     """
 
