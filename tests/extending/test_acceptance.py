@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from acceptance_rule import L1Merit
+from extending.acceptance_rule import L1Merit
 
 import octo
 from octo import native
@@ -55,6 +55,11 @@ def test_it_finds_the_same_motion(stand):
     assert expected.converged and found.converged
     assert found.energy == pytest.approx(expected.energy, rel=1e-3)
     assert found.iterations != expected.iterations or not np.array_equal(found.x, expected.x)
+
+
+def test_it_is_one_short_file():
+    text = Path(__file__).with_name("acceptance_rule.py").read_text()
+    assert text.count("\n") <= 80 and "octo." in text and "octo.solver" not in text
 
 
 def test_it_decides(stand):
