@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from octo.checks import one_of
 from octo.errors import ModelError, said
+from octo.model.element import Element, checked
 from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
@@ -245,6 +246,7 @@ class Character(Shown):
     default_pose: (nx,) the configuration a start is searched from.
     dropped: sentences naming what the robot's file says and octo does not model.
     poses: further configurations (nx,) by name: the keyframes of the robot's file.
+    elements: forces between points of two bodies, or a body and the world (octo.SpringDamper).
     """
 
     name: str
@@ -256,6 +258,7 @@ class Character(Shown):
     default_pose: Array | None = None
     dropped: tuple[str, ...] = ()
     poses: Mapping[str, Array] = field(default_factory=dict)
+    elements: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -329,6 +332,8 @@ class Character(Shown):
                 f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences"
             )
         keep(self, "dropped", tuple(self.dropped))
+        names = [body.name for body in self.bodies]
+        keep(self, "elements", checked(which, self.elements, names))
 
     def _check_base(self) -> None:
         """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing
