@@ -9,7 +9,7 @@ are run-time parameters of the dynamics, named after the element's place in that
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -128,6 +128,23 @@ def with_parameters(
         }
         made.append(dataclasses.replace(element, **given) if given else element)
     return tuple(made)
+
+
+def missing(elements: Iterable[Element], names: Iterable[str]) -> list[str]:
+    """Of parameters by these names those elements (``spring0``) that are not among ``elements``."""
+    known = {*names_of(elements), "contact", "terrain"}
+    prefixes = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
+    return [prefix for prefix in prefixes if prefix not in known]
+
+
+def tied_to_the_world(elements: Iterable[Element], moving: Collection[str]) -> list[str]:
+    """Names of the elements one of whose points is on none of the bodies that move."""
+    elements = tuple(elements)
+    return [
+        name
+        for name, element in zip(names_of(elements), elements, strict=True)
+        if not (element.body_a in moving and element.body_b in moving)
+    ]
 
 
 def checked(which: str, elements: Any, bodies: Iterable[str]) -> tuple[Element, ...]:

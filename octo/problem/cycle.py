@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from octo.checks import number, owned, positive
 from octo.errors import MirrorError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
+from octo.model.element import tied_to_the_world
 from octo.model.mirror import Mirror, mirror_of
 
 if TYPE_CHECKING:
@@ -243,6 +244,13 @@ def closure_of(problem: Problem, cycle: Cycle) -> Closure:
         )
     if robot.nu == 0:
         raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
+    moving = {body.name for body, path in zip(robot.bodies, robot.path, strict=True) if path}
+    tied = tied_to_the_world(robot.elements, moving)
+    if tied:
+        raise ProblemError(
+            f"a cycle goes on and on: element {tied[0]} must not hold robot {robot.name!r} to the "
+            "world"
+        )
     values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     first = robot.base_coordinate
     normal = plane_normal(problem)

@@ -12,6 +12,7 @@ import numpy as np
 from octo.checks import one_of, positive, whole
 from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Array
+from octo.model.element import missing, with_parameters
 from octo.plant import MujocoPlant, from_chart
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
@@ -113,7 +114,8 @@ def replay(
 
     Raises
     ------
-    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane.
+    ProblemError: no robot, no floating base or no actuator, a ground that is no plane, or elements
+        that the robot does not have. ModelError: an element for which MuJoCo has no tendon.
         ValueRangeError, UnknownNameError.
     """
     one_of("feedback", feedback, FEEDBACKS)
@@ -133,8 +135,15 @@ def replay(
         raise ProblemError(
             "replay needs a robot with a floating base and actuated joints: nothing else can fall"
         )
+    lost = missing(robot.elements, solution.parameters)
+    if lost:
+        raise ProblemError(
+            f"the plan was made with the elements {', '.join(lost)}, which its robot does not "
+            "have: a file keeps octo's own only"
+        )
+    elements = with_parameters(robot.elements, solution.parameters)
     plant = MujocoPlant(
-        robot,
+        replace(robot, elements=elements),
         terrain=ground_of(solution),
         friction=friction,
         timestep=timestep,
