@@ -46,7 +46,7 @@ static void octo_element(const octo_input *in, int e, const real (*V)[6], octo_t
   const ARGUMENT *arg[4] = {k->point, in->p + octo_element_parameter[e], in->p, both};
   real *res[20] = {a->W, b->W, a->B[0], a->B[1], b->B[0], b->B[1], k->C[0][0], k->C[0][1], k->C[1][0], k->C[1][1],
                    a->T[0], a->T[1], a->L, b->T[0], b->T[1], b->L, k->S, k->S1[0], k->S1[1], k->S2};
-  octo_element_stage(3 * octo_element_kind[e] + in->order, arg, res);
+  octo_element_stage(octo_element_kind[e], in->order, arg, res);
 }
 
 #if NREACH > 0

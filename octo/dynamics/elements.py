@@ -41,14 +41,22 @@ class Elements:
 
     def text(self) -> str:
         """C text that calls a stage; the functions stand before it."""
-        cases = " ".join(
-            f"case {k}: STAGE({function.name()}, arg, res); break;"
-            for k, function in enumerate(self.functions)
-        )
+        cases = []
+        for k in range(len(self.functions) // 3):
+            zero, one, two = (
+                f"STAGE({function.name()}, arg, res);"
+                for function in self.functions[3 * k : 3 * k + 3]
+            )
+            cases.append(
+                f"    case {k}: if (order == 0) {zero} else if (order == 1) {one} else {two} break;"
+            )
         return "\n".join(
             [
-                "static void octo_element_stage(int k, const ARGUMENT **arg, real **res) {",
-                f"  switch (k) {{ {cases} }}",
+                "static inline void octo_element_stage(int kind, int order, "
+                "const ARGUMENT **arg, real **res) {",
+                "  switch (kind) {",
+                *cases,
+                "  }",
                 "}",
             ]
         )
