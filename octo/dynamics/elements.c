@@ -26,27 +26,33 @@ static inline void octo_element_jacobian(int node, int i, int j, real value, rea
 static inline void octo_element_mixed(int i, int j, real value, real *hess);
 static inline void octo_element_symmetric(int block, int i, int j, real value, real *hess);
 
-/* The stage of element e: into what its links get, and what couples them. V: of every degree of freedom, read in order 2. */
-static void octo_element(const octo_input *in, int e, const real (*V)[6], octo_touch_blocks *ends, octo_element_state *k) {
+/* Part 0, 1 or 2 of the stage of element e: what the links of a and of b get, and what couples them. V: of every degree of
+ * freedom, read in order 2. */
+static inline void octo_element(const octo_input *in, int e, int part, const real (*V)[6], octo_touch_blocks *ends, octo_element_state *k) {
+  const int *link = octo_element_link + 2 * e;
+  if (part < 2 ? link[part] < 0 : link[0] < 0 || link[1] < 0 || in->order == 0) return;
   const double *places = octo_element_points + 6 * e;
-  octo_touch_blocks *end[2];
-  real both[12], zero = ZERO;
+  real points[12], both[12], zero = ZERO, *res[8];
   for (int side = 0; side < 2; ++side) {
-    int body = octo_element_body[2 * e + side], link = octo_element_link[2 * e + side];
+    int body = octo_element_body[2 * e + side];
     for (int node = 0; node < 2; ++node) {
-      real *point = k->point + 6 * node + 3 * side;
+      real *point = points + 6 * node + 3 * side;
       for (int r = 0; r < 3; ++r) point[r] = ZERO + places[3 * side + r];
       if (body >= 0) octo_place(in->kin[node] + 12 * body, places + 3 * side, point);
     }
-    for (int c = 0; c < 6; ++c) both[6 * side + c] = in->order == 2 && link >= 0 ? V[octo_link_last[link]][c] : ZERO;
-    end[side] = ends + octo_element_end[2 * e + side];
-    if (link >= 0) end[side]->active = NOT(zero > 0.0);
+    for (int c = 0; c < 6; ++c) both[6 * side + c] = in->order == 2 && link[side] >= 0 ? V[octo_link_last[link[side]]][c] : ZERO;
   }
-  octo_touch_blocks *a = end[0], *b = end[1];
-  const ARGUMENT *arg[4] = {k->point, in->p + octo_element_parameter[e], in->p, both};
-  real *res[20] = {a->W, b->W, a->B[0], a->B[1], b->B[0], b->B[1], k->C[0][0], k->C[0][1], k->C[1][0], k->C[1][1],
-                   a->T[0], a->T[1], a->L, b->T[0], b->T[1], b->L, k->S, k->S1[0], k->S1[1], k->S2};
-  octo_element_stage(octo_element_kind[e], in->order, arg, res);
+  if (part < 2) {
+    octo_touch_blocks *end = ends + octo_element_end[2 * e + part];
+    end->active = NOT(zero > 0.0);
+    res[0] = end->W, res[1] = end->B[0], res[2] = end->B[1], res[3] = end->T[0], res[4] = end->T[1], res[5] = end->L;
+  } else {
+    for (int c = 0; c < 12; ++c) k->point[c] = points[c];
+    for (int c = 0; c < 4; ++c) res[c] = k->C[c / 2][c % 2];
+    res[4] = k->S, res[5] = k->S1[0], res[6] = k->S1[1], res[7] = k->S2;
+  }
+  const ARGUMENT *arg[4] = {points, in->p + octo_element_parameter[e], in->p, both};
+  octo_element_stage(3 * octo_element_kind[e] + part, in->order, arg, res);
 }
 
 #if NREACH > 0

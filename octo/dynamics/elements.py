@@ -29,43 +29,39 @@ SIGN = (-1.0, 1.0)  # of the force on points a and b
 class Elements:
     """What the text of a robot's elements is made of.
 
-    functions: the stages of each kind of force, in the order of the derivatives. sizes: macros.
-    links: the link of each end that something moves. integers, points: tables of elements.c.
+    stages: of each kind of force those of point a, of point b and of what is between them, each in
+    the order of the derivatives; none of what nothing moves. sizes: macros. links: the link of each
+    end that something moves. integers, points: tables of elements.c.
     """
 
-    functions: tuple[ca.Function, ...]
+    stages: tuple[tuple[tuple[ca.Function, ...], ...], ...]
     sizes: dict[str, int]
     links: tuple[int, ...]
     integers: dict[str, list[int]]
     points: Sequence[Sequence[float]]
 
+    @property
+    def functions(self) -> list[ca.Function]:
+        return [function for kind in self.stages for part in kind for function in part]
+
     def text(self) -> str:
-        """C text that calls a stage; the functions stand before it."""
+        """C text that calls a part of a stage; the functions stand before it."""
         cases = []
-        for k in range(len(self.functions) // 3):
-            zero, one, two = (
-                f"STAGE({function.name()}, arg, res);"
-                for function in self.functions[3 * k : 3 * k + 3]
-            )
-            cases.append(
-                f"    case {k}: if (order == 0) {zero} else if (order == 1) {one} else {two} break;"
-            )
-        return "\n".join(
-            [
-                "static inline void octo_element_stage(int kind, int order, "
-                "const ARGUMENT **arg, real **res) {",
-                "  switch (kind) {",
-                *cases,
-                "  }",
-                "}",
-            ]
-        )
+        for k, kind in enumerate(self.stages):
+            for part, functions in enumerate(kind):
+                calls = " ".join(
+                    f"if (order == {2 - back}) STAGE({function.name()}, arg, res);"
+                    for back, function in enumerate(reversed(functions))
+                )
+                cases.append(f"    case {3 * k + part}: {calls} break;")
+        head = "static inline void octo_element_stage(int k, int order, const ARGUMENT **arg, "
+        return "\n".join([f"{head}real **res) {{", "  switch (k) {", *cases, "  }", "}"])
 
 
 def elements_of(character: Character, layout: Layout, links: Sequence[int]) -> Elements:
     """``links``: the link of each body, -1 where it is fixed to the world."""
     found: dict[tuple[str, tuple[bool, bool]], int] = {}
-    functions: list[ca.Function] = []
+    stages: list[tuple[tuple[ca.Function, ...], ...]] = []
     names = ("body", "link", "end", "kind", "parameter", "dof", "moves", "start")
     table: dict[str, list[int]] = {name: [] for name in names}
     ends: list[int] = []
@@ -81,7 +77,7 @@ def elements_of(character: Character, layout: Layout, links: Sequence[int]) -> E
         key = law.serialize(), live  # elements of one kind share their functions
         if key not in found:
             found[key] = len(found)
-            functions += [stage(order, found[key], law, live, layout) for order in (0, 1, 2)]
+            stages.append(stages_of(found[key], law, live, layout))
         table["body"] += bodies
         table["link"] += on
         table["kind"].append(found[key])
@@ -102,19 +98,19 @@ def elements_of(character: Character, layout: Layout, links: Sequence[int]) -> E
         "NREACH": int(max(np.diff(table["start"]), default=0)),
     }
     points = [(*element.point_a, *element.point_b) for element in character.elements]
-    return Elements(tuple(functions), sizes, tuple(ends), table, points)
+    return Elements(tuple(stages), sizes, tuple(ends), table, points)
 
 
-def stage(
-    order: int, kind: int, law: ca.Function, live: tuple[bool, bool], layout: Layout
-) -> ca.Function:
-    """The force of an element and its derivatives, as contributions to FD.
+def stages_of(
+    kind: int, law: ca.Function, live: tuple[bool, bool], layout: Layout
+) -> tuple[tuple[ca.Function, ...], ...]:
+    """The stages of a force, as contributions to FD: of point a, of point b, of what is between.
 
-    Inputs: points (12) m: a and b of the next node, then of the present one; the element's
-    parameters; p; V (12) of a's and b's link. Outputs: w of a and b; P and B1 of each, and C (3, 3)
-    of the next and the present node, of each: -∂(force on it)/∂(other point); K, T1, L1 of each,
-    and of ψ, ∂²ψ/∂a∂b, ∂²ψ/∂a∂b' and ∂²ψ/∂b∂a', ∂²ψ/∂a'∂b'. Of a point that nothing moves they
-    are empty.
+    One long function would need more registers than a GPU's thread has. Inputs: points (12) m: a
+    and b of the next node, then of the present one; the element's parameters; p; V (12) of a's and
+    b's link. Outputs of a point: w; P, B1; K, T1, L1. Between: C (3, 3) of the next and the present
+    node, of each point: -∂(force on it)/∂(other point); and of ψ, ∂²ψ/∂a∂b, ∂²ψ/∂a∂b' and
+    ∂²ψ/∂b∂a', ∂²ψ/∂a'∂b'.
     """
     points, own = ca.SX.sym("points", 12), ca.SX.sym("own", law.numel_in(4))
     p, V, held = ca.SX.sym("p", layout.size), ca.SX.sym("V", 12), ca.SX.sym("delta", 6)
@@ -122,40 +118,39 @@ def stage(
     psi = ca.dot(held[:3] - held[3:], f)  # -δ_a·(-f) - δ_b·f
     slopes = [ca.jacobian(f, points[3 * k : 3 * k + 3]) for k in range(4)]
     hessian, gradient = ca.hessian(psi, points)
-    ends = [_End(k, points, V, SIGN[k] * f, slopes, live[k]) for k in (0, 1)]
-    out = [end.wrench() for end in ends]
-    both = all(live)
-    if order >= 1:
-        out += [block for end in ends for block in end.slopes()]
-        for node in (0, 2):
-            for end in (0, 1):
-                out.append(_if(both, rows(-SIGN[end] * slopes[node + 1 - end])))
-    if order == 2:
-        out += [block for end in ends for block in end.curvature(gradient, hessian, held)]
-        for a, b in ((0, 1), (0, 3), (1, 2), (2, 3)):
-            out.append(_if(both, rows(hessian[3 * a : 3 * a + 3, 3 * b : 3 * b + 3])))
-        out = ca.substitute(out, [held], [ca.vertcat(*(end.delta for end in ends))])
-    return ca.Function(f"{PREFIX}element{kind}_{order}", [points, own, p, V], out, OPTIONS)
-
-
-def _if(wanted: bool, output: ca.SX) -> ca.SX:
-    return output if wanted else ca.SX(0, 1)
+    ends = [_End(k, points, V, SIGN[k] * f, slopes) for k in (0, 1)]
+    parts = [[end.wrench(), end.slopes(), end.curvature(gradient, hessian, held)] for end in ends]
+    coupled = [-SIGN[end] * slopes[node + 1 - end] for node in (0, 2) for end in (0, 1)]
+    bent = [
+        hessian[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] for a, b in ((0, 1), (0, 3), (1, 2), (2, 3))
+    ]
+    parts.append([[], coupled, bent])
+    delta = ca.vertcat(*(end.delta for end in ends))
+    made = []
+    for part, wanted in enumerate((*live, all(live))):
+        functions = []
+        for order in range(3) if wanted else ():
+            out = [rows(block) for some in parts[part][: order + 1] for block in some]
+            if out:
+                name = f"{PREFIX}element{kind}_{'abc'[part]}{order}"
+                out = ca.substitute(out, [held], [delta])
+                functions.append(ca.Function(name, [points, own, p, V], out, OPTIONS))
+        made.append(tuple(functions))
+    return tuple(made)
 
 
 class _End:
     """One point of an element, its force and what its own body sees of it: a contact of radius 0
     (stages.contact)."""
 
-    def __init__(
-        self, k: int, points: ca.SX, V: ca.SX, force: ca.SX, slopes: Sequence[ca.SX], live: bool
-    ):
-        self.k, self.live, self.force = k, live, force
+    def __init__(self, k: int, points: ca.SX, V: ca.SX, force: ca.SX, slopes: Sequence[ca.SX]):
+        self.k, self.force = k, force
         self.point, self.before = points[3 * k : 3 * k + 3], points[6 + 3 * k : 9 + 3 * k]
         self.f_next, self.f_now = SIGN[k] * slopes[k], SIGN[k] * slopes[2 + k]
         self.delta = moved(V[6 * k : 6 * k + 6], self.point)
 
-    def wrench(self) -> ca.SX:
-        return _if(self.live, rows(-wrench(ca.SX(3, 1), self.force, self.point)))
+    def wrench(self) -> list[ca.SX]:
+        return [-wrench(ca.SX(3, 1), self.force, self.point)]
 
     def slopes(self) -> list[ca.SX]:
         P = ca.blockcat([[ca.SX(3, 3), ca.skew(self.force)], [ca.SX(3, 3), -self.f_next]])
@@ -174,8 +169,7 @@ class _End:
         T = ca.blockcat([[ca.SX(3, 3), turned.T @ self.f_now], [ca.SX(3, 3), hessian[now, then]]])
         L = ca.blockcat([[ca.SX(3, 3), ca.SX(3, 3)], [ca.SX(3, 3), hessian[then, then]]])
         L += raised(g_form(ca.SX(3, 3), gradient[then]))
-        return [*self._blocks(K, T), _if(self.live, rows(about(L, self.before, self.before)))]
+        return [*self._blocks(K, T), about(L, self.before, self.before)]
 
     def _blocks(self, next_next: ca.SX, next_now: ca.SX) -> list[ca.SX]:
-        pair = about(next_next, self.point, self.point), about(next_now, self.point, self.before)
-        return [_if(self.live, rows(block)) for block in pair]
+        return [about(next_next, self.point, self.point), about(next_now, self.point, self.before)]

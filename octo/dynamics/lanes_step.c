@@ -158,7 +158,7 @@ static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo
     octo_turned(in, s->V[j], j, s->eta[j]);
   }
 #if NELEMENT > 0
-  for (int e = 0; e < NELEMENT; ++e) octo_element(in, e, s->V, s->end, &s->elements.element[e]);
+  for (int e = 0; e < 3 * NELEMENT; ++e) octo_element(in, e / 3, e % 3, s->V, s->end, &s->elements.element[e / 3]);
 #endif
   for (int l = NLINK - 1; l >= 0; --l) {
     octo_composite(in, s, l);

@@ -255,7 +255,7 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
 #endif
   EACH_FROM(64, j, NX) octo_joint(&in, j, s->joint[j]);
 #if NELEMENT > 0
-  EACH_FROM(112, e, NELEMENT) octo_element(&in, e, s->V, s->touch + NC, &s->elements.element[e]);
+  EACH_FROM(112, e, 3 * NELEMENT) octo_element(&in, e / 3, e % 3, s->V, s->touch + NC, &s->elements.element[e / 3]);
 #endif
   octo_pairs(&in, &s->pairs);
   BARRIER;
