@@ -11,7 +11,9 @@ from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.asked import Asked
-from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, Effort
+from octo.problem.body_costs import BaseAngularVelocity, CenterOfMassVelocity
+from octo.problem.costs import Cost
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array
 from octo.solver.solution import Solution
 

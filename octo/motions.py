@@ -29,9 +29,10 @@ from octo.model.character import Character
 from octo.model.mirror import mirror_of
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
+from octo.problem.closure import along_arc, plane_normal
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
-from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
+from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
 from octo.solve import (
     LARGEST_SEED,
@@ -392,7 +393,10 @@ class Journey:
         """
         if self.pose is not None or not strides:
             return None
-        best, normal = min(strides, key=_quality), plane_normal(self.whole)
+        best, normal = (
+            min(strides, key=_quality),
+            plane_normal(self.whole.terrain, self.whole.values),
+        )
         first = self.robot.base_coordinate
         away = best.x[1:, first : first + 3] - self.whole.start[first : first + 3]
         if abs(float((away @ normal).mean())) <= RISES * self.whole.length * float(
@@ -500,7 +504,7 @@ class _Pieces:
         self.rest = journey.whole.replace(
             costs=journey.terms, parameters=_ground_laws(stride), **standing
         )
-        self.normal = plane_normal(self.rest)
+        self.normal = plane_normal(self.rest.terrain, self.rest.values)
         self.ends = journey.ends(self.count)
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)

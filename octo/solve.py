@@ -24,9 +24,9 @@ from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.passes import RAMP_ITERATIONS, Pass, between, early, moved, record, schedule
+from octo.problem.closure import Closure
 from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
-from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
 from octo.problem.structure import check_alike
 from octo.solver import measure, sqp

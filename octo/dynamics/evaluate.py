@@ -3,6 +3,7 @@ arrays."""
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -58,6 +59,12 @@ class Dynamics:
     def __getstate__(self) -> dict[str, Any]:
         """For pickle and copies: all but what was generated and compiled."""
         return {name: value for name, value in self.__dict__.items() if name not in self.generated}
+
+    def interpreted(self) -> Dynamics:
+        """The same on CasADi's virtual machine, as where there is no compiler."""
+        plain = copy.copy(self)
+        plain.__dict__["_library"] = None
+        return plain
 
     def text(self) -> str:
         """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import symbolic
+from octo.dynamics.balance import GRAVITY
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.interrupts import postponed
@@ -80,7 +82,11 @@ class StepSymbols:
     u: ca.SX  # (nu,)
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     actuated: NDArray[np.intp]
-    character: Character | None
+    robot: RobotDynamics | None  # None for user-written dynamics
+
+    @property
+    def character(self) -> Character | None:
+        return None if self.robot is None else self.robot.character
 
     @property
     def dt(self) -> ca.SX:
@@ -122,6 +128,36 @@ class StepSymbols:
     def pose_before(self, body: str | None = None) -> Pose:
         """Rotation and position of a body (the base by default) at x."""
         return self._poses_before[_body(self._robot(), body)]
+
+    @cached_property
+    def _poses_earlier(self) -> list[Pose]:
+        return symbolic.body_poses(self._robot(), self.x_prev)
+
+    def contact(self, name: str) -> ContactSymbols:
+        """A contact of the robot, by name: heights, velocities and forces, for a term over several
+        of them.
+
+        Raises
+        ------
+        UnknownNameError: there is none of this name. ProblemError: user-written dynamics.
+        """
+        character = self._robot()
+        assert self.robot is not None
+        sphere = character.contacts[character.contact_index(name)]
+        next_, now, previous = (
+            poses[sphere.body] for poses in (self._poses, self._poses_before, self._poses_earlier)
+        )
+        position = ca.SX(ca.DM(sphere.position))
+        radius = ca.SX(sphere.radius)
+        terrain = self.robot.terrain
+        places = (
+            symbolic.contact_places(position, radius, next_, now, terrain, self.dynamics),
+            symbolic.contact_places(position, radius, now, previous, terrain, self.dynamics),
+        )
+        weight = character.mass * GRAVITY
+        return ContactSymbols(
+            (next_, now, previous), places, radius, self.robot.law, terrain, self.dynamics, weight
+        )
 
 
 def _body(robot: Character, name: str | None) -> int:
