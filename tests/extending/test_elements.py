@@ -92,7 +92,7 @@ def test_the_cuda_text_is_the_others(threads):
     out = tuple(
         np.empty((2, problem.K, *shape)) for shape in ((3, nc, nc), (3, ma, nc), (nc,), (ma,))
     )
-    Interpreted(problem.program, problem.plan, problem.data).linearize(at, lam, out)
+    Interpreted(problem.program, problem.plan, problem.data).linearize(at, lam, None, out)
     out[0][:, problem.fixed, 0] = np.eye(nc)
     native_model, device_model = problem.linearize(at, lam), gpu.linearize(own, device.array(lam))
     np.testing.assert_allclose(own.fd, at.fd, rtol=0.0, atol=TOLERANCE * np.abs(at.fd).max())
