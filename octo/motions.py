@@ -107,12 +107,12 @@ def walk(
     starts: of the stride, for each period; ``seed`` is the first one's number.
     terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
     passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as
-    those of
-        :func:`octo.solve`; ``time_limit`` is of the whole motion.
+        those of :func:`octo.solve`; ``time_limit`` is of the whole motion.
 
     Returns
-    ------- The motion, at rest in its first and last state; its ``starts`` has a record of each
-    stride that was tried.
+    -------
+    The motion, at rest in its first and last state; its ``starts`` has a record of each stride that
+    was tried.
 
     Raises
     ------
@@ -146,8 +146,12 @@ def stride(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as
-    :func:`walk`."""
+    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("stride", number("speed", speed))
     return goal.said(_journey(given, (0.0, goal.speed), 0.0).solve())
@@ -176,8 +180,12 @@ def turn(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise
-    as :func:`walk`."""
+    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("turn", number("rate", rate))
     return goal.said(_journey(given, (0.0, 0.0), goal.speed).solve())

@@ -118,7 +118,8 @@ class Dynamics:
         order: 0 FD, 1 and its Jacobian, 2 and the curvature of lamᵀFD.
 
         Returns
-        ------- fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
+        -------
+        fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
         (batch, N, 3n, 3n) or None.
         """
         nodes, p = np.ascontiguousarray(nodes, dtype=float), np.ascontiguousarray(p, dtype=float)

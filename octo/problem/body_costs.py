@@ -102,7 +102,7 @@ class CenterOfMassDisplacement(Cost):
 
 @dataclass(frozen=True, eq=False)
 class BaseOrientation(Cost):
-    """Rotation of a body against roll, pitch, yaw (rad); ``axes`` weighs the error about the
+    """Rotation of a body against ``roll_pitch_yaw`` (3,) rad; ``axes`` weighs the error about the
     reference's x, y, z.
 
     The residual is the rotation vector of R_referenceᵀ R, its axis times its angle of at most π: it
@@ -205,8 +205,8 @@ class BaseAngularVelocity(Cost):
 
 @dataclass(frozen=True, eq=False)
 class PointPosition(Cost):
-    """A point of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x, y,
-    z."""
+    """``point`` (3,) of a body (m, body frame) against a world ``target`` (3,); ``axes`` weighs x,
+    y, z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)
@@ -244,8 +244,8 @@ class PointPosition(Cost):
 
 @dataclass(frozen=True, eq=False)
 class PointVelocity(Cost):
-    """World velocity (m/s) of a point of a body against ``velocity`` (3,); ``axes`` weighs x, y,
-    z."""
+    """World velocity (m/s) of ``point`` (3,) of a body (m, body frame) against ``velocity`` (3,);
+    ``axes`` weighs x, y, z."""
 
     body: str | None = None
     point: Any = (0.0, 0.0, 0.0)

@@ -41,8 +41,8 @@ class Cost:
     Parameters
     ----------
     weight: a number, or one per step (N,).
-    steps: "all", or the "last" one alone.
-    name: that it goes by; by default its class's.
+    steps: "all", or "last" for the last step alone.
+    name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
     """
 

@@ -77,7 +77,7 @@ def _reasonable(length: float) -> float:
 
 
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
-    """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
+    """§8: ``velocity`` (3,) m/s of the centre of mass (Eq. 17) and effort, nothing else."""
     return [CenterOfMassVelocity(velocity=tuple(numbers("velocity", velocity, (3,)))), Effort()]
 
 

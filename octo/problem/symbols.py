@@ -29,14 +29,14 @@ class Setting:
     """The numbers a cost's references and scales may depend on; they do not change during a
     solve."""
 
-    nx: int
-    actuated: NDArray[np.intp]
-    steps: int
-    dt: float
+    nx: int  # coordinates
+    actuated: NDArray[np.intp]  # (nu,) indices into x
+    steps: int  # N
+    dt: float  # s
     x0: Array  # (nx,) the start
     torque_limit: Array  # (nu,)
     torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
-    character: Character | None
+    character: Character | None  # None for user-written dynamics
 
     @cached_property
     @postponed()
@@ -81,7 +81,7 @@ class StepSymbols:
     x_prev: ca.SX  # (nx,)
     u: ca.SX  # (nu,)
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
-    actuated: NDArray[np.intp]
+    actuated: NDArray[np.intp]  # (nu,) indices into x
     robot: RobotDynamics | None  # None for user-written dynamics
 
     @property
@@ -172,9 +172,9 @@ class ContactSymbols:
     # of contact_places: of this step, and of the one before
     places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
     radius: ca.SX  # m
-    law: ContactLaw
-    terrain: Plane | Terrain
-    dynamics: dict[str, ca.SX]
+    law: ContactLaw  # of the problem
+    terrain: Plane | Terrain  # of the problem
+    dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     weight: float  # N, mg
 
     def _state(self, step: int) -> symbolic.ContactState:
