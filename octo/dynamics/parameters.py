@@ -77,9 +77,14 @@ def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:
     }
 
 
-def robot_layout(law: Mapping[str, float], terrain: Mapping[str, float]) -> Layout:
-    """p of a robot: the common entries, the contact law's, the terrain's."""
+def robot_layout(
+    law: Mapping[str, float],
+    terrain: Mapping[str, float],
+    elements: Mapping[str, float] | None = None,
+) -> Layout:
+    """p of a robot: the common entries, the contact law's, the terrain's, those of its elements."""
     values = dict(COMMON)
     values.update({f"contact.{name}": value for name, value in law.items()})
     values.update({f"terrain.{name}": value for name, value in terrain.items()})
+    values.update(elements or {})
     return Layout.of(values)

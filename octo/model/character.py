@@ -12,6 +12,7 @@ import numpy as np
 from octo.errors import ModelError, said
 from octo.model import describe
 from octo.model.body import Body, ContactSphere, Joint, floating_base
+from octo.model.element import checked
 from octo.model.quantities import LARGEST, Array, array, text
 from octo.model.tree import Tree
 from octo.shown import Shown, listed
@@ -38,6 +39,7 @@ class Character(Tree, Shown):
     default_pose: (nx,) the configuration a start is searched from.
     dropped: sentences naming what the robot's file says and octo does not model.
     poses: further configurations (nx,) by name: the keyframes of the robot's file.
+    elements: forces between points of two bodies, or a body and the world (octo.SpringDamper).
     """
 
     def __post_init__(self) -> None:
@@ -112,6 +114,8 @@ class Character(Tree, Shown):
                 f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences"
             )
         keep(self, "dropped", tuple(self.dropped))
+        names = [body.name for body in self.bodies]
+        keep(self, "elements", checked(which, self.elements, names))
 
     def _check_base(self) -> None:
         """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing

@@ -9,6 +9,7 @@ import numpy as np
 
 from octo.checks import instance
 from octo.model.body import Joint
+from octo.model.element import names_of
 from octo.model.feet import terrain_bottoms
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quantities import Array
@@ -39,10 +40,10 @@ def describe(character: Tree) -> dict[str, Any]:
     """What a character is, as plain lists, names and numbers; None where there is no limit.
 
     Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo
-    does not model; the base; ``height`` (m) of the base over the lowest contact and ``inertia`` (3,
-    3) kg m² about the centre of mass, both in the default pose; ``joints`` in the order of the
-    coordinates; ``links``: mass, centre of mass (m, body axes) and inertia (3, 3) about it;
-    ``poses`` by name; ``units``.
+    does not model; its ``elements`` (points in m, a body that is None is the world); the base;
+    ``height`` (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre
+    of mass, both in the default pose; ``joints`` in the order of the coordinates; ``links``: mass,
+    centre of mass (m, body axes) and inertia (3, 3) about it; ``poses`` by name; ``units``.
     """
     instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
@@ -56,6 +57,16 @@ def describe(character: Tree) -> dict[str, Any]:
         "contacts": names,
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
         "dropped": list(character.dropped),
+        "elements": [
+            {
+                "name": name,
+                "kind": type(element).__name__,
+                "bodies": [element.body_a, element.body_b],
+                "points": [list(element.point_a), list(element.point_b)],
+                "parameters": dict(element.parameters),
+            }
+            for name, element in zip(names_of(character.elements), character.elements, strict=True)
+        ],
         "base": character.base,
         "chart": character.chart,
         "height": default_height(character),
@@ -119,6 +130,11 @@ def summary(character: Tree) -> Text:
         "poses": list(character.poses),
         "dropped": list(character.dropped),
     }
+    if character.elements:
+        counted["elements"] = [
+            f"{name} ({element.body_a or 'world'} – {element.body_b or 'world'})"
+            for name, element in zip(names_of(character.elements), character.elements, strict=True)
+        ]
     lines = [
         f"name      {character.name}",
         f"base      {character.base}"

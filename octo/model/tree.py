@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from octo.checks import one_of
 from octo.model.body import Body, ContactSphere, Joint
+from octo.model.element import Element
 from octo.model.quantities import Array
 
 
@@ -41,6 +42,7 @@ class Tree:
     default_pose: Array | None = None
     dropped: tuple[str, ...] = ()
     poses: Mapping[str, Array] = field(default_factory=dict)
+    elements: tuple[Element, ...] = ()
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from octo.checks import one_of, positive, whole
 from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
+from octo.model.element import missing, with_parameters
 from octo.model.quantities import Array
 from octo.plant import MujocoPlant, from_chart
 from octo.plant.fall import fallen
@@ -114,7 +115,8 @@ def replay(
 
     Raises
     ------
-    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane.
+    ProblemError: no robot, no floating base or no actuator, a ground that is no plane, or elements
+        that the robot does not have. ModelError: an element for which MuJoCo has no tendon.
         ValueRangeError, UnknownNameError.
     """
     one_of("feedback", feedback, FEEDBACKS)
@@ -158,7 +160,13 @@ def _robot(solution: Solution, timestep: float) -> Character:
         raise ProblemError(
             "replay needs a robot with a floating base and actuated joints: nothing else can fall"
         )
-    return robot
+    lost = missing(robot.elements, solution.parameters)
+    if lost:
+        raise ProblemError(
+            f"the plan was made with the elements {', '.join(lost)}, which its robot does not "
+            "have: a file keeps octo's own only"
+        )
+    return replace(robot, elements=with_parameters(robot.elements, solution.parameters))
 
 
 @dataclass(eq=False)
