@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import sysconfig
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,12 @@ from octo.errors import OctoError
 from octo.problem.compiled import CompiledProblem
 
 SAME = 1e-11
-IMPORTED = ("go2", "anymal_b", "cassie")  # of example-robot-data
+FILES = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+IMPORTED = {
+    "go2": "go2_description/urdf/go2.urdf",
+    "anymal_b": "anymal_b_simple_description/robots/anymal.urdf",
+    "solo12": "solo_description/robots/solo12.urdf",
+}
 GALLERY = ("bird", "biped", "chain", "humanoid", "mammal", "spider")
 STEPS, DT = 20, 0.025
 
@@ -31,17 +37,10 @@ STEPS, DT = 20, 0.025
 def robots() -> Iterator[tuple[str, octo.Character]]:
     for name in GALLERY:
         yield name, getattr(octo.gallery, name)()
-    try:
-        import example_robot_data
-    except ImportError:
+    if not FILES.is_dir():
         print("example-robot-data is not installed: the gallery alone", file=sys.stderr)
-        return
-    root = Path(example_robot_data.__file__).parent
-    found = {path.stem: path for path in sorted(root.rglob("*.urdf"), reverse=True)}
-    for name in IMPORTED:
-        path = next((p for stem, p in found.items() if stem.startswith(name)), None)
-        if path is not None:
-            yield name, octo.load(path, base="floating")
+    for name, file in IMPORTED.items() if FILES.is_dir() else ():
+        yield name, octo.load(FILES / file, base="floating")
 
 
 def problems(robot: octo.Character) -> Iterator[tuple[str, octo.Problem]]:
