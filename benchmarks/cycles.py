@@ -44,8 +44,9 @@ from octo.model.character import Character
 from octo.passes import DEPTHS
 from octo.problem import codegen as problem_codegen
 from octo.problem.cycle import usual_period
-from octo.solver.gait import FOOT, measure_gait
-from octo.solver.solution import LOADED, Solution
+from octo.result.gait import FOOT, measure_gait
+from octo.result.solution import Solution
+from octo.result.stances import LOADED
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = {

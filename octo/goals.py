@@ -13,7 +13,7 @@ from octo.problem import presets
 from octo.problem.asked import Asked
 from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, Effort
 from octo.problem.problem import Array
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 LARGEST = 1e6  # m/s, rad/s or m
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]

@@ -27,9 +27,9 @@ from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
 from octo.problem.problem import Array, Problem
+from octo.result.solution import Solution
 from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, smooth_noise, solve
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
 from octo.solver.sqp import Iterate
 
 TOP = 30.0  # weight of the place at the top: it is missed by millimetres

@@ -33,6 +33,9 @@ from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
+from octo.result.gait import SHORT, flaws
+from octo.result.solution import Solution
+from octo.result.stances import runs, stances
 from octo.solve import (
     LARGEST_SEED,
     MOST_STARTS,
@@ -44,10 +47,9 @@ from octo.solve import (
     solve,
     solve_all,
 )
-from octo.solver.gait import SHORT, flaws, runs, stances
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution, Status
 from octo.solver.sqp import Iterate
+from octo.solver.status import Status
 
 Array = NDArray[np.float64]
 Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better
@@ -471,7 +473,7 @@ def _good(strides: Sequence[Solution]) -> list[Solution]:
 
 def _quality(stride: Solution) -> tuple[int, float]:
     """The smaller, the better: flaws of the gait, then the work of the joints on the way."""
-    return flaws(stride), stride.power
+    return flaws(stride.gait, stride.length), stride.power
 
 
 class _Interrupted(Exception):

@@ -16,8 +16,8 @@ from octo.errors import ProblemError
 from octo.problem.basis import Hermite
 from octo.problem.contact_costs import SlipPower
 from octo.problem.problem import Array, Problem
+from octo.result.solution import Solution
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
 
 DEPTHS = (0.08, 0.04, 0.02, 0.008)  # ℓ; each further pass halves the last
 RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays

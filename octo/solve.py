@@ -29,12 +29,14 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
 from octo.problem.structure import check_alike
-from octo.solver import measure, sqp
+from octo.result import measure
+from octo.result.gait import flaws
+from octo.result.solution import Solution, solution_of
+from octo.solver import sqp
 from octo.solver.backend import CPU, Backend
-from octo.solver.gait import flaws
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Solution, Status, solution_of
 from octo.solver.sqp import Iterate, Monitor
+from octo.solver.status import HISTORY, Status
 
 # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
 NOISE = 0.02
@@ -322,7 +324,7 @@ def _rank(member: Solution) -> tuple[bool, int, bool, int, float]:
     fewer flaws, then by E."""
     feasible = member.violation <= 1e-3 * member.weight
     done = sum(bool(record["converged"]) for record in member.passes)
-    flawed = 0 if member.cycle is None else flaws(member)
+    flawed = 0 if member.cycle is None else flaws(member.gait, member.length)
     return (
         not member.converged,
         -done,

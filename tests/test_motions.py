@@ -13,8 +13,8 @@ import octo
 from octo.errors import OctoError
 from octo.motions import Journey
 from octo.problem.compiled import CompiledProblem
-from octo.solver import measure
-from octo.solver.solution import Status
+from octo.result import measure
+from octo.solver.status import Status
 
 
 @lru_cache

@@ -13,9 +13,9 @@ from octo.errors import ShapeError
 from octo.passes import RAMP_ITERATIONS, Pass, between, moved, schedule
 from octo.problem.problem import Array, Problem
 from octo.reference.run import one_core
+from octo.result.solution import Solution
 from octo.solve import first_nodes, solve
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
 
 OTHERS: dict[str, Callable[..., Any]] = {"ipopt": reference.Ipopt, "fatrop": reference.Fatrop}
 

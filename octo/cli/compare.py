@@ -22,8 +22,9 @@ from octo.problem import presets
 from octo.problem.costs import Effort
 from octo.problem.cycle import TIME_STEP, Cycle
 from octo.problem.problem import Problem
+from octo.result.solution import Solution
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution, Status
+from octo.solver.status import Status
 
 HEAD = (
     f"{'solver':8s}{'pass':>5s}{'seed':>5s}  "

@@ -30,7 +30,8 @@ from octo.problem.costs import Effort
 from octo.problem.cycle import Cycle, usual_periods
 from octo.problem.presets import natural
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 PLOTTED = 3  # strides
 Period = float | tuple[float, float] | None

@@ -31,7 +31,8 @@ from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem.costs import Effort
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 SECONDS = 10.0  # of motion, where none are asked for
 COMPOSED = ("walk", "stride", "turn")  # goals that natural terms reach with a stride that repeats

@@ -24,9 +24,9 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Cost
 from octo.problem.problem import Problem
 from octo.problem.structure import Reader, same
+from octo.result.solution import Solution
 from octo.solver.receding import PAST, RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
-from octo.solver.solution import Solution
 
 Array = NDArray[np.float64]
 Guide = Callable[["Controller", float, Array], None]

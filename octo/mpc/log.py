@@ -20,8 +20,9 @@ from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.mpc.command import Command
+from octo.result.solution import Solution
 from octo.shown import Shown
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.status import HISTORY, Status
 
 if TYPE_CHECKING:
     from octo.mpc.controller import Controller

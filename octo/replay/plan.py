@@ -14,7 +14,7 @@ from octo.model.character import Array, Character
 from octo.model.kinematics import body_poses
 from octo.model.quaternions import quaternions, turning
 from octo.model.terrain import Plane
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 STANCE = 0.02  # of the weight: a contact planned to carry more is in stance
 

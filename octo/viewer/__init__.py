@@ -19,8 +19,8 @@ from octo.checks import ending, flag, number
 from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
+from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
-from octo.solver.solution import Solution
 from octo.viewer.page import wrap
 from octo.viewer.scene import Actor, Cycle, build, camera_path, frame_times
 

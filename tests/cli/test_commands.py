@@ -22,7 +22,8 @@ from octo.cli.solve import described
 from octo.dynamics.simulate import Motion
 from octo.errors import MissingExtraError, OutputError
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 FILES = ["motion.html", "plot.png", "report.json", "solution.npz"]
 NUMBERS = (

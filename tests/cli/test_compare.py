@@ -12,7 +12,7 @@ import pytest
 from octo import native
 from octo.bench.contest import joined
 from octo.cli.main import main
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
 FIELDS = (

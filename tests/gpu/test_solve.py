@@ -19,7 +19,7 @@ from octo.problem.compiled import CompiledProblem
 from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)}
 

@@ -16,8 +16,9 @@ from octo.goals import Goal
 from octo.model.gallery import mammal
 from octo.problem.asked import Asked
 from octo.problem.costs import Cost
+from octo.result.solution import Solution
 from octo.solve import evaluated
-from octo.solver.solution import Solution, Status
+from octo.solver.status import Status
 
 ROBOT = mammal()
 N, DT = 10, 0.05  # s

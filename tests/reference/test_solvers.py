@@ -20,7 +20,7 @@ from octo.reference import Fatrop, Ipopt, fatrop, ipopt
 from octo.reference.run import one_core
 from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Status
+from octo.solver.status import HISTORY, Status
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 SAME = 1e-6  # part of E

@@ -14,7 +14,7 @@ from octo.errors import ProblemError
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 
 def standing(robot=None, speed: float = 0.0, **changes) -> octo.Problem:

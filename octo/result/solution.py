@@ -1,0 +1,250 @@
+"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how
+it was found."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import ending
+from octo.errors import ProblemError, said
+from octo.model import archive, store
+from octo.result import export, saved
+from octo.result.gait import Gait, measure_cycle, measure_gait
+from octo.result.tile import tiled
+from octo.result.trajectory import Trajectory
+from octo.result.warnings import largest_step, warnings
+from octo.shown import Shown
+from octo.solver.status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Solution(Trajectory, Shown):
+    """A motion that octo found. All arrays are plain NumPy; nothing here needs the problem it came
+    from.
+
+    A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a
+    row is of:
+
+    ===============================  ==========  ==================================================
+    array                            shape       row i
+    ===============================  ==========  ==================================================
+    times                            (N+1,)      moment i, s
+    x[1:]                            (N+1, nx)   configuration at moment i
+    x                                (N+2, nx)   the same behind one for moment −1, which says v[0]
+    v                                (N+1, nx)   velocity over the step that ends at moment i
+    com                              (N+1, 3)    at moment i
+    yaw                              (N+1,)      at moment i
+    u                                (N, nu)     torque from moment i to moment i+1
+    contact_*, normal_force,         (N, c, …)   at moment i+1
+    loaded, stance
+    ===============================  ==========  ==================================================
+
+    Attributes
+    ----------
+    name: of the robot, or "custom". character: None for user-written dynamics.
+    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m. u: (N, nu) N m or N; u[i] acts from
+        x_i to x_{i+1}.
+    unknowns (K, nc), multipliers (K, ma): the solver's own variables, for warm starts.
+    terms: E by term; energy: their sum. violation: ‖C‖∞ in N. pointwise_residual: ‖U_/FD‖∞ in N
+        (moments over ℓ).
+    contact_names: the spheres that touch the terrain (c of them); contact_force, contact_point,
+        contact_velocity, contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m,
+        m/s.
+    ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
+    history: one column per name of HISTORY, one row per iteration of every pass.
+    processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an
+        idle machine.
+    cycle: what a cycle is carried on with; None of other motions.
+    passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by
+        stage.
+    asked: what the terms, or the goal, ask of the whole motion, and what came of it.
+    """
+
+    FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
+
+    multipliers: Array  # (K, ma)
+    status: Status
+    iterations: int
+    factorizations: int
+    history: dict[str, Array]
+    seconds: float
+    setup_seconds: float
+    processor_seconds: float = 0.0
+    seed: int = 0
+    device: str = "cpu"
+    stages: dict[str, float] = field(default_factory=dict)
+    passes: tuple[dict[str, Any], ...] = ()
+    starts: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        return self.status.converged
+
+    def tile(self, strides: int) -> Solution:
+        """Whole strides of a cycle one after the other: a mirrored one has two pieces a stride.
+
+        Raises
+        ------
+        ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
+        """
+        return replace(tiled(self, strides), multipliers=self.multipliers[:0])
+
+    @cached_property
+    def gait(self) -> Gait | None:
+        """How good the motion is, in figures; of a cycle, carried on for some strides. None for
+        user-written dynamics."""
+        return measure_gait(self) if self.cycle is None else measure_cycle(self)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the motion is used, whatever its status: leaps from one node to the
+        next, a dt too long."""
+        return warnings(self)
+
+    # -- words and numbers -------------------------------------------------------------------------
+
+    def report(self) -> dict[str, Any]:
+        """The numbers of report.json; every one is finite, or None in ``gait`` where there is
+        nothing to measure.
+
+        A cycle has more: period, speed, sideways, turn, mirrored, and power.
+        """
+        travel = self.com[-1] - self.com[0]
+        carried_on = {} if self.cycle is None else {**self.cycle.plain(), "power": self.power}
+        return {
+            "status": self.status.label,
+            "status_sentence": self.status.value,
+            "converged": self.converged,
+            "iterations": self.iterations,
+            "factorizations": self.factorizations,
+            "energy": self.energy,
+            "terms": dict(self.terms),
+            "asked": [one.report() for one in self.asked],
+            "warnings": list(self.warnings),
+            "largest_step": largest_step(self),
+            "violation": self.violation,
+            "pointwise_residual": self.pointwise_residual,
+            "weight": self.weight,
+            "com_travel": [float(v) for v in travel],
+            "penetration": self.penetration,
+            "penetration_max": self.penetration_max,
+            "slip": self.slip,
+            "friction_use": self.friction_use,
+            "friction_use_95": self.friction_use_95,
+            "torque_excess": self.torque_excess,
+            "gait": None if self.gait is None else self.gait.report(),
+            "seconds": self.seconds,
+            "processor_seconds": self.processor_seconds,
+            "setup_seconds": self.setup_seconds,
+            "seconds_per_iteration": self.seconds / max(self.iterations, 1),
+            "stages": dict(self.stages),
+            "passes": [dict(record) for record in self.passes],
+            "device": self.device,
+            "basis": self.basis,
+            "steps": self.steps,
+            "dt": self.dt,
+            "robot": self.name,
+            "seed": self.seed,
+            **carried_on,
+        }
+
+    @property
+    def _sampled(self) -> str:
+        carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
+        return f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
+
+    @property
+    def _piece(self) -> str:
+        return "in half a stride the " if self.cycle is not None and self.cycle.mirrored else ""
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.name}, {self._sampled}: {self.status.value}",
+            f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = "
+            f"{self.energy:.5g} "
+            f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
+            f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual "
+            f"{self.pointwise_residual:.1e} N",
+        ]
+        if self.character is not None:
+            travel = self.com[-1] - self.com[0]
+            lines.append(
+                f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, "
+                f"{travel[2]:.2f}) m; feet sink "
+                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest "
+                f"|u|/limit {self.torque_excess:.2f}"
+            )
+        if self.gait is not None:
+            lines.append(f"  {self.gait}")
+        lines += [f"  {one}" for one in self.asked if not one.met]
+        lines += [f"  warning: {sentence}" for sentence in self.warnings]
+        return "\n".join(lines)
+
+    # -- other tools -------------------------------------------------------------------------------
+
+    def to_mujoco(self) -> tuple[Array, Array]:
+        """MuJoCo's qpos (N+1, nq) and qvel (N+1, nv)."""
+        return export.to_mujoco(self)
+
+    def to_pinocchio(
+        self, joints: Sequence[str] | None = None, circular: Collection[str] = ()
+    ) -> tuple[Array, Array]:
+        """Pinocchio's q (N+1, nq) and v (N+1, nv).
+
+        ``joints`` names the order of its joints after the free flyer, ``circular`` those it keeps
+        as cosine and sine.
+        """
+        return export.to_pinocchio(self, joints, circular)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """A table: time, coordinates, torques, contact forces; the first line has names and
+        units."""
+        export.to_csv(self, path)
+
+    # -- files -------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz file: arrays, and the rest as JSON. Written beside, then renamed."""
+        target = ending("path", path, (".npz",))
+        saved.write(target, {f.name: getattr(self, f.name) for f in fields(self)})
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Solution:
+        """Read a solution that :meth:`save` wrote: the file, or the folder of a command that holds
+        a solution.npz.
+
+        Raises
+        ------
+        RobotFileError: the file is missing, or something in it is not as octo writes it; one line
+            that says what.
+        """
+        with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
+            return Solution(**saved.fields_of(file))
+
+
+def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
+    """A Solution as it is, or the one that a file or a folder of octo's holds.
+
+    Raises
+    ------
+    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
+    """
+    found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
+    if not isinstance(found, Solution):
+        raise ProblemError(
+            f"solution is {said(found)}, must be a Solution, or the path of a file or folder of "
+            "octo's"
+        )
+    return found
