@@ -37,11 +37,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import octo
+from octo.continuation.schedule import DEPTHS
 from octo.dynamics import codegen as dynamics_codegen
 from octo.goals import Goal
 from octo.jump import first_guesses, jump_problem
 from octo.model.character import Character
-from octo.passes import DEPTHS
 from octo.problem import codegen as problem_codegen
 from octo.problem.cycle import usual_period
 from octo.result.gait import FOOT, measure_gait

@@ -27,10 +27,12 @@ from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
 from octo.problem.problem import Array, Problem
+from octo.ranking import best_of
 from octo.result.solution import Solution
-from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, smooth_noise, solve
+from octo.solve import LARGEST_SEED, MOST_STARTS, solve
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate
+from octo.starts import smooth_noise
 
 TOP = 30.0  # weight of the place at the top: it is missed by millimetres
 AIR = 30.0  # weight of (f_n/mg)² in flight …

@@ -33,23 +33,16 @@ from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, along_arc, plane_normal, usual_period
 from octo.problem.problem import Problem
+from octo.progress import check_progress
+from octo.ranking import best_of
 from octo.result.gait import SHORT, flaws
 from octo.result.solution import Solution
 from octo.result.stances import runs, stances
-from octo.solve import (
-    LARGEST_SEED,
-    MOST_STARTS,
-    best_of,
-    check_progress,
-    evaluated,
-    settings_of,
-    smooth_noise,
-    solve,
-    solve_all,
-)
+from octo.solve import LARGEST_SEED, MOST_STARTS, evaluated, settings_of, solve, solve_all
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate
 from octo.solver.status import Status
+from octo.starts import smooth_noise
 
 Array = NDArray[np.float64]
 Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better

@@ -81,8 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
         goal.check(robot)
     # after the checks: it takes longer to import than they take
     from octo.bench.contest import Contest, Entry
+    from octo.devices import resolve_device
     from octo.reference.run import OPTIONS
-    from octo.solve import LARGEST_SEED, MOST_STARTS, resolve_device
+    from octo.solve import LARGEST_SEED, MOST_STARTS
 
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)

@@ -98,7 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     # after the checks: it takes longer to import than they take
-    from octo.solve import resolve_device, solve
+    from octo.devices import resolve_device
+    from octo.solve import solve
 
     resolve_device(arguments.device)
     problem = described(robot, arguments)

@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     goal.check(robot)
     # after the checks: it takes longer to import than they take
-    from octo.solve import resolve_device
+    from octo.devices import resolve_device
 
     resolve_device(arguments.device)
     if composed:

@@ -14,10 +14,10 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
 from octo.result.measure import measured
 from octo.result.solution import Solution
-from octo.solve import smooth_noise
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
+from octo.starts import smooth_noise
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
 LEFT = 1e-2  # of the weight, what a plan may leave of it in the steps that are kept

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number
+from octo.devices import check_device_name
 from octo.errors import DeviceError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
-from octo.solve import check_device_name
 
 Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured

@@ -251,12 +251,12 @@ def test_default_folder_and_why_the_cpu(
 ) -> None:
     solver()
     monkeypatch.chdir(tmp_path)
-    sys.modules["octo.solve"]._say_cpu.cache_clear()
+    sys.modules["octo.devices"].say_cpu.cache_clear()
     words = ["solve", "chain", "--goal", "stand", "--seconds", "0.1"]
     assert main(words) == 0
     assert (tmp_path / "octo-chain-stand" / "report.json").is_file()
     assert "using the CPU" not in capsys.readouterr().err
-    sys.modules["octo.solve"]._say_cpu.cache_clear()
+    sys.modules["octo.devices"].say_cpu.cache_clear()
     assert main([*words, "--verbose"]) == 0
     said = [
         line
