@@ -48,6 +48,8 @@ LEAST = 1.0  # √(ℓ/g), the shortest of these
 REST = 1.0  # √(ℓ/g), at rest before and after
 TUCK = 0.15  # ℓ, by which the feet of the first guess are drawn up at the top
 REACH = 0.02  # rad and m, kept from the joints' limits in the first guess
+# arguments of jump_problem; others of jump's are solve_jump's
+OWN = ("seconds", "dt", "terrain", "law", "pose")
 
 
 @asked
@@ -96,25 +98,11 @@ def jump(
     ------
     OctoError: what cannot be a jump of this robot is refused; nothing was computed.
     """
-    problem = jump_problem(
-        robot, height, distance, seconds=seconds, dt=dt, terrain=terrain, law=law, pose=pose
-    )
-    found = solve_jump(
-        problem,
-        seeds=seeds,
-        seed=seed,
-        start=start,
-        passes=passes,
-        options=options,
-        max_iterations=max_iterations,
-        time_limit=time_limit,
-        tolerance=tolerance,
-        device=device,
-        threads=threads,
-        progress=progress,
-        callback=callback,
-    )
-    return Goal("jump", distance=distance, height=height).said(found)
+    given = locals()
+    for name in ("robot", "height", "distance"):
+        del given[name]
+    problem = jump_problem(robot, height, distance, **{name: given.pop(name) for name in OWN})
+    return Goal("jump", distance=distance, height=height).said(solve_jump(problem, **given))
 
 
 def jump_problem(
