@@ -4,13 +4,17 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3
 	$$python -c '$(NEW_ENOUGH)' 2>/dev/null && echo $$python && break; done)
 BIN := .venv/bin
 
-.PHONY: demo test acceptance clean
+.PHONY: demo test docs acceptance clean
 
 demo: .venv/ready
 	$(BIN)/python -m octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
 
 test: .venv/ready-dev
 	$(BIN)/python -m pytest
+
+# build/site/index.html; it needs no network to be read, and a warning is an error.
+docs: .venv/ready-docs
+	$(BIN)/python -m sphinx -q -W --keep-going docs build/site
 
 acceptance: .venv/ready-dev
 	$(BIN)/python -m benchmarks.acceptance
@@ -28,6 +32,10 @@ acceptance: .venv/ready-dev
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	$(BIN)/python -m pip install --quiet --no-deps dm_control
 	touch $@ .venv/ready
+
+.venv/ready-docs: setup.cfg setup.py | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --editable '.[view,robots,docs]'
+	touch $@
 
 clean:
 	rm -rf .venv demo build *.egg-info

@@ -15,7 +15,7 @@ from gpu_bench import WARM, Bench, Row, first_line, of_solve, walk
 import octo
 from octo import arrays
 from octo.gpu import bound
-from octo.gpu.problem import bytes_of
+from octo.gpu.program import bytes_of
 from octo.gpu.sequence import Counts
 from octo.problem.compiled import CompiledProblem
 from octo.solver.options import SqpOptions

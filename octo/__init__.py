@@ -60,11 +60,13 @@ _COSTS = (
     "FootLift",
     "ForceRate",
     "FrictionCone",
+    "Huber",
     "JointAcceleration",
     "JointLimit",
     "JointSpeedLimit",
     "JointVelocity",
     "LoadSharing",
+    "Loss",
     "NeighbourCost",
     "PointPosition",
     "PointVelocity",
@@ -111,11 +113,13 @@ if TYPE_CHECKING:
     from octo.costs import FootLift as FootLift
     from octo.costs import ForceRate as ForceRate
     from octo.costs import FrictionCone as FrictionCone
+    from octo.costs import Huber as Huber
     from octo.costs import JointAcceleration as JointAcceleration
     from octo.costs import JointLimit as JointLimit
     from octo.costs import JointSpeedLimit as JointSpeedLimit
     from octo.costs import JointVelocity as JointVelocity
     from octo.costs import LoadSharing as LoadSharing
+    from octo.costs import Loss as Loss
     from octo.costs import NeighbourCost as NeighbourCost
     from octo.costs import PointPosition as PointPosition
     from octo.costs import PointVelocity as PointVelocity

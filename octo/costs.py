@@ -1,6 +1,17 @@
 """Every term of E by one import path, and the lists of terms that go together: natural, paper,
 robot, locomotion."""
 
+from octo.problem.body_costs import (
+    BaseAngularVelocity,
+    BaseHeight,
+    BaseOrientation,
+    CenterOfMassDisplacement,
+    CenterOfMassPosition,
+    CenterOfMassVelocity,
+    PointPosition,
+    PointVelocity,
+    Upright,
+)
 from octo.problem.contact_costs import (
     BodyLoad,
     Clearance,
@@ -13,29 +24,20 @@ from octo.problem.contact_costs import (
     SlipPower,
     SwingClearance,
 )
-from octo.problem.costs import (
-    BaseAngularVelocity,
-    BaseHeight,
-    BaseOrientation,
-    CenterOfMassDisplacement,
-    CenterOfMassPosition,
-    CenterOfMassVelocity,
-    Cost,
-    CustomCost,
+from octo.problem.costs import Cost, CustomCost, NeighbourCost
+from octo.problem.joint_costs import (
     Effort,
     JointAcceleration,
     JointLimit,
     JointSpeedLimit,
     JointVelocity,
-    NeighbourCost,
-    PointPosition,
-    PointVelocity,
     PoseTarget,
     Posture,
     TorqueLimit,
-    Upright,
 )
+from octo.problem.losses import Huber, Loss
 from octo.problem.presets import locomotion, natural, paper, robot
+from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 
 __all__ = [
     "BaseAngularVelocity",
@@ -47,24 +49,29 @@ __all__ = [
     "CenterOfMassVelocity",
     "Clearance",
     "ContactCost",
+    "ContactSymbols",
     "Cost",
     "CustomCost",
     "Effort",
     "FootLift",
     "ForceRate",
     "FrictionCone",
+    "Huber",
     "JointAcceleration",
     "JointLimit",
     "JointSpeedLimit",
     "JointVelocity",
     "LoadSharing",
+    "Loss",
     "NeighbourCost",
     "PointPosition",
     "PointVelocity",
     "PoseTarget",
     "Posture",
+    "Setting",
     "Slip",
     "SlipPower",
+    "StepSymbols",
     "SwingClearance",
     "TorqueLimit",
     "Upright",

@@ -11,7 +11,9 @@ from octo.errors import ProblemError, ValueRangeError
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.asked import Asked
-from octo.problem.costs import BaseAngularVelocity, CenterOfMassVelocity, Cost, Effort
+from octo.problem.body_costs import BaseAngularVelocity, CenterOfMassVelocity
+from octo.problem.costs import Cost
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array
 from octo.result.solution import Solution
 
@@ -22,8 +24,16 @@ Preset = Literal["natural", "paper", "robot"]
 
 @dataclass(frozen=True)
 class Goal:
-    """A goal: ``speed`` in m/s (rad/s for turn, its sign the side), ``distance`` and ``height`` (of
-    its top) in m for jump."""
+    """A goal by its name.
+
+    Parameters
+    ----------
+    kind: "walk", "stride", "turn", "jump" or "stand".
+    speed: m/s (rad/s for turn, its sign the side).
+    distance: m, of a jump.
+    height: m, of a jump's top.
+    preset: the list of terms, "natural", "paper" or "robot".
+    """
 
     kind: Kind = "walk"
     speed: float = 0.5

@@ -23,9 +23,11 @@ from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
+from octo.problem.body_costs import CenterOfMassDisplacement
 from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
-from octo.problem.costs import CenterOfMassDisplacement, Cost, Effort
+from octo.problem.costs import Cost
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array, Problem
 from octo.ranking import best_of
 from octo.result.solution import Solution

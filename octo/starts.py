@@ -14,9 +14,9 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
+from octo.problem.closure import Closure
 from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
-from octo.problem.cycle import Closure
 from octo.problem.problem import Array, Problem
 from octo.result.solution import Solution, solution_of
 

@@ -61,7 +61,7 @@ def main() -> None:
     costs = [octo.CenterOfMassVelocity((0.3, 0.0, 0.0)), octo.Effort()]
     problem = octo.Problem(dynamics, steps=100, dt=0.025, costs=costs, x0=robot.default_pose)
     compiled = CompiledProblem([problem])
-    library = compiled._library
+    library = compiled.library
     marks.append(clock())
     library = elimination.library(compiled.nc, compiled.ma)
     marks.append(clock())

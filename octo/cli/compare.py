@@ -19,8 +19,8 @@ from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem import presets
-from octo.problem.costs import Effort
 from octo.problem.cycle import TIME_STEP, Cycle
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solver.options import SqpOptions

@@ -26,8 +26,8 @@ from octo.cli.solve import FILES, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
-from octo.problem.costs import Effort
 from octo.problem.cycle import Cycle, usual_periods
+from octo.problem.joint_costs import Effort
 from octo.problem.presets import natural
 from octo.problem.problem import Problem
 from octo.result.solution import Solution

@@ -74,8 +74,7 @@ class OutputFolder:
         Raises
         ------
         OutputError: the numbers cannot be written here; says where they are instead.
-            KeyboardInterrupt: while pictures were
-        drawn; says where the numbers are.
+        KeyboardInterrupt: while pictures were drawn; says where the numbers are.
         """
         numbers = {
             name: writer for name, writer in writers.items() if Path(name).suffix not in PICTURES

@@ -27,7 +27,7 @@ from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
 from octo.model.character import Array, Character, Joint
 from octo.problem.compiled import CompiledProblem
-from octo.problem.costs import Effort
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.measure import measured
 from octo.result.solution import Solution

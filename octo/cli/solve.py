@@ -29,7 +29,7 @@ from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.problem.costs import Effort
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solver.status import Status

@@ -166,6 +166,8 @@ class _Value:
     """An expression: a number that all lanes share, a vector, or a mask (all bits of a lane where
     it is true)."""
 
+    __slots__ = ("kind", "text")
+
     def __init__(self, kind: str, text: str):
         self.kind, self.text = kind, text
 
@@ -177,14 +179,14 @@ class _Value:
     def mask(self) -> str:
         return self.text if self.kind == "mask" else f"({self.vector()} != 0.0)"
 
-    def operand(self) -> str:
-        return self.vector() if self.kind == "mask" else self.text
-
 
 def _apply(function: ca.Function, operation: int, values: list[_Value]) -> _Value:
     if operation in ARITHMETIC:
-        kind = "number" if all(value.kind == "number" for value in values) else "vector"
-        return _Value(kind, ARITHMETIC[operation].format(*(value.operand() for value in values)))
+        kind, texts = "number", []
+        for value in values:
+            kind = kind if value.kind == "number" else "vector"
+            texts.append(value.vector() if value.kind == "mask" else value.text)
+        return _Value(kind, ARITHMETIC[operation].format(*texts))
     if operation in COMPARISON:
         return _Value("mask", COMPARISON[operation].format(*(value.vector() for value in values)))
     if operation in LOGIC:

@@ -3,6 +3,7 @@ arrays."""
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -58,6 +59,12 @@ class Dynamics:
         """For pickle and copies: all but what was generated and compiled."""
         return {name: value for name, value in self.__dict__.items() if name not in self.generated}
 
+    def interpreted(self) -> Dynamics:
+        """The same on CasADi's virtual machine, as where there is no compiler."""
+        plain = copy.copy(self)
+        plain.__dict__["_library"] = None
+        return plain
+
     def text(self) -> str:
         """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and
         octo_step."""
@@ -110,7 +117,8 @@ class Dynamics:
         order: 0 FD, 1 and its Jacobian, 2 and the curvature of lamᵀFD.
 
         Returns
-        ------- fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
+        -------
+        fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
         (batch, N, 3n, 3n) or None.
         """
         nodes, p = np.ascontiguousarray(nodes, dtype=float), np.ascontiguousarray(p, dtype=float)

@@ -54,7 +54,8 @@ class Viscous:
 
 @dataclass(frozen=True)
 class Coulomb:
-    """Regularised Coulomb: f_t = -mu f_n v_t / sqrt(|v_t|² + creep²)."""
+    """Regularised Coulomb: f_t = -mu f_n v_t / sqrt(|v_t|² + creep²), ``mu`` the coefficient of
+    friction."""
 
     mu: float = 0.8
     creep: float = 0.2  # m/s, sliding speed at which f_t is 0.7 mu f_n
@@ -77,7 +78,7 @@ class Smooth:
     """Eq. 6: f = [w_perp n - w_par (I - nnᵀ) v] d², with a smoothable onset.
 
     d is 0 below -onset, (depth + onset)²/(4 onset) up to +onset, depth above: the positive part
-    when onset is 0.
+    when onset is 0. ``friction``: the law of the tangential force.
     """
 
     w_perp: float = 3e4  # N/m²
@@ -108,7 +109,8 @@ class Compliant:
     h is the Hunt-Crossley damping of Castro et al. (IDTO): with s = v_n/v_d (positive when leaving)
     it is 1 - s for s < 0, (s - 2)²/4 up to s = 2, and 0 beyond: continuously differentiable and
     never negative. ``offset`` is added to the depth: where the plan's foot is soft and the
-    machine's is hard, what the soft one sinks under its load.
+    machine's is hard, what the soft one sinks under its load. ``friction``: the law of the
+    tangential force.
     """
 
     stiffness: float = 2000.0  # N/m

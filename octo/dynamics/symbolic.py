@@ -38,9 +38,10 @@ def _joint_pose(joint: Joint, displacement: ca.SX) -> Pose:
     if joint.kind == "slide":
         return ca.SX.eye(3), ca.SX(joint.axis) * displacement
     cross = ca.skew(ca.DM(joint.axis))
-    rotation = (
-        ca.SX.eye(3) + ca.sin(displacement) * cross + (1.0 - ca.cos(displacement)) * (cross @ cross)
-    )
+    sine, cosine = ca.sin(displacement), ca.cos(displacement)
+    rotation = ca.SX.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross)
+    if not joint.anchor.any():
+        return rotation, ca.SX.zeros(3)
     anchor = ca.SX(joint.anchor)
     return rotation, anchor - rotation @ anchor
 

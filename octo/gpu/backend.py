@@ -13,7 +13,8 @@ from octo.errors import DeviceError
 from octo.gpu.device import Array, Device
 from octo.gpu.linear import DeviceBlocks, Linear, text
 from octo.gpu.normal import DeviceNormal
-from octo.gpu.problem import DeviceProblem, bytes_of
+from octo.gpu.problem import DeviceProblem
+from octo.gpu.program import bytes_of
 from octo.gpu.work import DeviceFactors, Work
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.backend import Backend

@@ -204,68 +204,46 @@ class Reduction:
         self.batch, self.D, self.B = int(batch), int(D), int(B)
         self.counts = device.empty((batch, D, 2), np.int32)
         self._levels: list[_Level] = []
-        room, tiles = pivot_room(B, device.shared_limit), (-(-B // TILE)) ** 2
-        products = {"threads": EDGE * EDGE, "shared": 16 * TILE * (TILE + 1)}
+        self._given = (float(rounding), float(shift), active)
         order, block, place = [], np.arange(D), 0
-
-        def pivots(D: int, first: int, count: int) -> tuple[Array, Array]:
-            half, sign = device.empty((batch, count, B, B)), device.empty((batch, count, B))
-            own = (
-                D,
-                first,
-                float(rounding),
-                float(shift),
-                self.D,
-                place,
-                active,
-                diagonal,
-                half,
-                sign,
-                self.counts,
-            )
-            self._each("pivots", (count, batch), *own, threads=pivot_threads(B), shared=room)
-            return half, sign
-
         while D > 1:
-            first = D % 2
-            E = (D - first) // 2
-            S = D - E
-            half, sign = pivots(D, first, E)
-            left, right = device.empty((batch, E, B, B)), device.empty((batch, E, B, B))
-            self._each(
-                "couple",
-                (E * tiles, 2, batch),
-                D,
-                first,
-                active,
-                lower,
-                half,
-                left,
-                right,
-                **products,
-            )
-            new = device.empty((batch, S, B, B))
-            new_lower = device.empty((batch, max(S - 1, 1), B, B))
-            grid = (S * tiles, 2, batch)
-            self._each(
-                "complement",
-                grid,
-                D,
-                first,
-                active,
-                diagonal,
-                sign,
-                left,
-                right,
-                new,
-                new_lower,
-                **products,
-            )
-            self._levels.append(_Level(D, first, half, sign, left, right))
-            order += block[first::2].tolist()
-            diagonal, lower, block, place, D = new, new_lower, block[1 - first :: 2], place + E, S
-        self._last = pivots(1, 0, 1)
+            eliminated = D // 2
+            order += block[D % 2 :: 2].tolist()
+            diagonal, lower = self._eliminate(D, place, diagonal, lower)
+            block, place, D = block[1 - D % 2 :: 2], place + eliminated, D - eliminated
+        self._last = self._pivots(1, 0, 1, place, diagonal)
         self.order = np.array([*order, *block.tolist()])
+
+    def _pivots(
+        self, D: int, first: int, count: int, place: int, diagonal: Array
+    ) -> tuple[Array, Array]:
+        """T (batch, count, B, B) and the signs of every other of D blocks; ``place`` in counts."""
+        device, batch, B = self._linear.device, self.batch, self.B
+        half, sign = device.empty((batch, count, B, B)), device.empty((batch, count, B))
+        rounding, shift, active = self._given
+        own = (D, first, rounding, shift, self.D, place, active, diagonal, half, sign, self.counts)
+        room = pivot_room(B, device.shared_limit)
+        self._each("pivots", (count, batch), *own, threads=pivot_threads(B), shared=room)
+        return half, sign
+
+    def _eliminate(self, D: int, place: int, diagonal: Array, lower: Array) -> tuple[Array, Array]:
+        """Every other of D blocks; what is left of the others: diagonal and lower."""
+        device, batch, B, active = self._linear.device, self.batch, self.B, self._given[2]
+        first = D % 2
+        E = (D - first) // 2
+        S = D - E
+        tiles = (-(-B // TILE)) ** 2
+        products = {"threads": EDGE * EDGE, "shared": 16 * TILE * (TILE + 1)}
+        half, sign = self._pivots(D, first, E, place, diagonal)
+        left, right = device.empty((batch, E, B, B)), device.empty((batch, E, B, B))
+        grid = (E * tiles, 2, batch)
+        self._each("couple", grid, D, first, active, lower, half, left, right, **products)
+        new = device.empty((batch, S, B, B))
+        new_lower = device.empty((batch, max(S - 1, 1), B, B))
+        own = (D, first, active, diagonal, sign, left, right, new, new_lower)
+        self._each("complement", (S * tiles, 2, batch), *own, **products)
+        self._levels.append(_Level(D, first, half, sign, left, right))
+        return new, new_lower
 
     def _each(
         self,

@@ -8,96 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from octo.errors import DeviceError
-from octo.gpu.between import Between
-from octo.gpu.device import Array, Device, Kernel, source
-from octo.gpu.pieces import Pieces
+from octo.gpu.device import Array, Device
+from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
 from octo.gpu.tables import Gather, Tables
-from octo.problem import codegen
-from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
-from octo.problem.contact_model import TOUCHED
 
-WARP = 32  # threads of a block, for a node
-# for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are
-# one wave
-NARROW = 64
-SMALL = 128  # for a step
-# for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
-TILED = 192
-FLAT = 256  # for one thing a thread
-PARTS = 128  # of common.cuh
-# columns that a thread multiplies with as many; steps that a block evaluates the costs of
-TILE, TOGETHER = 3, 2
-# for the kernels
-DEFINED = {
-    "WARP": WARP,
-    "SMALL": SMALL,
-    "TILED": TILED,
-    "FLAT": FLAT,
-    "TILE": TILE,
-    "TOGETHER": TOGETHER,
-}
-HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
-# of dynamics.cu
-DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
 BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
-
-
-class Program:
-    """The compiled text of one model and one list of terms, and the sizes that launches need."""
-
-    def __init__(self, problem: CompiledProblem, device: Device):
-        dynamics, functions = problem.dynamics, problem.functions
-        text = dynamics.text()
-        if not text:
-            raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        pieces = Pieces.of(functions)
-        costs = [
-            codegen.residual_text(
-                functions, dynamics, pieces.functions, pieces.rows, pieces.columns
-            ),
-            pieces.text(),
-        ]
-        common = [
-            *(f"#define {name} {value}" for name, value in DEFINED.items()),
-            source("common.cuh"),
-        ]
-        parts = [
-            [text, *common, source("dynamics.cu")],
-            [text, *costs, *common, source("model.cu")],
-        ]
-        self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
-        device.compile(self.texts)
-        self.dynamics, self.model = map(device.module, self.texts)
-        self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
-        size = device.empty((2,), np.int32)
-        self.kernel("octo_work_size")((1,), 1, size)
-        self.work, self.kin = (int(value) for value in device.host(size))  # doubles
-        self.rows = functions.rows
-        # doubles that the costs of a step share
-        self.arguments = dynamics.nu + 2 * len(pieces.angles)
-        self.entries = functions.state_sparsity.nnz()
-        self.touch = len(functions.contact_spheres) * contact_numbers(functions)
-        self.touching = 8 * (
-            0
-            if functions.contact is None
-            else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx
-        )
-        self.terms = len(functions.references.terms)
-        self.curvature = dynamics.curvature_blocks
-        width, rows = 3 * dynamics.nx, len(functions.state_terms)
-        self.held = max(1, min(rows, HELD // (8 * width)))
-        self.room = 8 * (2 * rows + self.held * width + TILE)
-        if 8 * self.work > device.shared_limit:
-            raise DeviceError(
-                f"a step needs {8 * self.work} bytes of shared memory, this device has "
-                f"{device.shared_limit}: "
-                "the robot is too large for it; try device 'cpu'"
-            )
-
-    def kernel(self, name: str) -> Kernel:
-        return (self.dynamics if name in DYNAMICS else self.model).kernel(name)
 
 
 class DeviceProblem:
@@ -112,7 +28,7 @@ class DeviceProblem:
         )
         neighbours = problem.neighbours
         self.anchor = device.array(
-            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem)
+            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem.data)
         )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = (
@@ -244,30 +160,9 @@ class DeviceProblem:
 
     def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
         """As :meth:`CompiledProblem.linearize`; ``curved`` are integers on the device."""
-        program, tables, scratch = self.program, self._tables, self.scratch
+        program, scratch = self.program, self.scratch
         kin = self._kin(at.nodes)
-        self._each_step(
-            "octo_cost_derivatives",
-            SMALL,
-            8 * program.arguments,
-            self.K * self.host.stencil.parts,
-            tables["test_row"].shape[1],
-            tables["test_row"],
-            tables["test_value"],
-            at.nodes,
-            kin,
-            self.p,
-            self.q,
-            self.row_scale,
-            at.fd,
-            lam,
-            curved,
-            scratch["r"],
-            scratch["cost_jac"],
-            scratch["touch"],
-            scratch["lam"],
-            together=TOGETHER,
-        )
+        self._derive_costs(at, lam, curved, kin)
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
             self._each_step(
@@ -306,6 +201,34 @@ class DeviceProblem:
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
         return self._gather(at)
+
+    def _derive_costs(
+        self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array
+    ) -> None:
+        """Residuals of the terms, their derivatives, and the multipliers of each step's FD."""
+        program, tables, scratch = self.program, self._tables, self.scratch
+        self._each_step(
+            "octo_cost_derivatives",
+            SMALL,
+            8 * program.arguments,
+            self.K * self.host.stencil.parts,
+            tables["test_row"].shape[1],
+            tables["test_row"],
+            tables["test_value"],
+            at.nodes,
+            kin,
+            self.p,
+            self.q,
+            self.row_scale,
+            at.fd,
+            lam,
+            curved,
+            scratch["r"],
+            scratch["cost_jac"],
+            scratch["touch"],
+            scratch["lam"],
+            together=TOGETHER,
+        )
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
@@ -396,31 +319,3 @@ class DeviceProblem:
             name: self.device.empty((*items, *(max(s, 1) for s in shape)))
             for name, shape in sizes.items()
         }
-
-
-def contact_numbers(functions: CostFunctions) -> int:
-    """TOUCHED of model.cu."""
-    size = 0 if functions.contact is None else functions.contact.factors.size
-    return 19 * size + size * (size + 1) // 2 + TOUCHED - 18
-
-
-def bytes_of(problem: CompiledProblem) -> int:
-    """Device memory of one problem of a batch: two models, two factors and what makes them, eight
-    iterates, the scratch."""
-    n, N, K, nc, ma = problem.n, problem.steps, problem.K, problem.nc, problem.ma
-    functions, blocks = problem.functions, -(-problem.K // 2)
-    rows, touch = functions.rows, len(functions.contact_spheres) * contact_numbers(functions)
-    iterate = K * (nc + ma) + N * (2 * n + len(functions.references.terms)) + K * ma
-    model = K * (3 * nc * nc + 3 * ma * nc + nc)
-    squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
-    scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
-    if problem.neighbours is not None:
-        scratch += (
-            K
-            * sum(function.numel_out(0) for _, function in problem.neighbours.functions)
-            * (2 * nc + 1)
-        )
-    # poses and twists: bodies are no more than a few for each degree of freedom
-    kin = N * 12 * (3 * n)
-    factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))
-    return 8 * (8 * iterate + 2 * model + scratch + kin + 2 * factor)

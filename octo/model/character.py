@@ -234,6 +234,7 @@ class Character(Shown):
 
     Attributes
     ----------
+    name: what messages and reports call it.
     bodies: parents before children; the configuration x (nx,) lists their joints in this order.
     contacts: spheres; those with ``touches_terrain`` become the contacts of Eq. 6.
     pairs: index pairs into ``contacts`` that repel each other (§4.2).

@@ -19,8 +19,8 @@ DAMPING = 1e-4  # of the chart's rates there
 
 
 class Convention:
-    """q (nq,), v (nv,) of one robot in the form of MuJoCo or of Pinocchio; a fixed base has none of
-    the first seven.
+    """q (nq,), v (nv,) of one robot in the form ``name``, "mujoco" or "pinocchio"; a fixed base has
+    none of the first seven.
 
     mujoco: base position (m), quaternion (w, x, y, z), velocity (m/s, world), angular velocity
     (rad/s, body axes). pinocchio: base position, quaternion (x, y, z, w), velocity and angular

@@ -17,9 +17,10 @@ from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
 from octo.problem import presets
+from octo.problem.closure import along_arc
 from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
-from octo.problem.cycle import TIME_STEP, Cycle, along_arc, usual_period
+from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.motions.journey import BEGUN, Journey
-from octo.problem.cycle import along_arc, plane_normal
+from octo.problem.closure import along_arc, plane_normal
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 
@@ -36,7 +36,7 @@ class Path:
         self.rest = journey.whole.replace(
             costs=journey.terms, parameters=ground_law(stride), **standing
         )
-        self.normal = plane_normal(self.rest)
+        self.normal = plane_normal(self.rest.terrain, self.rest.values)
         self.ends = journey.ends(self.count)
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)

@@ -16,7 +16,8 @@ from octo.motions.joining import JOINT, joined
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
 from octo.motions.transitions import Pieces
-from octo.problem.cycle import Cycle, plane_normal
+from octo.problem.closure import plane_normal
+from octo.problem.cycle import Cycle
 from octo.ranking import best_of
 from octo.result.gait import flaws
 from octo.result.solution import Solution
@@ -113,7 +114,8 @@ def standing_as(journey: Journey, strides: Sequence[Solution]) -> Journey | None
     """
     if journey.pose is not None or not strides:
         return None
-    best, normal = min(strides, key=_quality), plane_normal(journey.whole)
+    best = min(strides, key=_quality)
+    normal = plane_normal(journey.whole.terrain, journey.whole.values)
     first = journey.robot.base_coordinate
     away = best.x[1:, first : first + 3] - journey.whole.start[first : first + 3]
     highest = RISES * journey.whole.length * float(np.linalg.norm(normal))

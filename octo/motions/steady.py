@@ -102,8 +102,12 @@ def stride(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest; otherwise as
-    :func:`walk`."""
+    """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("stride", number("speed", speed))
     return goal.said(_steady(given, (0.0, goal.speed), 0.0))
@@ -132,8 +136,12 @@ def turn(
     progress: bool | str = False,
     callback: Callable[[Iterate], bool | None] | None = None,
 ) -> Solution:
-    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest; otherwise
-    as :func:`walk`."""
+    """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest.
+
+    Parameters
+    ----------
+    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    """
     given = locals()
     goal = Goal("turn", number("rate", rate))
     return goal.said(_steady(given, (0.0, 0.0), goal.speed))

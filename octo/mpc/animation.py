@@ -44,9 +44,9 @@ def animate(
     options: of the solver; by default exact curvature, ‖C‖∞ ≤ 1e-5 mg.
 
     Returns
-    ------- The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are
-    those of all plans together, ``history`` has one row a plan. Converged if no plan left more than
-    1e-2 mg.
+    -------
+    The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are those of
+    all plans together, ``history`` has one row a plan. Converged if no plan left more than 1e-2 mg.
 
     Raises
     ------

@@ -54,6 +54,7 @@ class Command:
     iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
         plan.
     violation: ‖C‖∞ of the plan in parts of the weight.
+    status: what became of this measurement, with its sentence.
     """
 
     u: Array

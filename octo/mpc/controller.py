@@ -59,6 +59,7 @@ class Controller:
     convention: form of q and v, "mujoco" or "pinocchio" (see
         :class:`octo.model.convention.Convention`).
     curvature: "gauss-newton", or "exact": that of λᵀC and of the torque terms too.
+    sigma: the regularisation weight on the diagonal of H.
     stiffness, damping: kp (N m/rad) and kd of the low level's joints, numbers or (nu,); by default
         1.1·mg·ℓ and 0.23·√(ℓ/g)·kp.
     guide: called as ``guide(controller, t, x)`` before each plan, with the expected configuration:

@@ -58,14 +58,26 @@ ROWS = (
 class Log(Shown):
     """Columns by tick: the state after it, the torques at its end, and the command it began with.
 
+    The columns of k ticks are attributes: t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx)
+    octo's chart; u (k, nu) N m or N; force, point (k, c, 3) of the contacts that touch the ground,
+    N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
+    command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess
+    (|u|/limit), done (iterations). The last six are NaN where no command came, or no measurement
+    that one could come from.
+
     Attributes
-    ---------- t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx) octo's chart; u (k, nu) N m
-    or N; force, point (k, c, 3) of the contacts that touch the ground, N and m; plan_x (k, nx),
-    where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the command; seconds, prepare (k,) s
-    of the controller's calls; energy, violation (mg), excess (|u|/limit), done (iterations); these
-    six are NaN where no command came, or no measurement that one could come from.
-    falls: s; impulses: N s. interrupted: by Ctrl-C, before its end.
-    controller: None of a log that was read from a file. world: what is kept of its problem.
+    ----------
+    robot: whose motion it is.
+    tick: s, between two rows.
+    controller: None of a log that was read from a file.
+    columns: the arrays by name, of which ``count`` rows are filled.
+    statuses: the label of the command's status, by tick.
+    falls: s, when the robot fell.
+    impulses: N s, of the push, if any.
+    interrupted: by Ctrl-C, before its end.
+    memory_start, memory_end: bytes that the process used.
+    torque: (nu,) N m or N, the limits.
+    saved_world: what ``world`` says of a log that was read from a file.
     """
 
     FILE: ClassVar[str] = "log.npz"  # in a folder that octo wrote

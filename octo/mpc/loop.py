@@ -141,6 +141,9 @@ def run(
 
     Parameters
     ----------
+    controller: its plan is followed from the start.
+    plant: what moves, an ``octo.plant.MujocoPlant`` or one of your own.
+    push: a force on the base for a time.
     rate: Hz, of the controller's calls; a tick is a whole number of the plant's time steps.
     realtime: the plant runs at the pace of the clock and the controller in its own thread, late
         where it is slow: a tick with no command by its end is logged as one, and the plan before

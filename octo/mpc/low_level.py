@@ -56,8 +56,10 @@ class LowLevel:
     or NumPy without a compiler.
 
     Attributes
-    ---------- kp (N m/rad or N/m), kd (N m s/rad or N s/m), limit (N m or N): (nu,), each, to be
-    written in place.
+    ----------
+    kp: (nu,) N m/rad or N/m, to be written in place.
+    kd: (nu,) N m s/rad or N s/m, to be written in place.
+    limit: (nu,) N m or N, to be written in place.
     """
 
     def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):

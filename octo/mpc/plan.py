@@ -33,8 +33,11 @@ class Plan:
 
     Attributes
     ----------
-    time: s, of x_0. x: (2N+4, n), from x_{-1} on. u: (2N+4, nu) N m or N, from u_0 on; the last one
-        is repeated.
+    grid: what all plans of a controller have in common.
+    nodes: (N+2, n) rad and m, that it is made of.
+    time: s, of x_0.
+    x: (2N+4, n), from x_{-1} on.
+    u: (2N+4, nu) N m or N, from u_0 on; the last one is repeated.
     address: of the block of numbers that low_level.c reads.
     """
 

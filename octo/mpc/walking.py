@@ -61,7 +61,8 @@ def walking_problem(
     pose: Array | None = None,
     **described: Any,
 ) -> Problem:
-    """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``.
+    """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``, on feet
+    of ``friction``.
 
     The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs
     bent.

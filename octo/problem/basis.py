@@ -97,6 +97,10 @@ class Hermite:
 
     Unit k is c_{k+1}; c_0 is given by (x_0, v_0). The last unit is a dummy that carries the test
     row of c_Z.
+
+    Parameters
+    ----------
+    steps_per_segment: q, two or more; the problem's steps are a multiple of it.
     """
 
     steps_per_segment: int = 10

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from octo.interrupts import postponed
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
-from octo.problem.contact_model import ContactFunctions, contact_functions
+from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import Setting, StepSymbols
@@ -61,38 +62,113 @@ class CostFunctions:
         return len(self.state_terms) + own
 
 
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The residuals of a list of terms as expressions, which nothing is derived from yet.
+
+    Attributes
+    ----------
+    inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
+        indices. between: of each term over neighbouring controls c, c_next; contact: those of one
+        contact.
+    """
+
+    references: References
+    inputs: list[ca.SX]
+    state: list[ca.SX]
+    terms: list[int]
+    controls: list[ca.SX]
+    between: list[ca.SX]
+    contact: ContactResiduals | None
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """inputs -> all residuals over a step."""
+        r = ca.densify(ca.vertcat(ca.SX(0, 1), *self.state))
+        return ca.Function("octo_state_cost", self.inputs, [r], {"cse": True})
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What tells one list of terms from another: their expressions, and the names and sizes of
+        their references."""
+        references = self.references
+        kinds = tuple((type(term), term.label, term.steps) for term in references.terms)
+        places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
+        written = [self.function.serialize()]
+        if self.between:
+            over = [*self.controls, *self.inputs[4:]]
+            written.append(ca.Function("between", over, self.between).serialize())
+        own = None if self.contact is None else self.contact.structure
+        return kinds, places, tuple(self.terms), *written, own
+
+
 @postponed()
+def residuals_of(
+    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+) -> Residuals:
+    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls.
+
+    Raises
+    ------
+    OctoError: a term's residual or its references cannot be formed.
+    """
+    references = References.of(terms, setting)
+    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
+    nodes, step = step_symbols(dynamics, p)
+    controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
+    state, own, between = [], [], []
+    for k, term in enumerate(terms):
+        if isinstance(term, ContactCost):
+            continue
+        view = references.view(q, k)
+        with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
+            if between_controls and isinstance(term, NeighbourCost):
+                between.append(term.shaped(term.between(controls[0], controls[1], view), view))
+                continue
+            state.append(term.shaped(term.residual(step, view), view))
+        own.append(k)
+    over = [term for term in terms if isinstance(term, ContactCost)]
+    if over and not isinstance(dynamics, RobotDynamics):
+        raise ProblemError(
+            f"{over[0].label} is over contacts, which user-written dynamics do not have"
+        )
+    contact = None
+    if over and isinstance(dynamics, RobotDynamics):
+        contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
+    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact)
+
+
+@postponed()
+def derived(made: Residuals) -> CostFunctions:
+    """The functions of residuals and of their first derivatives, over contacts of their second ones
+    too."""
+    inputs = made.inputs
+    terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
+    r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
+    jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
+    nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
+    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
+    length = jacobian.n_instructions()
+    if length >= COSTLY:
+        sizes = [ca.Function("length", inputs, [one]).n_instructions() for one in made.state]
+        longest = made.references.terms[made.terms[int(np.argmax(sizes))]].label
+        check_length("terms of E", length, f"the longest is {longest}, write it in fewer")
+    return CostFunctions(
+        made.references,
+        made.function,
+        jacobian,
+        jac.sparsity(),
+        tuple(terms),
+        None if made.contact is None else made.contact.derived(),
+    )
+
+
 def cost_functions(
     dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
 ) -> CostFunctions:
     """Residuals and first derivatives of all terms; ``between_controls`` leaves those over
     neighbouring controls out."""
-    references = References.of(terms, setting)
-    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    function, jacobian, sparsity, rows = _state_functions(
-        dynamics, references, p, q, between_controls
-    )
-    return CostFunctions(
-        references,
-        function,
-        jacobian,
-        sparsity,
-        rows,
-        _contact_functions(dynamics, references, setting),
-    )
-
-
-def _contact_functions(
-    dynamics: Dynamics, references: References, setting: Setting
-) -> ContactFunctions | None:
-    chosen = [term for term in references.terms if isinstance(term, ContactCost)]
-    if not chosen:
-        return None
-    if not isinstance(dynamics, RobotDynamics):
-        raise ProblemError(
-            f"{chosen[0].label} is over contacts, which user-written dynamics do not have"
-        )
-    return contact_functions(dynamics, references, setting, touching(dynamics, setting))
+    return derived(residuals_of(dynamics, terms, setting, between_controls))
 
 
 def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
@@ -101,47 +177,10 @@ def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols
     x_next, x, x_prev, u = (
         ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu))
     )
-    robot = dynamics.character if isinstance(dynamics, RobotDynamics) else None
+    robot = dynamics if isinstance(dynamics, RobotDynamics) else None
     return [x_next, x, x_prev, u], StepSymbols(
         x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot
     )
-
-
-def _state_functions(
-    dynamics: Dynamics, references: References, p: ca.SX, q: ca.SX, between_controls: bool
-) -> Any:
-    (x_next, x, x_prev, u), step = step_symbols(dynamics, p)
-    residuals, rows = [ca.SX(0, 1)], []
-    for k, term in enumerate(references.terms):
-        if isinstance(term, ContactCost) or (between_controls and isinstance(term, NeighbourCost)):
-            continue
-        with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-            value = ca.vec(ca.SX(term.residual(step, references.view(q, k))))
-        residuals.append(value)
-        rows += [k] * value.numel()
-    r = ca.densify(ca.vertcat(*residuals))
-    jac = ca.jacobian(r, ca.vertcat(x_next, x, x_prev, u))
-    inputs = [x_next, x, x_prev, u, p, q]
-    nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-    length = ca.Function("length", inputs, [r, nonzeros]).n_instructions()
-    if length >= COSTLY:
-        check_length(
-            "terms of E",
-            length,
-            f"the longest is {_longest(residuals[1:], references, inputs)}, write it in fewer",
-        )
-    function = ca.Function("octo_state_cost", inputs, [r], {"cse": True})
-    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
-    return function, jacobian, jac.sparsity(), tuple(rows)
-
-
-def _longest(residuals: Sequence[ca.SX], references: References, inputs: Sequence[ca.SX]) -> str:
-    """The label of the longest term over a step."""
-    sizes = [
-        ca.Function("length", list(inputs), [residual]).n_instructions() for residual in residuals
-    ]
-    alone = [term for term in references.terms if not isinstance(term, ContactCost)]
-    return alone[int(np.argmax(sizes))].label if sizes else "none"
 
 
 def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:

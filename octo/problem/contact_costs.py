@@ -97,7 +97,7 @@ class Clearance(ContactCost):
 
 @dataclass(frozen=True, eq=False)
 class FrictionCone(ContactCost):
-    """max(0, |f_t| − mu·f_n)/mg."""
+    """max(0, |f_t| − ``mu``·f_n)/mg, f_t and f_n the tangential and the normal force."""
 
     mu: float = 0.6
 

@@ -13,9 +13,10 @@ derivative out of a block (contacts.c); blocks of bodies that a joint carries ma
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -27,7 +28,7 @@ from octo.dynamics.laws import ContactLaw
 from octo.dynamics.symbolic import contact_places, perturbed, pose_of
 from octo.problem.contact_costs import ContactCost
 from octo.problem.references import References, blamed, sizes
-from octo.problem.symbols import ContactSymbols, Setting
+from octo.problem.symbols import ContactSymbols
 
 # pairs of nodes (next, now, previous), as HESS in phases.c
 BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
@@ -104,31 +105,6 @@ def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], Con
     return [*columns, sphere, place], symbols
 
 
-def contact_functions(
-    dynamics: RobotDynamics, references: References, setting: Setting, feet: list[int]
-) -> ContactFunctions:
-    """Of the terms that are over contacts; ``feet`` are the contacts that touch the ground at the
-    start."""
-    robot, made = dynamics.character, _Residuals(dynamics, references)
-    use = np.zeros((len(robot.terrain_contacts), len(made.terms)), dtype=bool)
-    for row, k in enumerate(made.terms):
-        term = references.terms[k]
-        assert isinstance(term, ContactCost)
-        acts_on = term.chosen(robot, feet)
-        use[:, row] = [c in acts_on for c in robot.terrain_contacts]
-    live = np.flatnonzero(use.any(axis=1))
-    spheres = tuple(int(robot.terrain_contacts[c]) for c in live)
-    resting = (~use[live] | np.array(made.resting)).all(axis=1)
-    factors = made.factors()
-    value = ca.Function(
-        "octo_contact_cost", factors.inputs[:-1], [made.at_poses(made.r)], {"cse": True}
-    )
-    model, exact = (_whole(factors, name) for name in ("model", "exact"))
-    return ContactFunctions(
-        value, model, exact, factors, tuple(made.terms), use[live], spheres, resting
-    )
-
-
 def _whole(factors: Factors, name: str) -> ca.Function:
     """Gradient and blocks from their factors."""
     size, numbers = factors.size, getattr(factors, name)
@@ -143,17 +119,24 @@ def _whole(factors: Factors, name: str) -> ca.Function:
     return ca.Function(f"octo_contact_{name}", factors.inputs, [whole], {"cse": True})
 
 
-class _Residuals:
+class ContactResiduals:
     """The residuals r of one contact as functions of y, and y as a function of the poses.
 
     terms: the term of each residual. resting: whether it is zero where the contact carries nothing.
+    use (contacts, CR): whether a contact has it, of those in the character's ``spheres`` that have
+    one.
+
+    Parameters
+    ----------
+    feet: the contacts that touch the ground at the start. p, q: symbols of the numbers.
     """
 
-    def __init__(self, dynamics: RobotDynamics, references: References):
-        self.p = ca.SX.sym("p", dynamics.layout.size)
-        self.q = ca.SX.sym("q", max(references.size, 1))
-        (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, self.p)
-        view, sphere = dynamics.layout.view(self.p), (self.sphere[:3], self.sphere[3])
+    def __init__(
+        self, dynamics: RobotDynamics, references: References, feet: list[int], p: ca.SX, q: ca.SX
+    ):
+        self.p, self.q = p, q
+        (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, p)
+        view, sphere = dynamics.layout.view(p), (self.sphere[:3], self.sphere[3])
         steps = [
             contact_places(*sphere, one, before, dynamics.terrain, view)
             for one, before in pairwise(symbols.poses)
@@ -163,17 +146,42 @@ class _Residuals:
         residuals: list[ca.SX] = []
         self.terms: list[int] = []
         self.resting: list[bool] = []
+        acts_on: list[Collection[int]] = []
         for k, term in enumerate(references.terms):
             if isinstance(term, ContactCost):
                 with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                    value = ca.densify(
-                        ca.vec(ca.SX(term.contact_residual(symbols, references.view(self.q, k))))
-                    )
-                    left = ca.SX(term.contact_residual(unloaded, references.view(self.q, k)))
+                    own = references.view(q, k)
+                    value = term.shaped(term.contact_residual(symbols, own), own)
+                    left = ca.SX(term.contact_residual(unloaded, own))
                 residuals.append(value)
                 self.terms += [k] * value.numel()
                 self.resting += [bool(left.is_zero())] * value.numel()
+                acts_on += [term.chosen(dynamics.character, feet)] * value.numel()
         self.r = ca.vertcat(*residuals)
+        possible = dynamics.character.terrain_contacts
+        use = np.array([[c in chosen for chosen in acts_on] for c in possible], dtype=bool)
+        use = use.reshape(len(possible), len(acts_on))
+        live = np.flatnonzero(use.any(axis=1))
+        self.use, self.spheres = use[live], tuple(int(possible[c]) for c in live)
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What tells one list of terms from another."""
+        inputs = [*self.columns, self.sphere, self.place, self.p, self.q]
+        written = ca.Function("contact", inputs, [self.r]).serialize()
+        return tuple(self.terms), written, self.use.tobytes(), self.spheres
+
+    def derived(self) -> ContactFunctions:
+        """The functions of the residuals and of E's derivatives."""
+        factors = self.factors()
+        value = ca.Function(
+            "octo_contact_cost", factors.inputs[:-1], [self.at_poses(self.r)], {"cse": True}
+        )
+        model, exact = (_whole(factors, name) for name in ("model", "exact"))
+        resting = (~self.use | np.array(self.resting)).all(axis=1)
+        return ContactFunctions(
+            value, model, exact, factors, tuple(self.terms), self.use, self.spheres, resting
+        )
 
     def at_poses(self, expression: ca.SX) -> ca.SX:
         """An expression of y as one of the poses."""

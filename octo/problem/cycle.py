@@ -1,30 +1,16 @@
-"""Cycles: the last state is the first one carried on, x_N = G (x_0 − x_s) + x_s + shift and v_N = G
-v_0.
-
-x_0 and v_0 are unknown. G turns the motion by the heading's change of a stride, or mirrors it (half
-a stride, left and right exchanged); x_s is the pose that the problem starts its search from: the
-mirror's plane goes through it, and the turn is about it, before the shift, which itself lies along
-the arc. Every residual FD_0 … FD_{N−1} is there once, and what follows from the last state is what
-followed from the first.
-"""
+"""Cycles: what a user says of a motion that repeats itself; how it closes is in closure.py."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import number, owned, positive
-from octo.errors import MirrorError, ProblemError, ValueRangeError, said
-from octo.model.character import Character
-from octo.model.mirror import Mirror, mirror_of
-
-if TYPE_CHECKING:
-    from octo.problem.problem import Problem
+from octo.errors import ProblemError, ValueRangeError, said
+from octo.model.mirror import Mirror
 
 Array = NDArray[np.float64]
 TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
@@ -35,7 +21,6 @@ SLOWEST = 5.0  # √(ℓ/g), of a stride that goes nowhere
 AROUND = 1.4
 PERIODS = 5  # that a range is tried at, in equal ratios
 WHOLE = 1e-6  # of a step: how far a period may be from a whole number of them
-LEVEL = 1e-9  # of the normal's length: what counts as a plane without slope
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,170 +171,3 @@ def usual_periods(length: float, speed: float) -> tuple[float, float]:
     """s, shortest and longest to look for a stride in: see ``usual_period``."""
     period = usual_period(length, speed)
     return period / AROUND, period * AROUND
-
-
-@dataclass(frozen=True, eq=False)
-class Closure:
-    """How a cycle closes: x_N = forward x_0 + forward_constant, and back x_0 = matrix x_N +
-    constant; (n, n) and (n,)."""
-
-    forward: Array
-    forward_constant: Array
-    matrix: Array
-    constant: Array
-    held: Array  # (n,) 1 for the coordinates of x_N that say where the motion takes place
-    mirror: Mirror | None  # of the robot, where it has one
-    mirrored: bool
-
-    @classmethod
-    def of(
-        cls,
-        forward: Array,
-        forward_constant: Array,
-        held: Array,
-        mirror: Mirror | None,
-        mirrored: bool,
-    ) -> Closure:
-        matrix: Array = np.linalg.inv(forward).astype(float)
-        return cls(
-            forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror, mirrored
-        )
-
-    def along(self, start: Array, steps: int) -> Array:
-        """x_{-1} … x_N (N+2, n) on the straight way from ``start`` to where the cycle carries
-        it."""
-        part = np.arange(-1, steps + 1)[:, None] / steps
-        return np.asarray(start + part * (self.forward @ start + self.forward_constant - start))
-
-
-def closure_of(problem: Problem, cycle: Cycle) -> Closure:
-    """The closure of a problem's cycle. What can be refused is refused before a start is looked
-    for.
-
-    Raises
-    ------
-    ProblemError: no floating base, no actuator, a ground or a gravity that is not the same after
-        the stride.
-    MirrorError: no mirror.
-    """
-    robot = problem.character
-    if robot is None:
-        raise ProblemError(
-            "cycle needs a robot: user-written dynamics have no base that a stride could carry on"
-        )
-    if robot.base != "floating":
-        raise ProblemError(
-            f"cycle needs a floating base, robot {robot.name!r} is fixed: try base='floating'"
-        )
-    if robot.nu == 0:
-        raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
-    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
-    first = robot.base_coordinate
-    normal = plane_normal(problem)
-    across = abs(normal[1]) > LEVEL or abs(values.get("gravity_y", 0.0)) > LEVEL
-    sloped = across or abs(normal[0]) > LEVEL or abs(values.get("gravity_x", 0.0)) > LEVEL
-    if cycle.mirrored and across:
-        raise ProblemError(
-            "a mirrored cycle needs a ground that rises along the stride only: give mirror=False"
-        )
-    if cycle.turn != 0.0 and sloped:
-        raise ProblemError(
-            "a turning cycle needs level ground: on a slope the stride after it is another one"
-        )
-    forward, mirror = np.eye(robot.nx), _mirror(robot, cycle)
-    start, constant = problem.start, np.zeros(robot.nx)
-    heading = 0.0 if cycle.mirrored else float(start[first + 3])
-    step = along_arc(
-        np.array([cycle.velocity, cycle.sideways]), cycle.turn, cycle.duration, heading
-    )
-    if mirror is not None and cycle.mirrored:
-        forward, constant = mirror.matrix.copy(), mirror.offset.copy()
-        place = np.zeros(robot.nx)
-        # the mirror's plane goes through x_s
-        place[first + 1], place[first + 3] = start[first + 1], start[first + 3]
-        if abs(place[first + 3]) > LEVEL:
-            raise ProblemError(
-                f"the start has a heading of {place[first + 3]:g} rad: a mirrored cycle goes along "
-                "x, must be 0"
-            )
-        constant = constant + place - forward @ place
-    elif cycle.turn != 0.0:
-        c, s = np.cos(cycle.turn), np.sin(cycle.turn)
-        forward[first : first + 2, first : first + 2] = [[c, -s], [s, c]]
-        middle = start[first : first + 2]
-        constant[first : first + 2] = (
-            middle - forward[first : first + 2, first : first + 2] @ middle
-        )
-        constant[first + 3] = cycle.turn
-    constant[first : first + 2] += step
-    constant[first + 2] -= (normal[0] * step[0] + normal[1] * step[1]) / normal[2]
-    held = np.zeros(robot.nx)
-    held[first] = 1.0  # on an arc x and y together say how far its middle is
-    # the mirror's plane holds y and yaw; without it a sideways walk would turn and walk forward
-    if not cycle.mirrored:
-        held[first + 1] = held[first + 3] = 1.0
-    return Closure.of(forward, constant, held, mirror, cycle.mirrored)
-
-
-def _mirror(robot: Character, cycle: Cycle) -> Mirror | None:
-    """The mirror of a robot; one that has none may do without where the cycle is not mirrored.
-
-    Raises
-    ------
-    MirrorError: a mirrored cycle of a robot that has no mirror. ProblemError: the mirror of another
-        robot.
-    """
-    if isinstance(cycle.mirror, Mirror):
-        if cycle.mirror.matrix.shape != (robot.nx, robot.nx):
-            count = len(cycle.mirror.offset)
-            raise ProblemError(
-                f"cycle.mirror is of a robot with {count} coordinates, {robot.name!r} has "
-                f"{robot.nx}"
-            )
-        return cycle.mirror
-    if isinstance(cycle.mirror, Mapping):
-        return mirror_of(robot, cycle.mirror)
-    try:
-        return _own_mirror(robot)
-    except MirrorError:
-        if cycle.mirrored:
-            raise
-        return None
-
-
-@lru_cache(maxsize=64)
-def _own_mirror(robot: Character) -> Mirror:
-    return mirror_of(robot)
-
-
-def along_arc(velocity: Array, turn: float, duration: float, heading: float = 0.0) -> Array:
-    """(2,) m, where a steady velocity (2,) m/s in the body's axes leads while the heading changes
-    by ``turn`` rad.
-
-    heading: rad, where it begins.
-    """
-    along = np.asarray(velocity, dtype=float) * duration
-    if abs(turn) < 1e-9:
-        a, b = 1.0, 0.0
-    else:
-        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
-    c, s = np.cos(heading), np.sin(heading)
-    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, -b], [b, a]]) @ along)
-
-
-def plane_normal(problem: Problem) -> Array:
-    """(3,) of the plane that a cycle walks on.
-
-    Raises
-    ------
-    ProblemError: the ground is no plane.
-    """
-    from octo.model.terrain import Plane
-
-    if not isinstance(problem.terrain or Plane(), Plane):
-        raise ProblemError(
-            "a cycle needs ground that is the same everywhere: terrain must be an octo.Plane"
-        )
-    values = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
-    found = np.array([values.get(f"terrain.normal_{axis}", 0.0) for axis in "xyz"])
-    return found if found.any() else np.array([0.0, 0.0, 1.0])

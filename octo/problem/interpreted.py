@@ -7,7 +7,7 @@ The same formulas as assemble.c in slower words; it is also what the native code
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,9 +17,10 @@ from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
-
-if TYPE_CHECKING:
-    from octo.problem.compiled import CompiledProblem, Evaluation
+from octo.problem.data import Data
+from octo.problem.evaluation import Evaluation
+from octo.problem.plan import Plan
+from octo.problem.program import Program
 
 Array = NDArray[np.float64]
 
@@ -27,26 +28,32 @@ Array = NDArray[np.float64]
 class Interpreted:
     """Residuals of all terms over all steps, their derivatives, and the blocks of Eq. 9."""
 
-    def __init__(self, problem: CompiledProblem):
-        self.problem = problem
+    def __init__(self, program: Program, plan: Plan, data: Data):
+        self.program, self.plan, self.data = program, plan, data
+
+    def select(self, data: Data) -> Interpreted:
+        """For other numbers; what is built stays built."""
+        made: Interpreted = object.__new__(Interpreted)
+        made.__dict__.update(self.__dict__, data=data)
+        return made
 
     @cached_property
     @postponed()
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
         """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
-        owner = self.problem
+        dynamics = self.program.dynamics
         sizes = {
-            "z": 3 * owner.n,
-            "u": owner.nu,
-            "p": owner.dynamics.layout.size,
-            "q": owner.q.shape[-1],
+            "z": 3 * dynamics.nx,
+            "u": dynamics.nu,
+            "p": dynamics.layout.size,
+            "q": self.data.q.shape[-1],
         }
         z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
         return z, u, p, q
 
     @property
     def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        z, n = self._symbols[0], self.problem.n
+        z, n = self._symbols[0], self.plan.n
         return z[:n], z[n : 2 * n], z[2 * n :]
 
     @cached_property
@@ -54,7 +61,7 @@ class Interpreted:
     def _contacts(self) -> list[tuple[int, list[symbolic.Pose], list[ca.SX], Array]]:
         """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
         functions, and ``use``."""
-        dynamics, functions = self.problem.dynamics, self.problem.functions
+        dynamics, functions = self.program.dynamics, self.program.functions
         _, _, p, q = self._symbols
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
             return []
@@ -72,7 +79,7 @@ class Interpreted:
     @postponed()
     def _values(self) -> tuple[ca.Function, NDArray[np.intp], Array]:
         """All residuals of one step, with the term of each and its mask."""
-        functions = self.problem.functions
+        functions = self.program.functions
         z, u, p, q = self._symbols
         parts, terms = [functions.state(*self._nodes, u, p, q)], [*functions.state_terms]
         mask = [1.0] * len(terms)
@@ -93,7 +100,7 @@ class Interpreted:
     def _slopes(self) -> ca.Function:
         """Residuals over the state and their derivatives to (z, u)."""
         z, u, p, q = self._symbols
-        r = self.problem.functions.state(*self._nodes, u, p, q)
+        r = self.program.functions.state(*self._nodes, u, p, q)
         return ca.Function(
             "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
         )
@@ -102,17 +109,17 @@ class Interpreted:
     def _touch(self, exact: bool) -> ca.Function:
         """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over
         contacts."""
-        owner, functions = self.problem, self.problem.functions
-        gradient, hess = ca.SX(3 * owner.n, 1), ca.SX(3 * owner.n, 3 * owner.n)
+        n, functions, dynamics = self.plan.n, self.program.functions, self.program.dynamics
+        gradient, hess = ca.SX(3 * n, 1), ca.SX(3 * n, 3 * n)
         for body, poses, inputs, use in self._contacts:
-            assert functions.contact is not None and isinstance(owner.dynamics, RobotDynamics)
+            assert functions.contact is not None and isinstance(dynamics, RobotDynamics)
             function = functions.contact.exact if exact else functions.contact.model
             made = function(*inputs, ca.DM(use))
-            path = [int(j) for j in owner.dynamics.character.path[body]]
+            path = [int(j) for j in dynamics.character.path[body]]
             twists = [
                 _twists(pose, node, path) for pose, node in zip(poses, self._nodes, strict=True)
             ]
-            places = [[node * owner.n + j for j in path] for node in range(3)]
+            places = [[node * n + j for j in path] for node in range(3)]
             for node in range(3):
                 gradient[places[node]] += twists[node].T @ made[6 * node : 6 * node + 6]
             for k, (a, b) in enumerate(BLOCKS):
@@ -134,26 +141,25 @@ class Interpreted:
         return {}
 
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
-        owner = self.problem
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
-        return [
-            z,
-            fd[k][:, owner.dynamics.actuated].T,
-            np.repeat(owner.p[k][:, None], owner.steps, axis=1),
-            owner.q[k].T,
-        ]
+        p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
+        return [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
+
+    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
+        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
+        fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
+        terms[:] = self.terms(nodes, fd)
+        C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
 
     def terms(self, nodes: Array, fd: Array) -> Array:
         """(batch, N, terms) coefficient·|r|²."""
-        owner = self.problem
         value, terms, mask = self._values
-        out = np.zeros((owner.batch, owner.steps, len(owner.functions.references.terms)))
-        for k in range(owner.batch):
-            r = np.asarray(value.map(owner.steps)(*self._arguments(k, nodes, fd))).T.reshape(
-                owner.steps, len(terms)
-            )
-            coefficient = owner.q[k][:, terms] * mask
-            weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
+        batch, steps = len(nodes), self.plan.steps
+        out = np.zeros((batch, steps, len(self.program.functions.references.terms)))
+        for k in range(batch):
+            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T
+            coefficient = self.data.q[k][:, terms] * mask
+            weighted = coefficient * np.where(coefficient != 0.0, r.reshape(steps, -1), 0.0) ** 2
             for t in range(out.shape[-1]):
                 out[k, :, t] = weighted[:, terms == t].sum(axis=1)
         return out
@@ -162,75 +168,73 @@ class Interpreted:
         self,
         at: Evaluation,
         lam: Array | None,
+        curved: NDArray[np.bool_] | None,
         out: tuple[Array, Array, Array, Array],
-        curved: NDArray[np.bool_] | None = None,
     ) -> None:
         """Fills H, A, b, C."""
-        owner = self.problem
-        n, steps = owner.n, owner.steps
-        terms = np.array(owner.functions.state_terms, dtype=np.intp)
-        r = np.empty((owner.batch, steps, len(terms)))
-        jac = np.empty((owner.batch, steps, len(terms), 3 * n + owner.nu))
-        for k in range(owner.batch):
-            value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
-            r[k] = np.asarray(value).T.reshape(steps, len(terms))
-            jac[k] = (
-                np.asarray(flat).reshape(len(terms), steps, 3 * n + owner.nu).transpose(1, 0, 2)
-            )
-        coefficient = 2.0 * owner.q[:, :, terms]
-        r = np.where(coefficient != 0.0, r, 0.0)
-        jac = np.where(coefficient[..., None] != 0.0, jac, 0.0)
-        full = np.zeros((owner.batch, steps, n))
-        full[..., owner.dynamics.actuated] = np.einsum(
+        dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
+        scale = self.data.row_scale
+        r, jac, coefficient = self._rows(at)
+        pull = np.zeros_like(at.fd)
+        pull[..., dynamics.actuated] = np.einsum(
             "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
         )
         if lam is not None:
             rows = np.matmul(
-                owner._test_matrix.T, lam.reshape(owner.batch, len(owner._test_matrix), owner.m)
+                plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
             )
-            full[..., owner.dynamics.unactuated] = rows * owner.row_scale[:, None]
-        fd, fd_jac, hess = owner.dynamics.evaluate(at.nodes, owner.p, full, 1 if lam is None else 2)
+            pull[..., dynamics.unactuated] = rows * scale[:, None]
+        order = 1 if lam is None else 2
+        _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
-        chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, owner.dynamics.actuated]
+        chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
         step_hess = np.einsum("kir,kira,kirb->kiab", coefficient, chained, chained)
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
         if self._contacts:
-            whole = (
-                np.ones(owner.batch, dtype=bool)
-                if curved is None
-                else np.asarray(curved, dtype=bool)
-            )
-            self._add_contacts(at, whole & (lam is not None), gradient, step_hess)
-        if owner.carry is not None:
+            whole = np.full(len(r), lam is not None)
+            if curved is not None:
+                whole &= np.asarray(curved, dtype=bool)
+            self._add_contacts(at, whole, gradient, step_hess)
+        if self.data.carry is not None:
             fd_jac = fd_jac.copy()
-            self._carry_back(owner.carry, step_hess, gradient, fd_jac)
-        self._scatter(
-            step_hess,
-            gradient,
-            fd_jac[:, :, owner.dynamics.unactuated] * owner.row_scale[:, None, :, None],
-            out,
-        )
-        out[3][:] = owner.reduce(at.fd)
+            self._carry_back(self.data.carry, step_hess, gradient, fd_jac)
+        constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
+        self._scatter(step_hess, gradient, constraints, out)
+        out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
+
+    def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
+        """Residuals over the state (batch, N, rows), their derivatives to (z, u), and what their
+        squares are multiplied with in 2E."""
+        terms = np.array(self.program.functions.state_terms, dtype=np.intp)
+        batch, steps, width = len(at.nodes), self.plan.steps, 3 * self.plan.n
+        width += self.program.dynamics.nu
+        r = np.empty((batch, steps, len(terms)))
+        jac = np.empty((batch, steps, len(terms), width))
+        for k in range(batch):
+            value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
+            r[k] = np.asarray(value).T.reshape(steps, len(terms))
+            jac[k] = np.asarray(flat).reshape(len(terms), steps, width).transpose(1, 0, 2)
+        coefficient = 2.0 * self.data.q[:, :, terms]
+        live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
+        return np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0), coefficient
 
     def _add_contacts(
         self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array
     ) -> None:
-        owner, size = self.problem, 3 * self.problem.n
+        size, steps = 3 * self.plan.n, self.plan.steps
         for k, exact in enumerate(curved.tolist()):
             if exact not in self._touches:
                 self._touches[exact] = self._touch(exact)
-            slope, flat = self._touches[exact].map(owner.steps)(
-                *self._arguments(k, at.nodes, at.fd)
-            )
+            slope, flat = self._touches[exact].map(steps)(*self._arguments(k, at.nodes, at.fd))
             gradient[k] += np.asarray(slope).T
-            hess[k] += np.asarray(flat).reshape(size, owner.steps, size).transpose(1, 0, 2)
+            hess[k] += np.asarray(flat).reshape(size, steps, size).transpose(1, 0, 2)
 
     def _carry_back(self, carry: Array, hess: Array, gradient: Array, jac: Array) -> None:
         """A cycle's first two steps: slopes with respect to x_{-1} and x_0 become those with
         respect to what they are made of."""
-        n = self.problem.n
+        n = self.plan.n
         for i in (0, 1):
             for node in range(1 + i, 3):
                 own = slice(node * n, (node + 1) * n)
@@ -243,9 +247,9 @@ class Interpreted:
         self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]
     ) -> None:
         H, A, b, _ = out
-        owner, s, n, m = self.problem, self.problem.stencil, self.problem.n, self.problem.m
+        s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
-        for i in range(owner.steps):
+        for i in range(self.plan.steps):
             slots = [
                 (
                     node,

@@ -8,8 +8,6 @@ stands.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +15,9 @@ from numpy.typing import NDArray
 from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.costs import NeighbourCost
-from octo.problem.references import blamed, sizes
-
-if TYPE_CHECKING:
-    from octo.problem.compiled import CompiledProblem
+from octo.problem.data import Data
+from octo.problem.plan import Plan
+from octo.problem.references import References, blamed, sizes
 
 Array = NDArray[np.float64]
 
@@ -33,12 +30,11 @@ class NeighbourTerms:
     """
 
     @postponed()
-    def __init__(self, problem: CompiledProblem):
-        assert isinstance(problem.basis, Hermite)
-        self.segment = problem.basis.steps_per_segment
-        self.segments = problem.K - 1
-        self.size = 2 * problem.n
-        references = problem.functions.references
+    def __init__(self, plan: Plan, references: References):
+        assert isinstance(plan.basis, Hermite)
+        self.segment = plan.basis.steps_per_segment
+        self.segments = plan.K - 1
+        self.size = plan.nc
         self.count, self.references = len(references.terms), max(references.size, 1)
         control, following = ca.SX.sym("c", self.size), ca.SX.sym("c_next", self.size)
         q = ca.SX.sym("q", self.references)
@@ -47,9 +43,8 @@ class NeighbourTerms:
             if not isinstance(term, NeighbourCost):
                 continue
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                r = ca.densify(
-                    ca.vec(ca.SX(term.between(control, following, references.view(q, k))))
-                )
+                view = references.view(q, k)
+                r = term.shaped(term.between(control, following, view), view)
             jac = ca.jacobian(r, ca.vertcat(control, following))
             name = f"octo_between_{len(self.functions)}"
             self.functions.append(
@@ -57,43 +52,43 @@ class NeighbourTerms:
             )
         self._over_segments = [(k, function.map(self.segments)) for k, function in self.functions]
 
-    def anchors(self, problem: CompiledProblem) -> Array:
+    def anchors(self, data: Data) -> Array:
         """(batch, Z+1, 2n) c_0, and of c_1 … c_Z what no unknown moves: pinned ends."""
         first = np.concatenate(
-            [problem.start, self.segment * (problem.start - problem.constant[:, 0])], axis=-1
+            [data.start, self.segment * (data.start - data.constant[:, 0])], axis=-1
         )
-        return np.concatenate([first[:, None], problem.ends[:, :-1]], axis=1)
+        return np.concatenate([first[:, None], data.ends[:, :-1]], axis=1)
 
-    def _controls(self, problem: CompiledProblem, unknowns: Array) -> Array:
+    def _controls(self, data: Data, unknowns: Array) -> Array:
         """(batch, Z+1, 2n) c_0 … c_Z."""
-        controls = self.anchors(problem)
+        controls = self.anchors(data)
         controls[:, 1:] += unknowns[:, :-1]
         return controls
 
-    def _parts(self, problem: CompiledProblem, k: int, member: int) -> tuple[Array, Array]:
+    def _parts(self, data: Data, k: int, member: int) -> tuple[Array, Array]:
         """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
-        q = problem.q[member]
+        q = data.q[member]
         return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[
             self.segment - 1 :: self.segment
         ].T
 
-    def values(self, problem: CompiledProblem, unknowns: Array, terms: Array) -> None:
+    def values(self, data: Data, unknowns: Array, terms: Array) -> None:
         """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each
         segment."""
-        for member, controls in enumerate(self._controls(problem, unknowns)):
+        for member, controls in enumerate(self._controls(data, unknowns)):
             for k, function in self._over_segments:
-                weight, rows = self._parts(problem, k, member)
+                weight, rows = self._parts(data, k, member)
                 r = function(controls[:-1].T, controls[1:].T, rows)[0].full()
                 squares = np.where(weight > 0.0, (r**2).sum(axis=0), 0.0)
                 terms[member, self.segment - 1 :: self.segment, k] = weight * squares
 
-    def add(self, problem: CompiledProblem, unknowns: Array, H: Array, b: Array) -> None:
+    def add(self, plan: Plan, data: Data, unknowns: Array, H: Array, b: Array) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z."""
         size, last = self.size, self.segments - 1  # unit k is c_{k+1}
-        free = ~np.isin(np.arange(self.segments), problem.fixed)
-        for member, controls in enumerate(self._controls(problem, unknowns)):
+        free = ~np.isin(np.arange(self.segments), plan.fixed)
+        for member, controls in enumerate(self._controls(data, unknowns)):
             for k, function in self._over_segments:
-                weight, rows = self._parts(problem, k, member)
+                weight, rows = self._parts(data, k, member)
                 value, flat = function(controls[:-1].T, controls[1:].T, rows)
                 r = value.full().T
                 jac = (

@@ -15,6 +15,14 @@ from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
 from octo.problem.asked import Asked, Motion
+from octo.problem.body_costs import (
+    BaseAngularVelocity,
+    BaseHeight,
+    BaseOrientation,
+    CenterOfMassVelocity,
+    PointPosition,
+    Upright,
+)
 from octo.problem.contact_costs import (
     BodyLoad,
     Clearance,
@@ -26,22 +34,15 @@ from octo.problem.contact_costs import (
     SlipPower,
     SwingClearance,
 )
-from octo.problem.costs import (
-    BaseAngularVelocity,
-    BaseHeight,
-    BaseOrientation,
-    CenterOfMassVelocity,
-    Cost,
+from octo.problem.costs import Cost, SizedCost
+from octo.problem.joint_costs import (
     Effort,
     JointAcceleration,
     JointLimit,
     JointSpeedLimit,
     JointVelocity,
-    PointPosition,
     Posture,
-    SizedCost,
     TorqueLimit,
-    Upright,
 )
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _reasonable(length: float) -> float:
 
 
 def paper(velocity: Sequence[float] = (0.5, 0.0, 0.0)) -> list[Cost]:
-    """§8: the velocity of the centre of mass (m/s, Eq. 17) and effort, nothing else."""
+    """§8: ``velocity`` (3,) m/s of the centre of mass (Eq. 17) and effort, nothing else."""
     return [CenterOfMassVelocity(velocity=tuple(numbers("velocity", velocity, (3,)))), Effort()]
 
 
@@ -164,21 +165,18 @@ def robot(
         none where ``length`` is given.
     """
     if length is None:
+        at = times
         return _sized(
-            lambda length, own: robot(
-                speed, yaw_rate, length=length, times=own if times is None else times
-            )
+            lambda ell, own: robot(speed, yaw_rate, length=ell, times=own if at is None else at)
         )
     velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     # slow walks are not held harder
     floor = max(1.0, SLOW * fast / max(float(velocity @ velocity), 0.1**2))
-    begun = (
-        np.ones(1)
-        if times is None
-        else np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
-    )
+    begun = np.ones(1)
+    if times is not None:
+        begun = np.clip(floats("times", times).reshape(-1) / BEGIN, 0.0, 1.0)
     level = (1.0, 1.0, 0.5 if yaw_rate == 0.0 else 0.0)  # a turning base has no fixed heading
     terms: list[Cost] = [
         CenterOfMassVelocity(
@@ -197,13 +195,8 @@ def robot(
         TorqueLimit(weight=1.0),
     ]
     if yaw_rate != 0.0:
-        terms.append(
-            BaseAngularVelocity(
-                velocity=(0.0, 0.0, yaw_rate),
-                axes=(0.0, 0.0, 1.0),
-                weight=4.0 * max(yaw_rate**2, 0.1**2),
-            )
-        )
+        turning, weight = (0.0, 0.0, yaw_rate), 4.0 * max(yaw_rate**2, 0.1**2)
+        terms.append(BaseAngularVelocity(velocity=turning, axes=(0.0, 0.0, 1.0), weight=weight))
     return terms
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -23,24 +22,24 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
-from octo.dynamics.parameters import section
-from octo.errors import ProblemError, StaticPoseError, UnknownNameError, said
+from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
-from octo.model.kinematics import sphere_centers
-from octo.model.terrain import Plane, Terrain, signed_distance
+from octo.model.terrain import Plane, Terrain
+from octo.problem import scales
 from octo.problem.basis import Basis, Folded, Hermite, basis_named
-from octo.problem.costs import Cost, PoseTarget, SizedCost
-from octo.problem.cycle import Closure, Cycle, closure_of
+from octo.problem.closure import Closure, closure_of
+from octo.problem.costs import Cost, SizedCost
+from octo.problem.cycle import Cycle
+from octo.problem.joint_costs import PoseTarget
+from octo.problem.starts import check_above, static_start
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
-BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -148,8 +147,8 @@ class Problem(Shown):
             # refuses too few steps
             self.basis_object.fixed_end(int(self.steps), ends, ends, float(self.dt))
         self.p  # noqa: B018  (names and values of the parameters are checked here)
-        self._check_ground("x0")
-        self._check_ground("x_end")
+        for name in ("x0", "x_end"):
+            check_above(name, getattr(self, name), self.character, self.terrain, self.values)
         self._size_costs()
         if self.anchor is not None and ANCHOR not in [term.label for term in self.costs]:
             object.__setattr__(self, "costs", (*self.costs, self.anchor))
@@ -226,24 +225,6 @@ class Problem(Shown):
         if value is not None:
             object.__setattr__(self, name, owned(numbers(name, value, (self.dynamics.nx,))))
 
-    def _check_ground(self, name: str) -> None:
-        """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out."""
-        x, robot = getattr(self, name), self.character
-        if x is None or robot is None or not robot.terrain_contacts:
-            return
-        values = section(
-            dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True)), "terrain."
-        )
-        spheres = [robot.contacts[k] for k in robot.terrain_contacts]
-        gap = signed_distance(
-            self.terrain or Plane(), sphere_centers(robot, x)[list(robot.terrain_contacts)], values
-        )
-        top = gap + np.array([sphere.radius for sphere in spheres])
-        k = int(np.argmin(top))
-        if top[k] < -BURIED:
-            where = f"contact {spheres[k].name!r} is {-gap[k]:.3g} m deep"
-            raise ProblemError(f"{name} is under the ground: {where}, must be above it or touch it")
-
     @cached_property
     def dynamics(self) -> Dynamics:
         if isinstance(self.model, Dynamics):
@@ -261,7 +242,10 @@ class Problem(Shown):
     @cached_property
     def closure(self) -> Closure | None:
         """How the cycle closes; None for a problem without one."""
-        return None if self.cycle is None else closure_of(self, self.cycle)
+        if self.cycle is None:
+            return None
+        own = self.cycle, self.character, self.terrain, self.values
+        return closure_of(*own, lambda: self.start)
 
     @cached_property
     def anchor(self) -> PoseTarget | None:
@@ -278,36 +262,17 @@ class Problem(Shown):
     def p(self) -> Array:
         """(NP,) the run-time parameters of FD."""
         layout = self.dynamics.layout
-        values = {"dt": self.dt, **self._robot_defaults()}
+        values = {"dt": self.dt, **scales.parameters(self.dynamics, self.law)}
         for name, value in self.parameters.items():
             if name not in layout.names:
                 raise UnknownNameError("parameter", name, layout.names)
             values[name] = number(f"parameter {name}", value)
         return layout.pack(**values)
 
-    def _robot_defaults(self) -> dict[str, float]:
-        """Penalties in proportion to the robot: a limit passed by 0.1 rad gives 2 mg·ℓ, a contact
-        sinks 2 cm."""
-        robot = self.character
-        if robot is None:
-            return {}
-        names, weight = self.dynamics.layout.names, robot.mass * GRAVITY
-        values = {"w_joint": 67.0 * weight * self.size, "w_self": 300.0 * weight / self.size**2}
-        if "contact.w_perp" in names and self.law is None:
-            values["contact.w_perp"] = weight / 1.6e-3
-            values["contact.w_par"] = 10.0 * values["contact.w_perp"]
-            values["contact.onset"] = 0.01
-        return {name: value for name, value in values.items() if name in names}
-
-    @cached_property
-    def size(self) -> float:
-        """m, a length of the robot before its start is known: the reach of its default pose, at
-        least 5 cm."""
-        robot = self.character
-        if robot is None:
-            return 1.0
-        spans = [float(np.linalg.norm(body.position)) for body in robot.bodies if body.parent >= 0]
-        return max(0.05, max(spans, default=0.3))
+    @property
+    def values(self) -> dict[str, float]:
+        """The run-time parameters of FD by name."""
+        return dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True))
 
     @cached_property
     def start(self) -> Array:
@@ -318,16 +283,7 @@ class Problem(Shown):
             raise ProblemError(
                 "x0 is missing: user-written dynamics have no static pose to start from"
             )
-        from octo.dynamics.static_pose import balanced_pose, static_pose
-
-        pose = self.pose
-        if isinstance(pose, str) or (pose is None and self.cycle is not None):
-            with contextlib.suppress(StaticPoseError):  # octo's own choices are more
-                return static_pose(
-                    self.dynamics, p=self.p, pose=balanced_pose(self.dynamics.character)
-                )
-            pose = None
-        return static_pose(self.dynamics, p=self.p, pose=pose)
+        return static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
 
     @cached_property
     def start_velocity(self) -> Array:
@@ -338,67 +294,38 @@ class Problem(Shown):
         """(nx,) x_N where it is fixed: as given, or the start and the displacement."""
         return self.x_end if self.displacement is None else self.start + self.displacement
 
+    @property
+    def size(self) -> float:
+        """m, a length of the robot before its start is known."""
+        return scales.size(self.character)
+
     @cached_property
     def gravity(self) -> float:
         """m/s², that of the parameters; 9.81 for user-written dynamics."""
-        names = self.dynamics.layout.names
-        parts = [
-            float(self.p[names.index(name)])
-            for name in ("gravity_x", "gravity_y", "gravity_z")
-            if name in names
-        ]
-        return float(np.linalg.norm(parts)) if parts else GRAVITY
+        return scales.gravity(self.values)
 
     @cached_property
     def weight(self) -> float:
         """N, mg with g = 9.81, that forces are measured in; 1 for user-written dynamics, whose rows
         are not scaled."""
-        return self.character.mass * GRAVITY if self.character is not None else 1.0
+        return scales.weight(self.character)
 
     @cached_property
     def length(self) -> float:
         """m, ℓ of the moment rows: the base's height over the lowest contact at the start."""
-        robot = self.character
-        if robot is None:
-            return 1.0
-        from octo.model.kinematics import body_poses
-
-        rotations, positions = body_poses(robot, self.start)
-        spheres = [robot.contacts[k] for k in robot.terrain_contacts]
-        base = float(positions[robot.base_body][2])
-        lowest = min(
-            (
-                float((rotations[s.body] @ s.position + positions[s.body])[2]) - s.radius
-                for s in spheres
-            ),
-            default=0.0,
-        )
-        return max(base - lowest, 0.05)
+        return 1.0 if self.character is None else scales.length(self.character, self.start)
 
     @cached_property
     def torque_reference(self) -> float:
-        """N m, the effort's u_ref: 0.4·mg·ℓ, and 0.4 times what the motors' own inertia and damping
-        need to swing at √(g/ℓ)."""
-        robot = self.character
-        if robot is None:
-            return 1.0
-        motors = [robot.joints[j] for j in robot.actuated]
-        rate = np.sqrt(GRAVITY / self.length)  # rad/s
-        inertia, damping = (
-            np.mean([getattr(m, name) for m in motors] or [0.0]) for name in ("armature", "damping")
-        )
-        return float(0.4 * (self.weight * self.length + inertia * rate**2 + damping * rate))
+        """N m, the effort's u_ref."""
+        return 1.0 if self.character is None else scales.torque(self.character, self.length)
 
     @cached_property
     def row_scale(self) -> Array:
         """(m,) of C's rows: 1/mg for forces, 1/(mg·ℓ) for moments."""
-        robot = self.character
-        if robot is None:
+        if self.character is None:
             return np.ones(len(self.dynamics.unactuated))
-        kinds = [robot.joints[j].kind for j in robot.unactuated]
-        return np.array(
-            [1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds]
-        )
+        return scales.rows(self.character, self.length)
 
     @cached_property
     def setting(self) -> Setting:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
-from octo.problem.costs import Cost
+from octo.problem.costs import LOSS, Cost
 from octo.problem.symbols import Setting
 
 Array = NDArray[np.float64]
@@ -77,6 +77,8 @@ def _references(term: Cost, setting: Setting) -> dict[str, Array]:
     """A term's references as finite arrays."""
     with blamed(term, "its references cannot be formed"):
         values = dict(term.references(setting))
+        if term.loss is not None:
+            values |= {f"{LOSS}{name}": value for name, value in term.loss.references().items()}
     return {name: numbers(f"{term.label}.{name}", value) for name, value in values.items()}
 
 

@@ -21,7 +21,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.problem.basis import Hermite
-from octo.problem.codegen import CostFunctions, cost_functions, step_symbols, touching
+from octo.problem.codegen import CostFunctions, derived, residuals_of, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
 from octo.problem.costs import Cost, NeighbourCost
@@ -95,7 +95,7 @@ class Reader:
             else:
                 inputs, step = self._step
                 value = term.residual(step, view)
-            function = ca.Function("residual", [*inputs, self._p, q], [ca.vec(ca.SX(value))])
+            function = ca.Function("residual", [*inputs, self._p, q], [term.shaped(value, view)])
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
         kind = (type(term), term.label, term.steps)
         return Structure(kind, named, function.serialize(), self.contacts(term))
@@ -126,11 +126,12 @@ def functions_of(problem: Problem) -> CostFunctions:
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    reader = Reader(problem)
-    key = (problem.dynamics, reader.between, tuple(reader.read(term) for term in problem.costs))
+    between = isinstance(problem.basis_object, Hermite)
+    made = residuals_of(problem.dynamics, problem.costs, problem.setting, between)
+    key = (problem.dynamics, between, made.structure)
     found = _functions.pop(key, None)
     if found is None:
-        found = cost_functions(problem.dynamics, problem.costs, problem.setting, reader.between)
+        found = derived(made)
     _functions[key] = found
     while len(_functions) > KEPT:
         _functions.popitem(last=False)

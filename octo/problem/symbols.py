@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import symbolic
+from octo.dynamics.balance import GRAVITY
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.interrupts import postponed
@@ -27,14 +29,14 @@ class Setting:
     """The numbers a cost's references and scales may depend on; they do not change during a
     solve."""
 
-    nx: int
-    actuated: NDArray[np.intp]
-    steps: int
-    dt: float
+    nx: int  # coordinates
+    actuated: NDArray[np.intp]  # (nu,) indices into x
+    steps: int  # N
+    dt: float  # s
     x0: Array  # (nx,) the start
     torque_limit: Array  # (nu,)
     torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
-    character: Character | None
+    character: Character | None  # None for user-written dynamics
 
     @cached_property
     @postponed()
@@ -79,8 +81,12 @@ class StepSymbols:
     x_prev: ca.SX  # (nx,)
     u: ca.SX  # (nu,)
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
-    actuated: NDArray[np.intp]
-    character: Character | None
+    actuated: NDArray[np.intp]  # (nu,) indices into x
+    robot: RobotDynamics | None  # None for user-written dynamics
+
+    @property
+    def character(self) -> Character | None:
+        return None if self.robot is None else self.robot.character
 
     @property
     def dt(self) -> ca.SX:
@@ -123,6 +129,36 @@ class StepSymbols:
         """Rotation and position of a body (the base by default) at x."""
         return self._poses_before[_body(self._robot(), body)]
 
+    @cached_property
+    def _poses_earlier(self) -> list[Pose]:
+        return symbolic.body_poses(self._robot(), self.x_prev)
+
+    def contact(self, name: str) -> ContactSymbols:
+        """A contact of the robot, by name: heights, velocities and forces, for a term over several
+        of them.
+
+        Raises
+        ------
+        UnknownNameError: there is none of this name. ProblemError: user-written dynamics.
+        """
+        character = self._robot()
+        assert self.robot is not None
+        sphere = character.contacts[character.contact_index(name)]
+        next_, now, previous = (
+            poses[sphere.body] for poses in (self._poses, self._poses_before, self._poses_earlier)
+        )
+        position = ca.SX(ca.DM(sphere.position))
+        radius = ca.SX(sphere.radius)
+        terrain = self.robot.terrain
+        places = (
+            symbolic.contact_places(position, radius, next_, now, terrain, self.dynamics),
+            symbolic.contact_places(position, radius, now, previous, terrain, self.dynamics),
+        )
+        weight = character.mass * GRAVITY
+        return ContactSymbols(
+            (next_, now, previous), places, radius, self.robot.law, terrain, self.dynamics, weight
+        )
+
 
 def _body(robot: Character, name: str | None) -> int:
     return robot.base_body if name is None else robot.body_index(name)
@@ -136,9 +172,9 @@ class ContactSymbols:
     # of contact_places: of this step, and of the one before
     places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
     radius: ca.SX  # m
-    law: ContactLaw
-    terrain: Plane | Terrain
-    dynamics: dict[str, ca.SX]
+    law: ContactLaw  # of the problem
+    terrain: Plane | Terrain  # of the problem
+    dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     weight: float  # N, mg
 
     def _state(self, step: int) -> symbolic.ContactState:

@@ -55,7 +55,6 @@ def exact_costs(compiled: CompiledProblem) -> ExactCosts:
     """Of the terms that a single step sees."""
     dynamics = compiled.dynamics
     references = compiled.functions.references
-    setting = compiled.problems[0].setting
     n, nu, robot = compiled.n, compiled.nu, isinstance(compiled.dynamics, RobotDynamics)
     nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
     w, p = ca.SX.sym("w", nu + (6 if robot else 0)), ca.SX.sym("p", dynamics.layout.size)
@@ -67,14 +66,15 @@ def exact_costs(compiled: CompiledProblem) -> ExactCosts:
         w[:nu],
         dynamics.layout.view(p),
         dynamics.actuated,
-        setting.character,
+        dynamics if isinstance(dynamics, RobotDynamics) else None,
     )
     if robot:
         step = _with_centers(step, w[nu : nu + 3], w[nu + 3 :])
     energy, between = ca.SX(0), has_neighbours(compiled)
     for k, term in enumerate(references.terms):
+        view = references.view(q, k)
         if not (isinstance(term, ContactCost) or (between and isinstance(term, NeighbourCost))):
-            energy += q[k] * ca.sumsqr(ca.vec(ca.SX(term.residual(step, references.view(q, k)))))
+            energy += q[k] * ca.sumsqr(term.shaped(term.residual(step, view), view))
     z = ca.vertcat(*nodes)
     whole, gradient = ca.hessian(energy, ca.vertcat(z, w))
     upper = ca.triu(whole)

@@ -186,7 +186,7 @@ def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:
 
 
 def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
-    """C text: dynamics, generated costs, their tables, nlp.c, interface.c."""
+    """C text: dynamics, generated costs, their tables, and the files of this folder."""
     generator = ca.CodeGenerator("octo_reference.c", {"with_header": False, "casadi_int": "int"})
     made = [*costs.step, *costs.contact]
     for function in made:
@@ -208,7 +208,7 @@ def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
             *_constants(compiled, costs, made),
             *(
                 (resources.files("octo.reference") / name).read_text(encoding="utf-8")
-                for name in ("nlp.c", "interface.c")
+                for name in ("nodes.c", "step_costs.c", "nlp.c", "interface.c")
             ),
         ]
     )

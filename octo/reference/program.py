@@ -141,7 +141,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
         nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1]
     )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
-    tests = ca.sparsify(ca.DM(compiled._test_matrix[live_rows(compiled)]))
+    tests = ca.sparsify(ca.DM(compiled.plan.test_matrix[live_rows(compiled)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
     at = compiled.unknowns(start_nodes(problem, start)[None])
     return Nlp(compiled, x, p, f, g, numbers, point_of(compiled, at))
@@ -180,7 +180,7 @@ def free_blocks(compiled: CompiledProblem) -> NDArray[np.intp]:
 def live_rows(compiled: CompiledProblem) -> NDArray[np.intp]:
     """Row blocks, unit·parts + part, that are blocks of m rows of g: 0 = 0 is left out, IPOPT
     counts it as an equation."""
-    return np.flatnonzero(compiled._test_matrix.any(axis=1))
+    return np.flatnonzero(compiled.plan.test_matrix.any(axis=1))
 
 
 def point_of(compiled: CompiledProblem, unknowns: Array) -> Array:
@@ -286,7 +286,8 @@ def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> 
     row = ca.SX.sym("q", compiled.q.shape[2])
     for k, term in enumerate(terms.terms):
         if isinstance(term, NeighbourCost):
-            r = ca.vec(ca.SX(term.between(now, following, terms.view(row, k))))
+            view = terms.view(row, k)
+            r = term.shaped(term.between(now, following, view), view)
             square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(
                 compiled.K - 1
             )

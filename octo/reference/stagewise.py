@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 
 
 class Fatrop:
-    """A problem made ready for fatrop. Options as of :class:`~octo.reference.interior_point.Ipopt`.
+    """A problem made ready for fatrop. ``options`` and ``settings`` as of
+    :class:`~octo.reference.interior_point.Ipopt`.
 
     fatrop has no call-back, so it cannot be stopped by octo's rule "acceptable", nor after a time.
 

@@ -24,8 +24,11 @@ class Plan:
     """A motion sampled every ``timestep`` s, in MuJoCo's form (octo.model.convention).
 
     Attributes
-    ---------- q (T+1, nq), v (T+1, nv): m, rad, m/s, rad/s. u (T+1, nu): N m or N. force (T+1, c,
-    3) N, world axes: of the ground on each contact. stance (T+1, c): which of them carry.
+    ----------
+    q (T+1, nq), v (T+1, nv): m, rad, m/s, rad/s.
+    u (T+1, nu): N m or N.
+    force: (T+1, c, 3) N, world axes, of the ground on each contact.
+    stance (T+1, c): which of them carry.
     """
 
     character: Character

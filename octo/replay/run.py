@@ -105,8 +105,9 @@ def replay(
 
     Parameters
     ----------
-    kp: N m/rad, kd: N m s/rad, of every joint; by default in proportion to the robot. friction: of
-        the plant.
+    kp: N m/rad, of every joint; by default in proportion to the robot.
+    kd: N m s/rad, of every joint; by default in proportion to the robot.
+    friction: of the plant.
     starts: so many perturbed starts (base raised 0–1 cm; normal noise on roll and pitch .04 rad,
         joints .02 rad, base velocity .05 m/s and rad/s), drawn from ``seed``; None is the plan's
         own start alone.

@@ -34,38 +34,53 @@ class Solution(Trajectory, Shown):
     A motion of N steps has N+1 moments, 0, dt … N·dt. How long its arrays are, and which moment a
     row is of:
 
-    ===============================  ==========  ==================================================
-    array                            shape       row i
-    ===============================  ==========  ==================================================
-    times                            (N+1,)      moment i, s
-    x[1:]                            (N+1, nx)   configuration at moment i
-    x                                (N+2, nx)   the same behind one for moment −1, which says v[0]
-    v                                (N+1, nx)   velocity over the step that ends at moment i
-    com                              (N+1, 3)    at moment i
-    yaw                              (N+1,)      at moment i
-    u                                (N, nu)     torque from moment i to moment i+1
-    contact_*, normal_force,         (N, c, …)   at moment i+1
-    loaded, stance
-    ===============================  ==========  ==================================================
+    =========================  =================  ============================================
+    array                      shape              row i
+    =========================  =================  ============================================
+    times                      (N+1,)             moment i, s
+    x[1:]                      (N+1, nx)          configuration at moment i
+    x                          (N+2, nx)          the same behind one row for moment −1
+    v                          (N+1, nx)          velocity over the step that ends at moment i
+    com, yaw                   (N+1, 3), (N+1)    at moment i
+    u                          (N, nu)            torque from moment i to moment i+1
+    contact arrays             (N, c, …)          at moment i+1
+    =========================  =================  ============================================
+
+    The row of x for moment −1 says v[0]; contact arrays are normal_force, loaded, stance and all
+    whose names begin with ``contact_``, but contact_names.
 
     Attributes
     ----------
-    name: of the robot, or "custom". character: None for user-written dynamics.
-    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m. u: (N, nu) N m or N; u[i] acts from
-        x_i to x_{i+1}.
-    unknowns (K, nc), multipliers (K, ma): the solver's own variables, for warm starts.
-    terms: E by term; energy: their sum. violation: ‖C‖∞ in N. pointwise_residual: ‖U_/FD‖∞ in N
-        (moments over ℓ).
-    contact_names: the spheres that touch the terrain (c of them); contact_force, contact_point,
-        contact_velocity, contact_normal (N, c, 3), contact_depth (N, c), at x_1 … x_N, in N, m,
-        m/s.
+    name: of the robot, or "custom".
+    character: None for user-written dynamics.
+    dt: s, of one step.
+    basis: "nodes" or "hermite".
+    x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m.
+    u: (N, nu) N m or N; u[i] acts from x_i to x_{i+1}.
+    unknowns: (K, nc) the solver's own variables, for warm starts.
+    multipliers: (K, ma) of C, for warm starts.
+    status: how the solve ended, with its sentence.
+    iterations: of all passes.
+    factorizations: of the KKT matrix, in all passes.
+    terms: E by term; ``energy`` is their sum.
+    violation: ‖C‖∞ in N.
+    pointwise_residual: ‖U_/FD‖∞ in N (moments over ℓ).
+    contact_names: the spheres that touch the terrain (c of them).
+    contact_force: (N, c, 3) N, at x_1 … x_N.
+    contact_point: (N, c, 3) m.
+    contact_velocity: (N, c, 3) m/s.
+    contact_normal: (N, c, 3).
+    contact_depth: (N, c) m.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
     history: one column per name of HISTORY, one row per iteration of every pass.
+    seconds: of the solve.
+    setup_seconds: before it: compiling and the start.
     processor_seconds: processor time of the solve, all threads; equals seconds on one thread of an
         idle machine.
     cycle: what a cycle is carried on with; None of other motions.
-    passes: a record (dict) per pass; starts: a record per start of a batch; stages: seconds by
-        stage.
+    stages: seconds by stage.
+    passes: a record (dict) per pass.
+    starts: a record per start of a batch.
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     """
 

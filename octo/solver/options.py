@@ -38,6 +38,8 @@ class SqpOptions:
     dual_tolerance: of ‖∇E + Aᵀlam‖∞; E is of order one where nothing moves yet.
     cap: rad and m, largest change of one number in one step.
     first_sigma: the first regularisation weight that is tried when the inertia is wrong.
+    linear_solver: of the KKT system: "elimination", "cyclic_reduction", or "auto", the first where
+        nothing speaks against it.
     c_max: N, the paper's C_max: a step that ends above it is refused unless it reduces ‖C‖.
     plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so
         many iterations.

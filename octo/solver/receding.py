@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import DeviceError
-from octo.problem.compiled import CompiledProblem, task_of
+from octo.problem.compiled import CompiledProblem
+from octo.problem.native_steps import task_of
 from octo.solver import elimination
 from octo.solver.elimination import address, aligned
 from octo.solver.regularisation import FLOOR, GROW

@@ -3,10 +3,13 @@ slowly."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from octo.problem.basis import Stencil
 from octo.problem.compiled import CompiledProblem
+from octo.problem.plan import Plan
 from octo.problem.problem import Array
 from octo.solver import kkt
 from octo.solver.kkt import KKTFactor
@@ -78,14 +81,9 @@ def _columns(blocks: Array) -> Array:
 def _every_node_a_unit(compiled: CompiledProblem) -> CompiledProblem:
     """The same problem (its p and q are shared) with x_{-1} and x_0 as units too."""
     N, K = compiled.steps, compiled.steps + PAST
-    whole: CompiledProblem = object.__new__(CompiledProblem)
-    cached = ("_free_tasks", "_chunks", "_machine", "_test_matrix")
-    whole.__dict__.update(
-        {name: value for name, value in compiled.__dict__.items() if name not in cached}
-    )
     unit, none = np.arange(K, dtype=np.int32)[:, None], np.zeros((K, 1), dtype=np.int32)
-    whole.stencil = Stencil(
+    stencil = Stencil(
         K, 1, unit, none, np.ones((K, 1)), unit[PAST:].copy(), none[PAST:].copy(), np.ones((N, 1))
     )
-    whole.K, whole.constant = K, np.zeros((1, K, compiled.n))
-    return whole
+    plan = Plan(compiled.basis, N, compiled.n, compiled.m, stencil, compiled.fixed)
+    return compiled.with_data(plan, replace(compiled.data, constant=np.zeros((1, K, compiled.n))))

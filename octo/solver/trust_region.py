@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
-from octo.problem.costs import Effort
+from octo.problem.joint_costs import Effort
 from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation

@@ -22,7 +22,7 @@ from benchmarks import quote
 from octo.errors import MissingExtraError
 from octo.gpu import cuda, nvrtc
 from octo.gpu.emulator import EmulatedDevice
-from octo.gpu.problem import bytes_of
+from octo.gpu.program import bytes_of
 from octo.solver.backend import CPU
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "gpu.py"

@@ -17,7 +17,7 @@ from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
-from octo.gpu.problem import bytes_of
+from octo.gpu.program import bytes_of
 
 front = importlib.import_module("octo.devices")
 

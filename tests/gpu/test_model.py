@@ -11,8 +11,8 @@ import pytest
 
 import octo
 from octo.gpu.emulator import KERNEL, EmulatedDevice, EmulatedKernel
-from octo.gpu.problem import DEFINED as BOUNDS
 from octo.gpu.problem import PARTS, DeviceProblem
+from octo.gpu.program import DEFINED as BOUNDS
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
 
@@ -44,13 +44,13 @@ def test_the_model_against_casadi(compiled, wiggle, device, basis, threads, end)
     lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
     at, other = problem.evaluate(unknowns), DeviceProblem(problem, gpu)
     own = other.evaluate(gpu.array(unknowns))
-    oracle, models = Interpreted(problem), []
+    oracle, models = Interpreted(problem.program, problem.plan, problem.data), []
     for multipliers in (None, lam):
         nc, ma = problem.nc, problem.ma
         out = tuple(
             np.empty((2, problem.K, *shape)) for shape in ((3, nc, nc), (3, ma, nc), (nc,), (ma,))
         )
-        oracle.linearize(at, multipliers, out)
+        oracle.linearize(at, multipliers, None, out)
         out[0][:, problem.fixed, 0] = np.eye(nc)
         found = other.linearize(own, multipliers)
         for name, expected in zip("HAbC", out, strict=True):

@@ -27,7 +27,7 @@ from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import emulator, linear, nvrtc
 from octo.gpu.between import Between
 from octo.gpu.linear import Linear, pivot_room
-from octo.gpu.problem import Program
+from octo.gpu.program import Program
 from octo.problem.compiled import CompiledProblem
 
 TABLE = Path(__file__).parent / "nvrtc.json"

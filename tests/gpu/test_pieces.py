@@ -12,7 +12,7 @@ import pytest
 import octo
 from octo.gpu import pieces
 from octo.gpu.pieces import Pieces
-from octo.gpu.problem import contact_numbers
+from octo.gpu.program import contact_numbers
 from octo.problem.compiled import CompiledProblem
 
 

@@ -19,7 +19,8 @@ from octo.gpu.cuda import CudaDevice, CudaGraph
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import Linear
-from octo.gpu.problem import DeviceProblem, bytes_of
+from octo.gpu.problem import DeviceProblem
+from octo.gpu.program import bytes_of
 from octo.gpu.sequence import NoGraph, Sequence, Sequenced
 from octo.solver import sqp
 from octo.solver.options import SqpOptions

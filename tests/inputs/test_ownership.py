@@ -210,7 +210,7 @@ def test_threads_on_one_compiled_problem(basis: str, threads: int) -> None:
         for k, found in enumerate(pool.map(all_of, list(range(4)) * 15)):
             for a, b in zip(found, alone[k % 4], strict=True):
                 np.testing.assert_array_equal(a, b)
-    assert len(shared._free_tasks) <= 4
+    assert len(shared.steps_code._free_tasks) <= 4
 
 
 def test_threads_that_solve_one_problem() -> None:

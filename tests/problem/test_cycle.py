@@ -17,6 +17,7 @@ from octo.errors import OctoError
 from octo.model.character import Body, floating_base
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
+from octo.problem.interpreted import Interpreted
 from octo.problem.problem import Problem
 from octo.solver.blocks import KKTBlocks
 from octo.starts import first_nodes
@@ -226,18 +227,19 @@ def close(found: np.ndarray, expected: np.ndarray) -> None:
 @pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 def test_native_equals_interpreted():
     """The terms, C and the blocks by NumPy from the same FD and its derivatives."""
-    machine = compiled("mirrored")._machine
+    first = compiled("mirrored")
+    machine = Interpreted(first.program, first.plan, first.data)
     for name in CYCLES:
         problem = compiled(name)
-        for built in ("_values", "_slopes", "_touches"):  # the same of all: built once
-            problem._machine.__dict__[built] = getattr(machine, built)
+        plainly = machine.select(problem.data)  # the same of all: built once
+        plainly.plan = problem.plan
         at = problem.evaluate(wiggle(problem))
-        close(at.terms, problem._machine.terms(at.nodes, at.fd))
+        close(at.terms, plainly.terms(at.nodes, at.fd))
         close(at.C, problem.reduce(at.fd))
         for lam in (None, multipliers(problem)):
             model = problem.linearize(at, lam)
             plain = [np.zeros_like(getattr(model, field)) for field in FIELDS]
-            problem._machine.linearize(at, lam, tuple(plain))
+            plainly.linearize(at, lam, None, tuple(plain))
             unused = np.repeat(problem.basis.dummies(problem.steps), problem.n, axis=1)
             for k, own in enumerate(unused):  # which the interpreter leaves to its caller
                 plain[0][:, k, 0, own, own] = 1.0

@@ -14,7 +14,11 @@ from octo.solver.blocks import KKTBlocks
 
 SIZES = np.geomspace(1e-3, 1e-5, 5)  # of a step along a direction of length 1
 COST_CLASSES = [
-    name for name in costs.__all__ if name[0].isupper() and name not in ("Cost", "ContactCost")
+    name
+    for name in costs.__all__
+    if name[0].isupper()
+    and issubclass(getattr(costs, name), costs.Cost)
+    and name not in ("Cost", "ContactCost")
 ]
 
 

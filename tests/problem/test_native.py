@@ -3,8 +3,6 @@ disturb each other."""
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -17,14 +15,7 @@ FIELDS = ("H", "A", "b", "C")
 
 def interpreted(problem: CompiledProblem) -> CompiledProblem:
     """The same numbers on CasADi's virtual machine, dynamics included."""
-    dynamics = copy.copy(problem.dynamics)
-    dynamics.__dict__["_library"] = None
-    plain = copy.copy(problem)
-    plain.dynamics = dynamics
-    for name in ("_task", "_machine"):
-        plain.__dict__.pop(name, None)
-    plain.__dict__["_library"] = None
-    return plain
+    return problem.interpreted()
 
 
 def close(found: np.ndarray, expected: np.ndarray, relative: float = 1e-11) -> None:
@@ -93,7 +84,7 @@ def test_any_number_of_steps(compiled, wiggle, steps, threads):
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_threads_give_the_same_numbers(compiled, wiggle, basis):
     one, three = compiled(basis), compiled(basis, 3)
-    assert three._chunks[1].size > 1
+    assert three.plan.chunks(3)[1].size > 1
     lam = random_lam(one)
     (at, model), (same_at, same) = (both(p, wiggle(one), lam) for p in (one, three))
     np.testing.assert_array_equal(at.energy, same_at.energy)

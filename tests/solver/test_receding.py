@@ -143,8 +143,7 @@ def test_without_a_compiler(case):
     """The general parts give the same step, multipliers, gain and values; exact curvature raises
     sigma until it can be used."""
     problem, compiled, nodes = case
-    plain = CompiledProblem([problem])
-    plain.__dict__["_library"] = None
+    plain = CompiledProblem([problem]).interpreted()
     slow, fast = InterpretedHorizon(plain, SIGMA), RecedingHorizon(compiled, SIGMA)
     for horizon in (slow, fast):
         horizon.nodes[:] = nodes

@@ -1,0 +1,199 @@
+"""Terms over joints: posture, velocities, efforts, limits, and the whole configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import number, numbers, positive, shares, vectors
+from octo.errors import ProblemError, ShapeError
+from octo.problem.asked import Asked, Motion
+from octo.problem.costs import FLOOR, Cost, Steps, last_row
+
+if TYPE_CHECKING:
+    from octo.problem.symbols import Setting, StepSymbols
+
+Array = NDArray[np.float64]
+FREE = 1e6  # rad or m, in place of a limit that is none
+
+
+def _each(field: str, values: Any, count: int) -> Array:
+    """One number for each of ``count`` coordinates, or one for all; or a row of them per step."""
+    array = numbers(field, values)
+    if array.ndim > 2 or (array.ndim and array.shape[-1] != count):
+        raise ShapeError(field, array.shape, f"(), ({count},) or (N, {count})")
+    return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
+
+
+def _margin(term: Cost, value: Any) -> dict[str, Array]:
+    return {"margin": np.array([number(f"{term.label}.margin", value)])}
+
+
+@dataclass(frozen=True, eq=False)
+class Posture(Cost):
+    """Actuated joints (rad or m) against ``reference`` (nx,), by default the start; ``joints``
+    weighs each (nu,)."""
+
+    reference: Any = None
+    joints: Any = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        reference = (
+            setting.x0
+            if self.reference is None
+            else vectors(f"{self.label}.reference", self.reference, setting.nx)
+        )
+        weights = shares(f"{self.label}.joints", self.joints, len(setting.actuated))
+        return {"reference": reference[..., setting.actuated], "joints": np.sqrt(weights)}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return p["joints"] * (step.joints(step.x_next) - p["reference"])
+
+
+@dataclass(frozen=True, eq=False)
+class JointVelocity(Cost):
+    """Velocity of the actuated joints (rad/s or m/s) against ``velocity``: a number, (nu,) or (N,
+    nu)."""
+
+    velocity: Any = 0.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"velocity": _each(f"{self.label}.velocity", self.velocity, len(setting.actuated))}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.joints(step.x_next - step.x) / step.dt - p["velocity"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointAcceleration(Cost):
+    """Acceleration of the actuated joints (rad/s² or m/s²)."""
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.joints(step.x_next - 2 * step.x + step.x_prev) / step.dt**2
+
+
+@dataclass(frozen=True, eq=False)
+class Effort(Cost):
+    """E_reg of §8: (weight/N) Σ (u/u_reference)². The default reference is 0.4·mg·ℓ, ℓ the base
+    height at the start."""
+
+    weight: float | Array = field(default=0.02, kw_only=True)
+    reference: float | None = None  # N m
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        reference = (
+            setting.torque_reference
+            if self.reference is None
+            else positive(f"{self.label}.reference", self.reference)
+        )
+        return {"inverse_reference": np.array([1.0 / reference])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.u * p["inverse_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueLimit(Cost):
+    """Squared hinge on |u|/limit − ``margin``, over the joints that have a limit."""
+
+    margin: float = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        limits = setting.torque_limit
+        return {
+            "inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0),
+            **_margin(self, self.margin),
+        }
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimit(Cost):
+    """Squared hinge on the joints' limits (rad or m), which begins ``margin`` inside them."""
+
+    margin: float = 0.02
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        robot = setting.character
+        if robot is None:
+            raise ProblemError(
+                f"{self.label} is asked of user-written dynamics, which have no joint limits"
+            )
+        lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
+        margin = _margin(self, self.margin)["margin"]
+        inside = np.minimum(
+            margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf)
+        )
+        return {
+            "lower": np.where(np.isfinite(lower), lower + inside, -FREE),
+            "upper": np.where(np.isfinite(upper), upper - inside, FREE),
+        }
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        q = step.joints(step.x_next)
+        return ca.fmax(0, q - p["upper"]) + ca.fmax(0, p["lower"] - q)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpeedLimit(Cost):
+    """Squared hinge on |q̇|/limit − ``margin``, over the joints whose speed has a limit,
+    ``otherwise`` (rad/s) for the others."""
+
+    margin: float = 0.9
+    otherwise: float = np.inf
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        robot = setting.character
+        limit = (
+            np.full(len(setting.actuated), np.inf)
+            if robot is None
+            else robot.velocity_limit[robot.actuated]
+        )
+        limit = np.where(np.isfinite(limit), limit, self.otherwise)
+        return {
+            "inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0),
+            **_margin(self, self.margin),
+        }
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
+        return ca.fmax(0, speed * p["inverse_limit"] - p["margin"])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget(Cost):
+    """The whole configuration against ``target`` (nx,), at the last step or at every step."""
+
+    target: Any = None
+    steps: Steps = field(default="last", kw_only=True)
+    coordinates: Any = 1.0  # weight of each coordinate
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        if self.target is None:
+            raise ProblemError(
+                f"{self.label}.target is missing: give a configuration ({setting.nx},)"
+            )
+        weights = np.sqrt(shares(f"{self.label}.coordinates", self.coordinates, setting.nx))
+        return {
+            "target": vectors(f"{self.label}.target", self.target, setting.nx),
+            "coordinates": weights,
+        }
+
+    def scale(self, setting: Setting) -> float:
+        return max(float(np.sum((last_row(self.target) - setting.x0) ** 2)), FLOOR)
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return p["coordinates"] * (step.x_next - p["target"])
+
+    def asked(self, motion: Motion, setting: Setting) -> Asked | None:
+        chosen = np.broadcast_to(last_row(self.coordinates), (setting.nx,)) > 0.0
+        found, wanted = motion.x[motion.last][chosen], motion.row(self.target)[chosen]
+        way = float(np.linalg.norm(wanted - setting.x0[chosen]))
+        return Asked.of(self.label, "the configuration gets to", found, wanted, "rad and m", way)

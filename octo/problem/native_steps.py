@@ -1,0 +1,133 @@
+"""E, C and their model in native code: assemble.c with the code of one program, over the steps of a
+batch."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import doubles
+from octo.problem.data import Data
+from octo.problem.evaluation import Evaluation
+from octo.problem.plan import Plan
+
+Array = NDArray[np.float64]
+Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
+
+
+class NativeSteps:
+    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads."""
+
+    def __init__(self, library: ctypes.CDLL, terms: int, plan: Plan, data: Data, threads: int):
+        self.library, self.terms, self.plan, self.data = library, terms, plan, data
+        self.threads = threads
+
+    def select(self, data: Data) -> NativeSteps:
+        """For other numbers."""
+        return NativeSteps(self.library, self.terms, self.plan, data, self.threads)
+
+    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
+        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
+        own = self._own_task()
+        task = own[0]
+        task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
+        task.terms, task.c = terms.ctypes.data, C.ctypes.data
+        if self.library.octo_evaluate(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_evaluate could not allocate its work arrays")
+        self._free_tasks.append(own)
+
+    def linearize(
+        self,
+        at: Evaluation,
+        lam: Array | None,
+        curved: NDArray[np.bool_] | None,
+        out: tuple[Array, Array, Array, Array],
+    ) -> None:
+        """Fills H, A, b, C."""
+        batch, steps, n = len(self.data.p), self.plan.steps, self.plan.n
+        nodes = doubles("nodes", at.nodes, (batch, steps + 2, n))
+        fd = doubles("fd", at.fd, (batch, steps, n))
+        own = self._own_task()
+        task = own[0]
+        task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
+        task.lam = None if lam is None else lam.ctypes.data
+        members = None if curved is None else np.ascontiguousarray(curved, dtype=np.int32)
+        task.curved = None if members is None else members.ctypes.data
+        task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
+        if self.library.octo_linearize(ctypes.byref(task), self.threads):
+            raise MemoryError("octo_linearize could not allocate its work arrays")
+        self._free_tasks.append(own)
+
+    @cached_property
+    def _free_tasks(self) -> list[tuple[Task, Kept]]:
+        """Those that no thread is using: each call has one of its own, for it is where the native
+        code writes."""
+        return []
+
+    def _own_task(self) -> tuple[Task, Kept]:
+        """One for a call, which gives it back to ``_free_tasks``."""
+        try:
+            return self._free_tasks.pop()
+        except IndexError:
+            return self._make_task()
+
+    def _make_task(self) -> tuple[Task, Kept]:
+        plan, data, s = self.plan, self.data, self.plan.stencil
+        chunks = plan.chunks(self.threads)
+        size = 6 * plan.nc**2 + 3 * plan.ma * plan.nc + 2 * plan.nc + plan.ma
+        halo = np.empty((len(data.p), len(chunks[1]), max(size, 1)))
+        stencil = (s.unit, s.part, s.coefficient, s.test_row, s.test_part, s.test_coefficient)
+        tables = [np.ascontiguousarray(a) for a in (*chunks, *stencil)]
+        values = [np.ascontiguousarray(a) for a in (data.p, data.q, data.row_scale)]
+        sizes = (
+            len(data.p),
+            plan.steps,
+            s.units,
+            s.unit.shape[1],
+            s.test_row.shape[1],
+            s.parts,
+            len(chunks[1]),
+        )
+        task = task_of(sizes, tables, values, halo)
+        kept = [*tables, *values, halo]
+        if data.carry is not None:
+            kept.append(np.ascontiguousarray(data.carry))
+            task.carry = kept[-1].ctypes.data
+        return task, kept
+
+
+SIZES = ("batch", "steps", "units", "slots", "tests", "parts", "chunks")
+TABLES = (
+    *("chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value"),
+    *("test_row", "test_part", "test_value"),
+)
+NUMBERS = ("p", "q", "row_scale")
+FIELDS = (
+    *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "lam", "h", "a", "b", "c"),
+    *("halo", "carry", "curved"),
+)
+
+
+class Task(ctypes.Structure):
+    """octo_task of assemble.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_int) for name in SIZES),
+        *((name, ctypes.c_void_p) for name in FIELDS),
+    ]
+
+
+def task_of(
+    sizes: Sequence[int], tables: Sequence[NDArray], values: Sequence[NDArray], halo: NDArray
+) -> Task:
+    """octo_task over contiguous arrays that the caller keeps: ``tables`` of the chunks and the
+    stencil (TABLES), ``values`` p, q and the scale of the rows."""
+    task = Task(*sizes)
+    names = (*TABLES, *NUMBERS, "halo")
+    for name, array in zip(names, (*tables, *values, halo), strict=True):
+        setattr(task, name, array.ctypes.data)
+    return task

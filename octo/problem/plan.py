@@ -1,0 +1,109 @@
+"""Where the numbers of a time step go: sizes and tables of one basis and number of steps, without a
+number of a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.problem.basis import Basis, Folded, Hermite, Stencil
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int32]
+GROUP = 8  # steps that the dynamics take at a time, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Of problems with n coordinates, m of them without a motor.
+
+    Attributes
+    ----------
+    stencil: what makes the nodes of the unknowns; pinned units are in none.
+    fixed: units that are dummies of the KKT matrix.
+    """
+
+    basis: Basis
+    steps: int
+    n: int
+    m: int
+    stencil: Stencil
+    fixed: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, basis: Basis, steps: int, n: int, m: int, pinned: Collection[int] = ()) -> Plan:
+        """``pinned``: units that are constants of the trajectory: those of a fixed last state."""
+        stencil = basis.stencil(steps)
+        fixed = [stencil.units - 1] if isinstance(basis, (Hermite, Folded)) else []
+        live = ~np.isin(stencil.unit, sorted(pinned))
+        free = replace(
+            stencil,
+            unit=np.where(live, stencil.unit, -1).astype(np.int32),
+            coefficient=np.where(live, stencil.coefficient, 0.0),
+        )
+        return cls(basis, steps, n, m, free, np.array(sorted([*fixed, *pinned]), dtype=np.intp))
+
+    @property
+    def K(self) -> int:
+        """Units."""
+        return self.stencil.units
+
+    @property
+    def nc(self) -> int:
+        """Numbers of a unit."""
+        return self.stencil.parts * self.n
+
+    @property
+    def ma(self) -> int:
+        """Rows of C of a unit."""
+        return self.stencil.parts * self.m
+
+    @property
+    def idle(self) -> tuple[int, int] | None:
+        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of
+        the pair at the fold."""
+        return (self.K - 2, 1) if isinstance(self.basis, Folded) and self.steps % 2 else None
+
+    @cached_property
+    def test_matrix(self) -> Array:
+        """(K·parts, N) Sᵀ of the test rows."""
+        s = self.stencil
+        matrix = np.zeros((s.units * s.parts, self.steps))
+        for k in range(s.test_row.shape[1]):
+            live = np.flatnonzero(s.test_row[:, k] >= 0)
+            rows = s.test_row[live, k] * s.parts + s.test_part[live, k]
+            matrix[rows, live] += s.test_coefficient[live, k]
+        return matrix
+
+    def reduce(self, fd: Array, row_scale: Array) -> Array:
+        """C (batch, K, ma) = (Sᵀ ⊗ I) of the unactuated rows of FD (batch, N, m), scaled (batch,
+        m)."""
+        rows = np.matmul(self.test_matrix, fd * row_scale[:, None])
+        return rows.reshape(len(fd), self.K, self.ma)
+
+    def chunks(self, threads: int) -> tuple[Integers, Integers, Integers]:
+        """First own step, unit and row of each chunk of neighbouring steps (see assemble.c)."""
+        if isinstance(self.basis, Folded):  # both ends of the chain write to the same units
+            zero = np.zeros(1, dtype=np.int32)
+            return np.array([0, self.steps], dtype=np.int32), zero, zero
+        q = self.basis.steps_per_segment if isinstance(self.basis, Hermite) else 1
+        pieces, grain = self.steps // q, GROUP if q == 1 else 1
+        groups = -(-pieces // grain)
+        count = 1 if threads == 1 else max(1, min(4 * threads, groups // (3 if q > 1 else 1)))
+        first = np.array([groups * c // count * grain for c in range(count)], dtype=np.int32)
+        row = first + (1 if q > 1 else 0)
+        unit = first.copy()
+        unit[0] = row[0] = 0
+        return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
+
+    def fill_dummies(self, H: Array) -> None:
+        """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
+        H[:, self.fixed, 0] = np.eye(self.nc)
+        if self.idle is not None:
+            unit, part = self.idle
+            own = np.arange(part * self.n, (part + 1) * self.n)
+            H[:, unit, 0, own, own] = 1.0

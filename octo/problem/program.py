@@ -1,0 +1,55 @@
+"""What is generated for a list of terms of one model: structure alone, no number of a problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+
+from octo.dynamics import symbolic
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.errors import ProblemError
+from octo.interrupts import postponed
+from octo.problem.codegen import CostFunctions, cost_text
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Of problems of one structure (octo.problem.structure): the dynamics and the functions of the
+    terms."""
+
+    dynamics: Dynamics
+    functions: CostFunctions
+
+    def c_text(self) -> str:
+        """A time step in every lane, then assemble.c."""
+        return self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
+
+    def interpreted(self) -> Program:
+        """The same for CasADi's virtual machine, dynamics included."""
+        return replace(self, dynamics=self.dynamics.interpreted())
+
+    @cached_property
+    @postponed()
+    def kinematics(self) -> ca.Function:
+        """Contact forces, points, velocities, normals and depths of one step, for reports:
+        (x_next, x, p)."""
+        dynamics = self.dynamics
+        if not isinstance(dynamics, RobotDynamics):
+            raise ProblemError("user-written dynamics have no contacts")
+        x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
+        p = ca.SX.sym("p", dynamics.layout.size)
+        view = dynamics.layout.view(p)
+        states = symbolic.contact_states(
+            dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
+        )
+        columns = [
+            [s.force for s in states],
+            [s.point for s in states],
+            [s.velocity for s in states],
+            [s.normal for s in states],
+        ]
+        depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
+        outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
+        return ca.Function("contacts", [x_next, x, p], [*outputs, depth])

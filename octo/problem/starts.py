@@ -1,0 +1,58 @@
+"""Where a motion may start: not under the ground, and by default in a static pose."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.parameters import section
+from octo.errors import ProblemError, StaticPoseError
+from octo.model.character import Character
+from octo.model.kinematics import sphere_centers
+from octo.model.terrain import Plane, Terrain, signed_distance
+
+Array = NDArray[np.float64]
+BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
+
+
+def check_above(
+    name: str,
+    x: Array | None,
+    robot: Character | None,
+    terrain: Plane | Terrain | None,
+    values: Mapping[str, float],
+) -> None:
+    """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out.
+
+    values: the run-time parameters of FD by name.
+    """
+    if x is None or robot is None or not robot.terrain_contacts:
+        return
+    chosen = list(robot.terrain_contacts)
+    spheres = [robot.contacts[k] for k in chosen]
+    centers, own = sphere_centers(robot, x)[chosen], section(values, "terrain.")
+    gap = signed_distance(terrain or Plane(), centers, own)
+    top = gap + np.array([sphere.radius for sphere in spheres])
+    k = int(np.argmin(top))
+    if top[k] < -BURIED:
+        where = f"contact {spheres[k].name!r} is {-gap[k]:.3g} m deep"
+        raise ProblemError(f"{name} is under the ground: {where}, must be above it or touch it")
+
+
+def static_start(
+    dynamics: RobotDynamics, p: Array, pose: Array | Literal["balanced"] | None, cyclic: bool
+) -> Array:
+    """(nx,) a static pose near ``pose``; near the balanced one where that is asked for, or where a
+    cycle names none and it stands."""
+    from octo.dynamics.static_pose import balanced_pose, static_pose
+
+    if isinstance(pose, str) or (pose is None and cyclic):
+        with contextlib.suppress(StaticPoseError):  # octo's own choices are more
+            return static_pose(dynamics, p=p, pose=balanced_pose(dynamics.character))
+        pose = None
+    return static_pose(dynamics, p=p, pose=pose)
