@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import logging
 import sys
 import types
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+# Silent, as a library is, until its user says where to: logging.basicConfig(), or the command line.
+logging.getLogger("octo").addHandler(logging.NullHandler())
 
 _HOME = {
     "Character": "octo.model.character",
@@ -22,6 +26,8 @@ _HOME = {
     "devices": "octo.devices",
     "export_mjcf": "octo.model.export_mjcf",
     "mirror_of": "octo.model.mirror",
+    "Element": "octo.model.element",
+    "SpringDamper": "octo.model.spring",
     "Plane": "octo.model.terrain",
     "Terrain": "octo.model.terrain",
     "CustomDynamics": "octo.dynamics.evaluate",
@@ -140,9 +146,11 @@ if TYPE_CHECKING:
     from octo.model import kinematics as kinematics
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
+    from octo.model.element import Element as Element
     from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
+    from octo.model.spring import SpringDamper as SpringDamper
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.motions import stride as stride

@@ -11,10 +11,10 @@ from __future__ import annotations
 import atexit
 import functools
 import hashlib
+import logging
 import os
 import shutil
 import stat
-import sys
 import threading
 from collections import defaultdict
 from collections.abc import Callable
@@ -23,6 +23,7 @@ from pathlib import Path
 from octo.errors import DeviceError
 from octo.files import locked, place, reason, scratch
 
+LOG = logging.getLogger("octo")
 TEMPORARY = "octo-code-"  # how the names of temporary folders begin
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 NOEXEC: int = getattr(os, "ST_NOEXEC", 0)
@@ -107,17 +108,17 @@ def wanted() -> Path | None:
 
 
 def give_up(folder: Path, why: str) -> None:
-    """Write to the temporary folder in place of this one from now on, and say so once."""
+    """Write to the temporary folder in place of this one from now on, and warn once."""
     _given_up.add(folder)
     _say(
-        f"octo: {folder} cannot keep compiled code ({' '.join(why.split())}): it is compiled "
+        f"{folder} cannot keep compiled code ({' '.join(why.split())}): it is compiled "
         "again in every process"
     )
 
 
 @functools.cache
 def _say(sentence: str) -> None:
-    print(sentence, file=sys.stderr)
+    LOG.warning("%s", sentence)
 
 
 def discard(path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from functools import cache
 
 from octo import native
@@ -20,10 +19,8 @@ LOG = logging.getLogger("octo")
 def devices() -> dict[str, str]:
     """The devices by name, and what each is; behind "cannot be used:" why it is none here."""
     words = native.compiler()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    known = {
-        "cpu": f"{cores} cores, {'C compiled by ' + words[0] if words else 'no C compiler: slow'}"
-    }
+    how = f"C compiled by {words[0]}" if words else "no C compiler: slow"
+    known = {"cpu": f"{native.cores()} cores, {how}"}
     reason = cuda.reason()
     if reason is None:
         gpu = cuda.device()

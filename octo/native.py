@@ -1,4 +1,4 @@
-"""C text to a loaded shared library, cached by what it was made from; says once when there is no
+"""C text to a loaded shared library, cached by what it was made from; warns once when there is no
 compiler.
 
 ``CC`` names the compiler (gcc, cc and clang are tried otherwise), ``OCTO_CACHE`` the cache folder
@@ -10,12 +10,12 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
+import logging
 import os
 import platform
 import shlex
 import shutil
 import subprocess
-import sys
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ FLAGS = (
     "-shared",
     "-w",
 )
+LOG = logging.getLogger("octo")
 LIBRARIES = ("-lm", "-lpthread")
 ASKED = 60.0  # s, in which a compiler must say its version
 
@@ -49,17 +50,15 @@ _opened: dict[str, ctypes.CDLL] = {}  # by key: a library is read and checked on
 
 @functools.cache
 def compiler() -> tuple[str, ...] | None:
-    """Command words of the C compiler, or None when there is none (said once on stderr).
+    """Command words of the C compiler, or None when there is none (which is logged once).
 
     Raises
     ------
     DeviceError: ``CC`` is no command line.
     """
     if os.environ.get("OCTO_NO_COMPILER", "0") not in ("", "0"):
-        print(
-            "octo: OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, "
-            "slowly",
-            file=sys.stderr,
+        LOG.warning(
+            "OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, slowly"
         )
         return None
     named = os.environ.get("CC", "")
@@ -72,18 +71,18 @@ def compiler() -> tuple[str, ...] | None:
     for words in ([wanted] if wanted else []) + [["gcc"], ["cc"], ["clang"]]:
         path = shutil.which(words[0])
         if path and wanted and words is not wanted:
-            print(
-                f"octo: CC is {named!r}, which is no program: {words[0]} compiles in its place",
-                file=sys.stderr,
-            )
+            LOG.warning("CC is %r, which is no program: %s compiles in its place", named, words[0])
         if path:
             return (path, *words[1:])
-    print(
-        "octo: no C compiler (gcc, cc, clang or $CC): CasADi's virtual machine evaluates, 20 "
-        "times slower",
-        file=sys.stderr,
+    LOG.warning(
+        "no C compiler (gcc, cc, clang or $CC): CasADi's virtual machine evaluates, 20 times slower"
     )
     return None
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_compiler(command: list[str], scratch: Path, seconds: float | None = None) -> str:

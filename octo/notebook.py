@@ -113,11 +113,7 @@ def _still(value: Character | Problem) -> Solution | None:
     robot = value if isinstance(value, Character) else value.character
     if robot is None:
         return None
-    pose = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    pose = robot.start_pose
     if isinstance(value, Problem):
         pose = value.__dict__.get("start", pose if value.x0 is None else value.x0)
     return _standing(robot, pose)

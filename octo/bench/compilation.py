@@ -1,7 +1,7 @@
 """Code generation and compilation of the humanoid, 35 degrees of freedom: processor time, the
 compiler's included.
 
-Every measurement is a process of its own (``python -m octo.bench.compilation`` prints one as JSON),
+Every measurement is a separate process (``python -m octo.bench.compilation`` prints one as JSON),
 with an empty cache and again with what the first one left there.
 """
 

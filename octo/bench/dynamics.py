@@ -11,7 +11,6 @@ import ctypes
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 import octo
 from octo import native
@@ -21,8 +20,8 @@ from octo.bench.plan import Plan
 from octo.bench.timing import Records, Say, interleaved
 from octo.dynamics import codegen
 from octo.dynamics.evaluate import RobotDynamics
+from octo.model.quantities import Array
 
-Array = NDArray[np.float64]
 AGREE = 1e-11  # of the largest entry
 ORDERS = ("fd", "fd_jacobian", "curvature")  # the last one: all three
 RUN = 40  # steps

@@ -13,14 +13,12 @@ from unittest import mock
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from octo import cache, native
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-
-Array = NDArray[np.float64]
+from octo.model.quantities import Array
 
 SWEEP = """
 #include <string.h>

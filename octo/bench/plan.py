@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from octo import native
 
 GROUPS = (
     "machine",
@@ -33,11 +34,6 @@ SIZES = {
         for name in ("slope", "constant", "largest_error_of_fit")
     },
 }
-
-
-def cores() -> int:
-    """That this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ class Plan:
     @property
     def threads(self) -> tuple[int, ...]:
         """Counts beside one thread: 2, 4, … up to the cores."""
-        return tuple(2**k for k in range(1, 6) if 2**k <= cores())
+        return tuple(2**k for k in range(1, 6) if 2**k <= native.cores())
 
     def record(self) -> dict[str, Any]:
         """As JSON keeps it."""

@@ -24,9 +24,10 @@ from octo.errors import (
     UsageError,
     ValueRangeError,
 )
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.describe import lost_shapes
 from octo.model.load import load
+from octo.model.quantities import Array
 from octo.model.terrain import Plane, Terrain
 
 WHOLE = 1e-6  # seconds/dt may be that far from a whole number
@@ -148,7 +149,7 @@ def add_solver_arguments(
     parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
     parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
     parser.add_argument("--time-limit", type=positive, help="s, of all passes")
-    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ in parts of the weight")
+    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ relative to mg")
     add_device_argument(parser, device, f"auto, cpu or cuda (default {device})")
 
 

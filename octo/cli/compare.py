@@ -242,7 +242,7 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
 
 
 def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
-    """The fields of report.json, those of a goal where there is one, who made it, and to which
+    """The fields of report.json, those of a goal if any, who made it, and to which
     tolerances."""
     return {
         **(entry.solution.report() if goal is None else report(entry.solution, goal)),

@@ -49,11 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from octo.cli.main import parser  # which needs this module
-
+    """``commands`` of the arguments, the parser of each command, is set by who made them."""
     if arguments.shell not in SHELLS:
         raise UnknownNameError("shell", arguments.shell, SHELLS)
-    print(script(arguments.shell, parser()[1]))
+    print(script(arguments.shell, arguments.commands))
     return 0
 
 

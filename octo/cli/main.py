@@ -76,6 +76,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
             name, help=sentence, description=sentence, allow_abbrev=False
         )
         add_arguments(made[name])
+    made["completion"].set_defaults(commands=made)
     return top, made
 
 
@@ -130,15 +131,12 @@ class Lines(logging.Handler):
 
 
 @contextlib.contextmanager
-def said_on_stderr(wanted: bool) -> Iterator[None]:
-    """With what octo logs (on which device it solves, and why) on stderr, if wanted."""
-    if not wanted:
-        yield
-        return
+def logged_on_stderr(everything: bool) -> Iterator[None]:
+    """With octo's warnings on stderr; ``everything``: also on which device it solves, and why."""
     log, lines = logging.getLogger("octo"), Lines()
     level = log.level
     log.addHandler(lines)
-    log.setLevel(logging.INFO)
+    log.setLevel(logging.INFO if everything else logging.WARNING)
     try:
         yield
     finally:
@@ -150,7 +148,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
     try:
         arguments = parse(sys.argv[1:] if words is None else words)
-        with said_on_stderr(getattr(arguments, "verbose", False)):
+        with logged_on_stderr(getattr(arguments, "verbose", False)):
             return int(arguments.run(arguments))
     except OctoError as error:
         print(f"octo: error: {' '.join(str(error).split())}", file=sys.stderr)

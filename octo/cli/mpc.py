@@ -50,6 +50,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="mujoco",
         help="mujoco, or octo: its own implicit simulation (default mujoco)",
     )
+    _add_plan_arguments(parser)
+    _add_plant_arguments(parser)
+    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)"
+    )
+    parser.set_defaults(run=run)
+
+
+def _add_plan_arguments(parser: argparse.ArgumentParser) -> None:
+    """What the controller computes, how often and where."""
     parser.add_argument(
         "--horizon", type=whole(3), default=25, help="steps of the plan (default 25)"
     )
@@ -69,6 +83,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_device_argument(
         parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)"
     )
+
+
+def _add_plant_arguments(parser: argparse.ArgumentParser) -> None:
+    """The plant, and what the plan does not know of it."""
     parser.add_argument(
         "--friction",
         type=number,
@@ -109,49 +127,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="the plant keeps the clock's pace, the controller has a thread",
     )
-    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)"
-    )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     goal = _goal(arguments)
     push = _push(arguments.push)
-    if arguments.plant not in PLANTS:
-        raise UnknownNameError("plant", arguments.plant, PLANTS)
-    if arguments.basis != "nodes":
-        if arguments.basis != "hermite":
-            raise UnknownNameError("basis", arguments.basis, ("nodes",))
-        raise UsageError("basis is 'hermite', must be 'nodes': control plans in nodes only")
-    for name in ("friction", "noise", "bumps"):
-        if getattr(arguments, name) < 0.0:
-            raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
+    _check_words(arguments)
     folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
     folder.check(FILES)
     robot = robot_of(arguments)
     goal.check(robot)
     terrain = terrain_of(arguments.terrain)
     _check_plant(arguments, robot, terrain, push)
-    from octo.mpc import Controller, VelocityCommand, walking_problem
+    from octo.mpc import Controller
     from octo.mpc import run as close_the_loop
     from octo.mpc.measurement import check_device
 
     check_device(arguments.device)
-    problem = walking_problem(
-        robot,
-        arguments.horizon,
-        arguments.dt,
-        friction=arguments.plan_friction,
-        pose=pose_of(robot, arguments.pose),
-        terrain=terrain,
-    )
-    guide = VelocityCommand(goal.velocity[:2], goal.speed if goal.kind == "turn" else 0.0)
+    problem, guide = _problem(robot, goal, terrain, arguments)
     controller = Controller(
         problem, arguments.iterations, arguments.budget, arguments.device, guide=guide
     )
@@ -172,13 +166,8 @@ def run(arguments: argparse.Namespace) -> int:
         push=push,
         seed=arguments.seed,
     )
-    known = {
-        "robot": robot.name,
-        "goal": goal.kind,
-        "plant": arguments.plant,
-        "seed": arguments.seed,
-    }
-    _write(folder, log, known)
+    known = {"robot": robot.name, "goal": goal.kind}
+    _write(folder, log, {**known, "plant": arguments.plant, "seed": arguments.seed})
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
@@ -189,6 +178,37 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 130
     return 0
+
+
+def _check_words(arguments: argparse.Namespace) -> None:
+    """Refuse what needs no robot to be refused."""
+    if arguments.plant not in PLANTS:
+        raise UnknownNameError("plant", arguments.plant, PLANTS)
+    if arguments.basis != "nodes":
+        if arguments.basis != "hermite":
+            raise UnknownNameError("basis", arguments.basis, ("nodes",))
+        raise UsageError("basis is 'hermite', must be 'nodes': control plans in nodes only")
+    for name in ("friction", "noise", "bumps"):
+        if getattr(arguments, name) < 0.0:
+            raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
+
+
+def _problem(
+    robot: Character, goal: Goal, terrain: Plane | Terrain, arguments: argparse.Namespace
+) -> tuple[Any, Any]:
+    """The problem that the controller plans by, and the guide that gives it its velocity."""
+    from octo.mpc import VelocityCommand, walking_problem
+
+    problem = walking_problem(
+        robot,
+        arguments.horizon,
+        arguments.dt,
+        friction=arguments.plan_friction,
+        pose=pose_of(robot, arguments.pose),
+        terrain=terrain,
+    )
+    turning = goal.speed if goal.kind == "turn" else 0.0  # rad/s
+    return problem, VelocityCommand(goal.velocity[:2], turning)
 
 
 def make_plant(

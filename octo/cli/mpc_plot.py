@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the log; write it to ``path`` where one is given.
+    """Draw the log; write it to ``path``, if given.
 
     Raises
     ------

@@ -21,11 +21,13 @@ from octo.cli.arguments import (
 )
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.dynamics.balance import GRAVITY, Balance
+from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
-from octo.model.character import Array, Character, Joint
+from octo.model.body import Joint
+from octo.model.character import Character
+from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
@@ -76,11 +78,7 @@ def placed(
 ) -> Problem:
     """The robot on the ground (or ``--height`` above it) in its pose, as a problem that nobody
     solves."""
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     start = inside_limits(robot, default if pose is None else pose)
     if arguments.hold:
         robot = held(robot, start)

@@ -20,11 +20,10 @@ from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import StaticPoseError
 from octo.interrupts import postponed
-from octo.model.character import Array
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
+from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import normal
 
-GRAVITY = 9.81  # m/s², only of scales
 TOLERANCE = 1e-6  # of mg and mg·ℓ
 MOST_TILT = np.deg2rad(60.0)  # of the base against the pose that was asked for
 NEWTON_ITERATIONS = 60

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from octo.dynamics import slots, stages
+from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
+from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.long import MOST, brisk, check_length
@@ -61,29 +63,33 @@ def robot_text(
             stages.contact(order, layout, law, terrain),
             stages.joint(order, layout),
         ]
+    elements = elements_of(character, layout, _Links(character).of)
+    functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
-    check_length("contact law and terrain", length, "write them in fewer operations")
-    sizes, tables = _tables(character)
+    check_length("contact law, terrain and elements", length, "write them in fewer operations")
+    sizes, tables = _tables(character, elements)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]
+    if character.elements:
+        common += [elements.text(), source("elements.c")]
     if not lanes:
         plain = "\n".join(
             brisk(function_of_numbers(function), function.n_instructions())
             for function in functions
         )
         return "\n".join([HEAD, plain, _macros(sizes), *tables, *common, source("phases.c")])
-    shared = [
-        stages.SHARED[function.name().removeprefix(stages.PREFIX).rstrip("012")]
-        for function in functions
-    ]
-    made = [
-        lanes_text(function, inputs) for function, inputs in zip(functions, shared, strict=True)
-    ]
+    made = [lanes_text(function, _shared(function.name())) for function in functions]
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
     return "\n".join([HEAD, source("lanes.c"), *made, _macros(sizes), *tables, *common, *steps])
+
+
+def _shared(name: str) -> Collection[int]:
+    """Inputs of a stage that are the same for all lanes."""
+    stage = name.removeprefix(stages.PREFIX).rstrip("012")
+    return stages.SHARED.get(stage, SHARED_OF_ELEMENTS)
 
 
 @postponed()
@@ -189,7 +195,7 @@ def _literal(value: float) -> str:
     return f"{np.sign(value)}e300" if np.isinf(value) else float(value).hex()
 
 
-def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
+def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
     links = _Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
@@ -201,6 +207,7 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
         "NSLOT": 1 + max(links.slots(), default=0),
         "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
+        **elements.sizes,
     }
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
@@ -220,9 +227,14 @@ def _tables(character: Character) -> tuple[dict[str, int], list[str]]:
             ],
         ),
         integers("contact_body", [sphere.body for sphere in spheres]),
-        integers("contact_link", [links.of[sphere.body] for sphere in spheres]),
+        integers("contact_link", [*(links.of[sphere.body] for sphere in spheres), *elements.links]),
         numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]
+    if character.elements:
+        tables += [
+            integers(f"element_{name}", values) for name, values in elements.integers.items()
+        ]
+        tables.append(numbers_table("element_points", elements.points))
     return sizes, tables + _pair_tables(character, sizes)
 
 

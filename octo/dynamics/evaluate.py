@@ -18,10 +18,11 @@ from octo import native
 from octo.dynamics import codegen
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
-from octo.dynamics.symbolic import forward_dynamics
+from octo.dynamics.symbolic import element_law, forward_dynamics
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
 from octo.interrupts import postponed
 from octo.model.character import Character
+from octo.model.element import parameters_of
 from octo.model.terrain import Plane, Terrain
 
 Array = NDArray[np.float64]
@@ -229,7 +230,10 @@ class RobotDynamics(Dynamics):
         self.law: ContactLaw = Smooth() if law is None else law
         self.terrain: Plane | Terrain = Plane() if terrain is None else terrain
         self.nx = character.nx
-        self.layout = robot_layout(self.law.parameters, self.terrain.parameters)
+        own = parameters_of(character.elements)
+        self.layout = robot_layout(self.law.parameters, self.terrain.parameters, own)
+        for element in character.elements:
+            element_law(element)  # what is wrong with it is said here
         self.actuated, self.unactuated = character.actuated, character.unactuated
 
     @cached_property

@@ -11,6 +11,10 @@ typedef struct {
   octo_link_blocks link[SOME(NSLOT)];
   octo_touch_blocks touch;
   octo_loops pairs;
+#if NELEMENT > 0
+  octo_elements elements;
+  octo_touch_blocks end[SOME(NEND)];
+#endif
   real V[SOME(NX)][6], eta[SOME(NX)][6]; /* order 2: virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a, and η_j = ad_{V_j} ξ_j */
 } octo_work;
 
@@ -44,7 +48,7 @@ static inline void octo_add_where(octo_mask active, int count, const real *from,
   for (int e = 0; e < count; ++e) to[e] += WHERE(active, from[e]);
 }
 
-/* A link's composite: its own stage, its contacts, the links that it carries. */
+/* A link's composite: its own stage, its contacts, the ends of elements on it, the links that it carries. */
 static void octo_composite(const octo_input *in, octo_work *s, int l) {
   const int order = in->order;
   octo_link_blocks *to = &s->link[octo_link_slot[l]];
@@ -58,6 +62,14 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
     if (!ANY(k->active)) continue;
     octo_add_where(k->active, order == 0 ? 6 : 78, k->W, to->W);
     if (order == 2) { octo_add_where(k->active, 72, k->T[0], to->T[0]); octo_add_where(k->active, 36, k->L, to->L[0]); }
+  }
+#endif
+#if NEND > 0
+  for (int c = 0; c < NEND; ++c) {
+    const octo_touch_blocks *k = &s->end[c];
+    if (octo_contact_link[NC + c] != l) continue;
+    octo_add(order == 0 ? 6 : 78, k->W, to->W);
+    if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
   }
 #endif
   for (int child = NLINK - 1; child > l; --child)
@@ -112,6 +124,21 @@ static inline void octo_write_curvature(const octo_input *in, const octo_work *s
   }
 }
 
+#if NREACH > 0
+/* Elements make J unsymmetric, also where pairs couple: every entry has a slot, but those that are equal in H00 and H11. */
+static inline void octo_element_jacobian(int node, int i, int j, real value, real *jac) {
+  jac[octo_jac_slot[(3 * i + node) * NX + j]] += value;
+}
+static inline void octo_element_mixed(int i, int j, real value, real *hess) { hess[octo_hess_slot[(NX + i) * NX + j]] += value; }
+static inline void octo_element_symmetric(int block, int i, int j, real value, real *hess) {
+  hess[octo_hess_slot[(block * NX + i) * NX + j]] += value;
+}
+static inline void octo_couple_jacobian(int i, int j, real value, real *jac) {
+  octo_element_jacobian(0, i, j, value, jac);
+  if (i != j) octo_element_jacobian(0, j, i, value, jac);
+}
+static inline void octo_couple_curvature(int i, int j, real value, real *hess) { octo_element_symmetric(0, i, j, value, hess); }
+#else
 static inline void octo_couple_jacobian(int i, int j, real value, real *jac) {
   int at = octo_coupled[i * NX + j];
   if (at < NRELATED) { UP((jac + 1 + at), 0) += value; UP((jac + 1 + at), 3) += value; }
@@ -121,14 +148,18 @@ static inline void octo_couple_curvature(int i, int j, real value, real *hess) {
   int at = octo_coupled[i * NX + j];
   hess[1 + (at < NRELATED ? 0 : 6 * NRELATED) + at] += value;
 }
+#endif
 
-/* One step in every lane. jac and hess have their slots 0 and those of the pairs at zero; says whether the pairs changed that. */
+/* One step in every lane. jac and hess have their slots 0 and those of the pairs at zero; says whether the pairs or elements changed that. */
 static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo_work *s) {
   for (int j = 0; in->order == 2 && j < NX; ++j) {
     const real *above = s->V[octo_before[j] < 0 ? 0 : octo_before[j]], *xi = in->kin[0] + 12 * NB + 6 * j;
     for (int c = 0; c < 6; ++c) s->V[j][c] = (octo_before[j] < 0 ? ZERO : above[c]) + in->lam[j] * xi[c];
     octo_turned(in, s->V[j], j, s->eta[j]);
   }
+#if NELEMENT > 0
+  for (int e = 0; e < 3 * NELEMENT; ++e) octo_element(in, e / 3, e % 3, s->V, s->end, &s->elements.element[e / 3]);
+#endif
   for (int l = NLINK - 1; l >= 0; --l) {
     octo_composite(in, s, l);
     const octo_link_blocks *k = &s->link[octo_link_slot[l]];
@@ -142,7 +173,10 @@ static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo
   }
   octo_pairs(in, &s->pairs);
   octo_write_pairs(in, &s->pairs, fd, jac, hess);
-  int touching = 0;
+  int touching = NREACH > 0;
+#if NREACH > 0
+  octo_write_elements(in, &s->elements, s->V, jac, hess);
+#endif
 #if NPAIR > 0
   for (int k = 0; k < NPAIR; ++k) touching |= ANY(s->pairs.pair[k].phi[0] != 0.0);
 #endif

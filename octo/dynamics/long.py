@@ -9,11 +9,12 @@ Derivatives and their common subexpressions take 40 s for a million instructions
 
 from __future__ import annotations
 
-import sys
+import logging
 from functools import cache
 
 from octo.errors import ModelError
 
+LOG = logging.getLogger("octo")
 LONG = (
     3000  # instructions of a function from which the compiler's -O3 takes long and gains nothing …
 )
@@ -62,12 +63,13 @@ def check_length(what: str, instructions: int, hint: str) -> None:
 @cache
 def _say(what: str, instructions: int) -> None:
     seconds, memory = f"{SECONDS * instructions:.0f} s", f"{BYTES * instructions / 1e9:.1f} GB"
-    print(
-        f"octo: {what}: {in_words(instructions)} instructions of C with their derivatives; to "
-        f"generate and compile them takes about {seconds} of processor time and {memory} of "
-        "memory, the first time",
-        file=sys.stderr,
-        flush=True,
+    LOG.warning(
+        "%s: %s instructions of C with their derivatives; to generate and compile them takes about "
+        "%s of processor time and %s of memory, the first time",
+        what,
+        in_words(instructions),
+        seconds,
+        memory,
     )
 
 

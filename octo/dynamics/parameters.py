@@ -11,19 +11,18 @@ from typing import TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError
+from octo.model.quantities import GRAVITY, Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 COMMON: Mapping[str, float] = {
     "dt": 0.025,  # s
     "gravity_x": 0.0,  # m/s²
     "gravity_y": 0.0,
-    "gravity_z": -9.81,
+    "gravity_z": -GRAVITY,
     "w_joint": 1e3,  # N m/rad² (N/m² of a slide), penalty of joint limits
     "w_self": 1e5,  # N/m², penalty of sphere pairs
     "pair_epsilon": 1e-3,  # m, pair distance is sqrt(d² + ε²)
@@ -78,9 +77,14 @@ def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:
     }
 
 
-def robot_layout(law: Mapping[str, float], terrain: Mapping[str, float]) -> Layout:
-    """p of a robot: the common entries, the contact law's, the terrain's."""
+def robot_layout(
+    law: Mapping[str, float],
+    terrain: Mapping[str, float],
+    elements: Mapping[str, float] | None = None,
+) -> Layout:
+    """p of a robot: the common entries, the contact law's, the terrain's, those of its elements."""
     values = dict(COMMON)
     values.update({f"contact.{name}": value for name, value in law.items()})
     values.update({f"terrain.{name}": value for name, value in terrain.items()})
+    values.update(elements or {})
     return Layout.of(values)

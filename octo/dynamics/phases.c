@@ -46,6 +46,15 @@ static inline void octo_couple_curvature(int i, int j, double value, double *hes
   if (i != j) HESS(0, j, i) += value;
 }
 
+#if NREACH > 0
+static inline void octo_element_jacobian(int node, int i, int j, double value, double *jac) { JAC(i, node, j) += value; }
+static inline void octo_element_mixed(int i, int j, double value, double *hess) { HESS(1, i, j) += value; }
+static inline void octo_element_symmetric(int block, int i, int j, double value, double *hess) {
+  HESS(block, i, j) += value;
+  if (i != j) HESS(block, j, i) += value;
+}
+#endif
+
 /* block·ξ_j and blockᵀ·ξ_j, what a row above and a row below j see, and the same of order 2. */
 typedef struct { double down[3][6][PAD], up[3][6][PAD], bend[3][6][PAD], lift[3][6][PAD], own[3][6][PAD]; } octo_seen;
 
@@ -54,10 +63,13 @@ typedef struct {
   double joint[SOME(NX)][5]; /* force, its three derivatives, its second derivative to x_next */
   octo_link_blocks link[SOME(NLINK)];
   octo_loops pairs;
+#if NELEMENT > 0
+  octo_elements elements;
+#endif
   /* order 2 */
   double V[SOME(NX)][6], eta[6][PAD]; /* virtual twists V_j, and η_j = ad_{V_j} ξ_j */
   union {
-    octo_touch_blocks touch[SOME(NC)]; /* until the links have them */
+    octo_touch_blocks touch[SOME(NTOUCH)]; /* until the links have them */
     octo_seen of;
   };
 } octo_work;
@@ -147,13 +159,13 @@ static inline void octo_add_where(int active, int count, const double *from, dou
 #endif
 }
 
-/* ``total`` numbers of every contact, from ``from`` on, into those of its link, from ``to`` on. */
+/* ``total`` numbers of every contact and of every end of an element, from ``from`` on, into those of its link, from ``to`` on. */
 static inline void octo_add_contacts(octo_work *s, int total, int from, int to) {
-#if NC > 0
-  int active[NC]; /* all at once: none waits until the sums before it are written */
-  for (int c = 0; c < NC; ++c) active[c] = s->touch[c].active;
+#if NTOUCH > 0
+  int active[NTOUCH]; /* all at once: none waits until the sums before it are written */
+  for (int c = 0; c < NTOUCH; ++c) active[c] = s->touch[c].active;
   SPAN(e, count, total)
-    for (int c = 0; c < NC; ++c)
+    for (int c = 0; c < NTOUCH; ++c)
       octo_add_where(active[c], count, s->touch[c].W + from + e, s->link[octo_contact_link[c]].W + to + e);
 #endif
 }
@@ -242,6 +254,9 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
   EACH_FROM(32, c, NC) octo_contact(&in, c, s->V[octo_link_last[octo_contact_link[c]]], &s->touch[c]);
 #endif
   EACH_FROM(64, j, NX) octo_joint(&in, j, s->joint[j]);
+#if NELEMENT > 0
+  EACH_FROM(112, e, 3 * NELEMENT) octo_element(&in, e / 3, e % 3, s->V, s->touch + NC, &s->elements.element[e / 3]);
+#endif
   octo_pairs(&in, &s->pairs);
   BARRIER;
   octo_composites(order, s);
@@ -255,4 +270,7 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
   }
   octo_write_joints(&in, s, fd, jac, hess);
   octo_write_pairs(&in, &s->pairs, fd, jac, hess);
+#if NELEMENT > 0
+  octo_write_elements(&in, &s->elements, s->V, jac, hess);
+#endif
 }

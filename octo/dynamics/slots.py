@@ -28,6 +28,19 @@ def loops(character: Character) -> list[tuple[list[int], int]]:
     return made
 
 
+def reaches(character: Character) -> list[list[int]]:
+    """Of each element the degrees of freedom that move one of its points or both; none where it
+    couples no two branches: nothing moves one of the points."""
+    made = []
+    for element in character.elements:
+        a, b = (
+            character.path[character.body_index(body)] if body is not None else ()
+            for body in (element.body_a, element.body_b)
+        )
+        made.append(sorted({*a, *b}) if a and b else [])
+    return made
+
+
 def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
     """Places, numbers that pairs alone couple, and the slots of lanes_step.c.
 
@@ -52,6 +65,8 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
         hess[block, below, above] = at + lower * start
         hess[block, above, below] = at + upper * start
     places = np.maximum(places, places.T)
+    if any(reaches(character)):
+        return places, _of_elements(character, start, jac, hess), jac, hess
     count = start
     for dofs, _ in loops(character):
         for i in dofs:
@@ -62,6 +77,30 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
                     jac[j, 0, i], hess[0, j, i] = jac[i, 0, j], hess[0, i, j]
                     count += 1
     return places, count - start, jac, hess
+
+
+def _of_elements(character: Character, start: int, jac: Integers, hess: Integers) -> int:
+    """Slots of what pairs and elements couple beyond the related ones, and their count: no two
+    entries of jac share one, and of hess H00 and H11 their equal ones."""
+    used = [6 * start, 7 * start]
+
+    def slot(table: Integers, which: int, *entries: tuple[int, int, int]) -> None:
+        if table[entries[0]] == 0:
+            used[which] += 1
+            for entry in entries:
+                table[entry] = used[which]
+
+    both = [dofs for dofs, _ in loops(character)]
+    for dofs, nodes in [*((d, 1) for d in both), *((d, 2) for d in reaches(character))]:
+        for i in dofs:
+            for j in dofs:
+                slot(hess, 1, (0, i, j), (0, j, i))
+                for node in range(nodes):
+                    slot(jac, 0, (i, node, j))
+                if nodes == 2:
+                    slot(hess, 1, (1, i, j))
+                    slot(hess, 1, (3, i, j), (3, j, i))
+    return max(used[0] - 6 * start, used[1] - 7 * start)
 
 
 def of_past(character: Character, first: int) -> Integers:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import casadi as ca
 
 from octo.dynamics import symbolic
+from octo.dynamics.forms import about, axial, g_form, moved, q_form, raised, rows, wrench
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
 from octo.model.terrain import Plane, Terrain
@@ -22,45 +23,6 @@ OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
 # inputs that are p or of a table
 SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}
-
-
-def _axial(N: ca.SX) -> ca.SX:
-    return ca.vertcat(N[2, 1] - N[1, 2], N[0, 2] - N[2, 0], N[1, 0] - N[0, 1])
-
-
-def _moved(V: ca.SX, point: ca.SX) -> ca.SX:
-    """The linear part (3,) of a twist about ``point``."""
-    return V[3:] + ca.cross(V[:3], point)
-
-
-def _wrench(moment: ca.SX, force: ca.SX, point: ca.SX) -> ca.SX:
-    """A wrench about ``point``, about the world origin."""
-    return ca.vertcat(moment + ca.cross(point, force), force)
-
-
-def _about(block: ca.SX, left: ca.SX, right: ca.SX) -> ca.SX:
-    """A form (6, 6) of twists about the points ``left`` and ``right``, as a form of twists about
-    the world origin."""
-    a, b = ca.skew(left), ca.skew(right)
-    A, B, C, D = block[:3, :3], block[:3, 3:], block[3:, :3], block[3:, 3:]
-    A, C = A - B @ b, C - D @ b
-    return ca.blockcat([[A + a @ C, B + a @ D], [C, D]])
-
-
-def _q_form(Q: ca.SX, q_r: ca.SX, q_t: ca.SX, mass: ca.SX) -> ca.SX:
-    """Matrix (6, 6) of the bilinear form tr(τ̂_i Q τ̂_jᵀ) with the homogeneous Q = [[Q, q_r],
-    [q_tᵀ, mass]]."""
-    turn = ca.trace(Q) * ca.SX.eye(3) - Q.T
-    return ca.blockcat([[turn, ca.skew(q_r)], [-ca.skew(q_t), mass * ca.SX.eye(3)]])
-
-
-def _g_form(N: ca.SX, f: ca.SX) -> ca.SX:
-    """Upper rows (3, 6) of the form ⟨τ̂_i τ̂_j, [N | f]⟩; its lower rows are zero."""
-    return ca.horzcat(N.T - ca.trace(N) * ca.SX.eye(3), -ca.skew(f))
-
-
-def _raise(upper: ca.SX) -> ca.SX:
-    return ca.vertcat(upper, ca.SX(3, 6))
 
 
 def body(order: int, layout: Layout) -> ca.Function:
@@ -86,35 +48,30 @@ def body(order: int, layout: Layout) -> ca.Function:
     S = R0 @ M
     # [N | f] = F T̂ᵀ, F the body's generalised force
     f, N = m * (rate * move - gravity), rate * (turn @ S.T)
-    out = [_wrench(_axial(N), f, c0)]
+    out = [wrench(axial(N), f, c0)]
     Q0, Q1, Q2, zero = ca.triu2symm(ca.triu(S @ R0.T)), S @ R1.T, S @ R2.T, ca.SX(3, 1)
     if order >= 1:
-        out.append(_about(rate * _q_form(Q0, zero, zero, m) + _raise(_g_form(N, f)), c0, c0))
-        out.append(_about(_q_form(now * Q1, zero, zero, now * m), c0, c1))
-        out.append(_about(_q_form(old * Q2, zero, zero, old * m), c0, c2))
+        out.append(about(rate * q_form(Q0, zero, zero, m) + raised(g_form(N, f)), c0, c0))
+        out.append(about(q_form(now * Q1, zero, zero, now * m), c0, c1))
+        out.append(about(q_form(old * Q2, zero, zero, old * m), c0, c2))
     if order == 2:
-        omega, v, none = ca.skew(V[:3]), _moved(V, c0), ca.SX(1, 1)
+        omega, v, none = ca.skew(V[:3]), moved(V, c0), ca.SX(1, 1)
         VQ0, VQ1, VQ2, delta = rate * omega @ Q0, now * omega @ Q1, old * omega @ Q2, rate * m * v
-        K = _q_form(VQ0 + VQ0.T, delta, delta, none) + _raise(
-            _g_form(N @ omega.T + f @ v.T + VQ0, delta)
+        K = q_form(VQ0 + VQ0.T, delta, delta, none) + raised(
+            g_form(N @ omega.T + f @ v.T + VQ0, delta)
         )
-        out.append(_about(K, c0, c0))
+        out.append(about(K, c0, c0))
         out += [
-            _about(_q_form(VQ1, -2.0 * delta, zero, none), c0, c1),
-            _about(_q_form(VQ2, delta, zero, none), c0, c2),
+            about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1),
+            about(q_form(VQ2, delta, zero, none), c0, c2),
         ]
         out += [
-            _about(_raise(_g_form(VQ1, -2.0 * delta)), c1, c1),
-            _about(_raise(_g_form(VQ2, delta)), c2, c2),
+            about(raised(g_form(VQ1, -2.0 * delta)), c1, c1),
+            about(raised(g_form(VQ2, delta)), c2, c2),
         ]
     return ca.Function(
-        f"{PREFIX}body{order}", [*flat, inertia, p, V], [_rows(o) for o in out], OPTIONS
+        f"{PREFIX}body{order}", [*flat, inertia, p, V], [rows(o) for o in out], OPTIONS
     )
-
-
-def _rows(matrix: ca.SX) -> ca.SX:
-    """A matrix as one dense column, row by row (C's order)."""
-    return ca.densify(ca.vec(matrix.T)) if matrix.shape[1] > 1 else ca.densify(matrix)
 
 
 def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
@@ -188,26 +145,26 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
     at_law, here = [c, U, sphere[3], p], [touch.center, touch.U, sphere[3], p]
     force, f_c, f_U = ca.Function("force", at_law, [f, ca.jacobian(f, c), ca.jacobian(f, U)])(*here)
     arm = ca.skew(touch.arm)
-    out = [-_wrench(arm @ force, force, touch.center)]
+    out = [-wrench(arm @ force, force, touch.center)]
     if order >= 1:
         f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
         P = -ca.vertcat(arm @ f_tau - ca.skew(force) @ (touch.c_tau + touch.arm_tau), f_tau)
         out += [
-            _about(P, touch.center, touch.center),
-            _about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U),
+            about(P, touch.center, touch.center),
+            about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U),
         ]
     if order == 2:
-        delta = ca.cross(V[:3], touch.arm) + _moved(V, touch.center)
+        delta = ca.cross(V[:3], touch.arm) + moved(V, touch.center)
         h, g = ca.hessian(-ca.dot(held, f), ca.vertcat(c, U))
         g, h = ca.Function("law", [*at_law, held], [g, h])(*here, delta)
         K, T1, L1 = _contact_curvature(touch, V[:3], delta, force, (g, h, f_c, f_U))
         out += [
-            _about(K, touch.center, touch.center),
-            _about(T1, touch.center, touch.U),
-            _about(L1, touch.U, touch.U),
+            about(K, touch.center, touch.center),
+            about(T1, touch.center, touch.U),
+            about(L1, touch.U, touch.U),
         ]
     return ca.Function(
-        f"{PREFIX}contact{order}", [*flat, sphere, p, V], [_rows(ca.SX(o)) for o in out], OPTIONS
+        f"{PREFIX}contact{order}", [*flat, sphere, p, V], [rows(ca.SX(o)) for o in out], OPTIONS
     )
 
 
@@ -225,15 +182,15 @@ def _contact_curvature(
     # ``pull``
     pull = touch.Q.T @ g_U + ca.cross(g_delta, omega)
     bent = touch.bend.T @ pull
-    half = delta_tau.T @ mixed - _raise(
+    half = delta_tau.T @ mixed - raised(
         ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
     )
     K = z.T @ h @ z + half + half.T + c_tau.T @ touch.arm_curvature(pull) @ c_tau
-    K = ca.triu2symm(ca.triu(ca.densify(K))) + _raise(
-        _g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + raised(
+        g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
     )
-    T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - _raise(ca.skew(g_U) @ U_tau).T
-    L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + _raise(_g_form(ca.SX(3, 3), g_U))
+    T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - raised(ca.skew(g_U) @ U_tau).T
+    L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + raised(g_form(ca.SX(3, 3), g_U))
     return [K, T1, L1]
 
 

@@ -12,8 +12,10 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError, StaticPoseError, ValueRangeError
 from octo.model.character import Array, Character
 from octo.model.describe import lost_shapes
+from octo.model.feet import lowest_contacts, terrain_bottoms
 from octo.model.kinematics import center_of_mass, sphere_centers
 
+LOW = 0.1  # of the span of the contacts' heights: those up to there over the lowest are feet
 MARGIN = 0.05  # of a joint's range
 UPRIGHT = 0.2  # rad of tilt up to which a pose of octo's own choice is taken at once
 
@@ -74,11 +76,7 @@ def balanced_pose(robot: Character) -> Array:
     Many files' default pose stands with the centre of mass over two of four feet: a stride that
     begins there hops on two.
     """
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     pose = over_the_feet(robot, inside_limits(robot, default))
     pose.setflags(write=False)  # every pass of every start of a cycle asks for it
     return pose
@@ -86,11 +84,7 @@ def balanced_pose(robot: Character) -> Array:
 
 def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
     """The poses that are tried when none is given."""
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
+    default = robot.start_pose
     middle = _middle(robot, default)
     for name, candidate in (
         ("the default pose", default),
@@ -123,17 +117,10 @@ def _middle(robot: Character, pose: Array) -> Array:
 def over_the_feet(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) with the actuated joints moved as little as brings the centre of mass over the
     lowest contacts."""
-    joints, touching = robot.actuated, list(robot.terrain_contacts)
-    if not len(joints) or not touching:
+    joints = robot.actuated
+    if not len(joints) or not robot.terrain_contacts:
         return pose
-    radius = np.array([robot.contacts[k].radius for k in touching])
-    centers = sphere_centers(robot, pose)[touching]
-    height = centers[:, 2] - radius
-    feet = [
-        k
-        for k, h in zip(touching, height, strict=True)
-        if h <= height.min() + 0.1 * (np.max(height) - np.min(height))
-    ]
+    feet = lowest_contacts(robot, pose, LOW * float(np.ptp(terrain_bottoms(robot, pose))))
 
     def offset(x: Array) -> Array:
         return (center_of_mass(robot, x) - sphere_centers(robot, x)[..., feet, :].mean(axis=-2))[

@@ -13,8 +13,11 @@ import numpy as np
 
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
+from octo.errors import ModelError
 from octo.interrupts import postponed
-from octo.model.character import Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
+from octo.model.element import Element, names_of
 from octo.model.terrain import Plane, Terrain, normal
 
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world
@@ -175,6 +178,56 @@ def pair_potential(squared_distance: ca.SX, radii: float | ca.SX, view: View) ->
     return ca.if_else(gap < 0.0, -view["w_self"] * gap**3, 0.0)
 
 
+@postponed()
+def element_law(element: Element) -> ca.Function:
+    """Force (3,) N on point b of an element. Inputs: points a and b of the next node, then of the
+    present one, (3,) m each; its parameters; dt.
+
+    Raises
+    ------
+    ModelError: the element's ``force`` fails, or gives no three numbers of its arguments.
+    """
+    names = ("a", "b", "a_now", "b_now")
+    a, b, a_now, b_now = places = [ca.SX.sym(name, 3) for name in names]
+    own, dt = ca.SX.sym("own", len(element.parameters)), ca.SX.sym("dt")
+    view = {name: own[k] for k, name in enumerate(element.parameters)}
+    what = f"force of element {type(element).__name__}"
+    try:
+        f = ca.SX(element.force(a, (a - a_now) / dt, b, (b - b_now) / dt, view))
+        function = ca.Function("force", [*places, own, dt], [ca.densify(f)], {"cse": True})
+    except ModelError:
+        raise
+    except Exception as error:  # a user's code may raise anything
+        said = str(error).strip().split("\n")[0]
+        raise ModelError(f"{what} cannot be built: {type(error).__name__}: {said}") from error
+    if f.shape != (3, 1):
+        raise ModelError(f"{what} has shape {f.shape}, must be (3, 1)")
+    return function
+
+
+def element_force(
+    character: Character, k: int, poses: list[Pose], now: list[Pose], view: View
+) -> tuple[ca.SX, ca.SX]:
+    """Force (3,) N on point b of element ``k``, and the way (3,) m from its point a to b."""
+    element, name = character.elements[k], names_of(character.elements)[k]
+    ends = ((element.body_a, element.point_a), (element.body_b, element.point_b))
+    places = [
+        _place(character, body, ca.SX(ca.DM(point)), node)
+        for node in (poses, now)
+        for body, point in ends
+    ]
+    own = ca.vertcat(ca.SX(0, 1), *section(view, f"{name}.").values())
+    return element_law(element)(*places, own, view["dt"]), places[1] - places[0]
+
+
+def _place(character: Character, body: str | None, local: ca.SX, poses: list[Pose]) -> ca.SX:
+    """World place (3,) m of a body's point; of the world's (None) the point itself."""
+    if body is None:
+        return local
+    R, t = poses[character.body_index(body)]
+    return R @ local + t
+
+
 def mass_matrix_of_points(body: Body) -> np.ndarray:
     """∫ρ p̄p̄ᵀ (3, 3) kg m² of a body about its centre of mass, from its rotational inertia."""
     return 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
@@ -229,6 +282,12 @@ def forward_dynamics(
         work += ca.dot(force, R @ material + t)
         held += [force, material]
         values += [state.force, local - radius * (R.T @ state.normal)]
+    for k in range(len(character.elements)):
+        law_force, way = element_force(character, k, poses, now, view)
+        force = ca.SX.sym("f", 3)
+        work += ca.dot(force, way)
+        held += [force]
+        values += [law_force]
     fd = ca.gradient(potential - work, x_next)
     if held:
         fd = ca.substitute(fd, ca.vertcat(*held), ca.vertcat(*values))

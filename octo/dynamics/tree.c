@@ -44,6 +44,7 @@ static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(an
 #endif
 
 #define SOME(count) ((count) > 0 ? (count) : 1)
+#define NTOUCH (NC + NEND) /* contacts, then the ends of elements */
 
 typedef struct { real W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
 typedef struct { real W[6], B[2][36], T[2][36], L[36]; octo_mask active; } octo_touch_blocks; /* of a contact: no x_prev */

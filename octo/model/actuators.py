@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from octo.errors import ModelError
-from octo.model.character import Array
+from octo.model.quantities import Array
 from octo.model.robot_file import RobotFile, import_mujoco, name_of
 
 PARALLEL = 1e-6  # sine or cosine of an angle below which two axes are parallel or perpendicular

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import OctoError, RobotFileError, ShapeError, ValueRangeError
 
-Array = NDArray[np.float64]
 Shape = tuple[int | None, ...]  # None: any number
 LONGEST = 200  # characters of what went wrong
 

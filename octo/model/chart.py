@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.model.character import Array
+from octo.model.quantities import Array
 
 SINGULAR = 1e-5  # cosine of the middle angle under which the outer two cannot be told apart
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from octo.errors import RobotFileError
 from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
-from octo.model.character import LARGEST, Array, Body, Character, Joint, floating_base
+from octo.model.body import Body, Joint, floating_base
+from octo.model.character import Character
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
+from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from octo.model import shapes
-from octo.model.character import Array, Character, ContactSphere
+from octo.model.body import ContactSphere
+from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
+from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of
 
@@ -251,10 +253,6 @@ def end_bodies(character: Character) -> list[int]:
     return [b for b, path in enumerate(character.path) if path and b not in parents]
 
 
-def default_pose(character: Character) -> Array:
-    return np.zeros(character.nx) if character.default_pose is None else character.default_pose
-
-
 def _anchor(character: Character, b: int) -> Array:
     """Where body ``b`` hangs on its parent (3,) m, in its own frame."""
     joints = character.bodies[b].joints
@@ -274,7 +272,7 @@ def _ordered(
     character: Character, spheres: list[ContactSphere], ends: list[int]
 ) -> list[ContactSphere]:
     """The ends of limbs first, those that stand lowest in the default pose before the others."""
-    height = _centers(character, spheres, default_pose(character))[:, 2]
+    height = _centers(character, spheres, character.start_pose)[:, 2]
     lowest = {
         b: min(h for h, s in zip(height, spheres, strict=True) if s.body == b)
         for b in {s.body for s in spheres}
@@ -317,7 +315,7 @@ def self_collision_pairs(character: Character) -> tuple[tuple[int, int], ...]:
         }
         if reach:
             tips[b] = [k for k, value in reach.items() if value >= AT_END * max(reach.values())]
-    centers = sphere_centers(character, default_pose(character))
+    centers = sphere_centers(character, character.start_pose)
     radii = np.array([sphere.radius for sphere in character.contacts])
     nearest: dict[tuple[int, int], tuple[float, int, int]] = {}  # limbs -> gap (m), spheres
     for first, second in itertools.combinations(tips, 2):

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo.checks import numbers, one_of
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.chart import angles_of, body_axes, rotation_of_angles, turned_by
+from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, rotation_of
 
 CONVENTIONS = ("mujoco", "pinocchio")

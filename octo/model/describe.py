@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 
 from octo.checks import instance
-from octo.model.character import Array, Character, Joint
-from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+from octo.model.body import Joint
+from octo.model.element import names_of
+from octo.model.feet import terrain_bottoms
+from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.quantities import Array
+from octo.model.tree import Tree
 
 UNITS = {
     "length": "m",
@@ -32,18 +36,18 @@ class Text(str):
         return str(self)
 
 
-def describe(character: Character) -> dict[str, Any]:
+def describe(character: Tree) -> dict[str, Any]:
     """What a character is, as plain lists, names and numbers; None where there is no limit.
 
     Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo
-    does not model; the base; ``height`` (m) of the base over the lowest contact and ``inertia`` (3,
-    3) kg m² about the centre of mass, both in the default pose; ``joints`` in the order of the
-    coordinates; ``links``: mass, centre of mass (m, body axes) and inertia (3, 3) about it;
-    ``poses`` by name; ``units``.
+    does not model; its ``elements`` (points in m, a body that is None is the world); the base;
+    ``height`` (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre
+    of mass, both in the default pose; ``joints`` in the order of the coordinates; ``links``: mass,
+    centre of mass (m, body axes) and inertia (3, 3) about it; ``poses`` by name; ``units``.
     """
-    instance("character", character, Character, "a Character: what octo.load gives")
+    instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
-    pose = default_pose(character)
+    pose = character.start_pose
     return {
         "name": character.name,
         "nx": character.nx,
@@ -53,6 +57,16 @@ def describe(character: Character) -> dict[str, Any]:
         "contacts": names,
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
         "dropped": list(character.dropped),
+        "elements": [
+            {
+                "name": name,
+                "kind": type(element).__name__,
+                "bodies": [element.body_a, element.body_b],
+                "points": [list(element.point_a), list(element.point_b)],
+                "parameters": dict(element.parameters),
+            }
+            for name, element in zip(names_of(character.elements), character.elements, strict=True)
+        ],
         "base": character.base,
         "chart": character.chart,
         "height": default_height(character),
@@ -88,7 +102,7 @@ def describe(character: Character) -> dict[str, Any]:
     }
 
 
-def lost_shapes(character: Character) -> str:
+def lost_shapes(character: Tree) -> str:
     """Which collision meshes could not be read, in one sentence; empty where all could."""
     start = "collision mesh "
     lost = [note.removeprefix(start) for note in character.dropped if note.startswith(start)]
@@ -100,11 +114,11 @@ def lost_shapes(character: Character) -> str:
     )
 
 
-def summary(character: Character) -> Text:
+def summary(character: Tree) -> Text:
     """A table for people: sizes, then a line for each joint, each body and each pose."""
-    pose = default_pose(character)
+    pose = character.start_pose
     height = default_height(character)
-    instance("character", character, Character, "a Character: what octo.load gives")
+    instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
     moments = ", ".join(
         f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose))
@@ -116,6 +130,11 @@ def summary(character: Character) -> Text:
         "poses": list(character.poses),
         "dropped": list(character.dropped),
     }
+    if character.elements:
+        counted["elements"] = [
+            f"{name} ({element.body_a or 'world'} – {element.body_b or 'world'})"
+            for name, element in zip(names_of(character.elements), character.elements, strict=True)
+        ]
     lines = [
         f"name      {character.name}",
         f"base      {character.base}"
@@ -132,25 +151,17 @@ def summary(character: Character) -> Text:
     return Text("\n".join([*lines, "", *_joint_rows(character, poses), "", *_body_rows(character)]))
 
 
-def default_pose(character: Character) -> Array:
-    """(nx,) the pose a start is searched from; zeros where the character has none."""
-    pose = character.default_pose
-    return np.zeros(character.nx) if pose is None else np.asarray(pose, dtype=float)
-
-
-def default_height(character: Character) -> float | None:
+def default_height(character: Tree) -> float | None:
     """m, of the base's origin over the lowest point of a contact in the default pose; None without
     contacts."""
-    spheres = character.terrain_contacts
-    if not spheres:
+    if not character.terrain_contacts:
         return None
-    pose = default_pose(character)
-    radius = np.array([character.contacts[k].radius for k in spheres])
-    lowest = (sphere_centers(character, pose)[list(spheres), 2] - radius).min()
+    pose = character.start_pose
+    lowest = terrain_bottoms(character, pose).min()
     return float(body_poses(character, pose)[1][character.base_body, 2] - lowest)
 
 
-def whole_inertia(character: Character, x: Array) -> Array:
+def whole_inertia(character: Tree, x: Array) -> Array:
     """(3, 3) kg m² of the robot's bodies about its centre of mass at x (nx,), world axes."""
     rotations, origins = body_poses(character, x)
     middle, total = center_of_mass(character, x), np.zeros((3, 3))
@@ -175,7 +186,7 @@ def _counted(names: list[str], one_a_line: bool) -> str:
     )
 
 
-def _joint_rows(character: Character, poses: dict[str, Array]) -> list[str]:
+def _joint_rows(character: Tree, poses: dict[str, Array]) -> list[str]:
     """One line a coordinate: its range, limits, and its value in each pose."""
     wide = max(8, *(len(joint.name) for joint in character.joints)) if character.joints else 8
     shown = list(poses)[:4]
@@ -195,7 +206,7 @@ def _joint_rows(character: Character, poses: dict[str, Array]) -> list[str]:
     return rows
 
 
-def _body_rows(character: Character) -> list[str]:
+def _body_rows(character: Tree) -> list[str]:
     wide = max(8, *(len(body.name) for body in character.bodies))
     rows = [f"{'body':{wide}s}{'mass':>9s}  {'centre of mass':32s}  principal inertia"]
     for body in character.bodies:

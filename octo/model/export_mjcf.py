@@ -13,8 +13,11 @@ import numpy as np
 from octo.checks import ending, instance, number, numbers
 from octo.errors import ModelError
 from octo.files import replacing
-from octo.model.character import Array, Body, Character, Joint
+from octo.model.body import Body, Joint
+from octo.model.character import Character
+from octo.model.element import names_of
 from octo.model.kinematics import body_poses
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 
@@ -34,7 +37,7 @@ def export_mjcf(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
 ) -> None:
     """Write ``character`` as an MJCF file.
 
@@ -42,7 +45,8 @@ def export_mjcf(
     keyframes (``default`` and the character's poses) are octo's. A floating base becomes a free
     joint. Every actuated joint gets a torque motor, in the order of u: its control is u/gear, and
     its range the torque limit. Contact spheres become geoms without mass that collide with the
-    ground, and with each other only where the character has a pair; contact is MuJoCo's own.
+    ground, and with each other only where the character has a pair; contact is MuJoCo's own. A
+    SpringDamper becomes a spatial tendon between two sites.
 
     Parameters
     ----------
@@ -53,7 +57,8 @@ def export_mjcf(
     Raises
     ------
     ModelError: what MJCF cannot say: unequal armature or damping of a free base, an inertia that no
-        mass distribution has. OutputError: the file cannot be written.
+        mass distribution has, an element that is no tendon. OutputError: the file cannot be
+        written.
     """
     target = ending("path", path, (".xml", ".mjcf"))
     text = mjcf_text(
@@ -69,7 +74,7 @@ def mjcf_text(
     terrain: Plane | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
-    gravity: Iterable[float] = (0.0, 0.0, -9.81),
+    gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
     bumps: Iterable[tuple[Array, Array]] = (),
 ) -> str:
     """The text of :func:`export_mjcf`. ``bumps``: centres (3,) m in the plane's axes and half sizes
@@ -103,6 +108,7 @@ def mjcf_text(
             friction=f"{friction:.10g} {ROLLING}",
         )
     _add_pairs(top, character, friction)
+    _add_elements(top, world, elements, character)
     motors = SubElement(top, "actuator")
     for j in character.actuated:
         _add_motor(motors, character.joints[j])
@@ -158,9 +164,7 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
     floats = free_base(character) and b == character.base_body
     position, rotation, joints = body.position, body.rotation, body.joints
     if floats:
-        pose = (
-            character.default_pose if character.default_pose is not None else np.zeros(character.nx)
-        )
+        pose = character.start_pose
         rotations, origins = body_poses(character, pose)
         position, rotation = origins[b], rotations[b]
     # MuJoCo's own name of what does not move
@@ -255,6 +259,31 @@ def _add_pairs(top: Element, character: Character, friction: float) -> None:
                 "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001",
             },
         )
+
+
+def _add_elements(
+    top: Element, world: Element, bodies: list[Element], character: Character
+) -> None:
+    """The tendons of the character's elements, of sites where they act."""
+    if not character.elements:
+        return
+    tendons = SubElement(top, "tendon")
+    for name, element in zip(names_of(character.elements), character.elements, strict=True):
+        values = element.tendon
+        if values is None:
+            raise ModelError(
+                f"element {name} is a {type(element).__name__}, must be one that MuJoCo has a "
+                "tendon for, as SpringDamper: leave it out with "
+                "dataclasses.replace(robot, elements=())"
+            )
+        tendon = SubElement(
+            tendons, "spatial", {"name": name, **{k: _text(v) for k, v in values.items()}}
+        )
+        ends = (("a", element.body_a, element.point_a), ("b", element.body_b, element.point_b))
+        for end, body, point in ends:
+            on = world if body is None else bodies[character.body_index(body)]
+            SubElement(on, "site", name=f"{name}_{end}", pos=_text(point), size="0.005")
+            SubElement(tendon, "site", site=f"{name}_{end}")
 
 
 def _add_motor(motors: Element, joint: Joint) -> None:

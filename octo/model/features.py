@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from octo.model.actuators import control_index, drives_joint, gears, is_motor
+from octo.model.quantities import GRAVITY
 from octo.model.robot_file import import_mujoco, name_of
 
 # Flags of <option><flag> by which a file switches off something that octo models.
@@ -128,7 +129,7 @@ def _world_features(model: Any) -> list[str]:
         sentences.append(
             f"fluid (density {option.density:g} kg/m³, viscosity {option.viscosity:g} Pa s, wind)"
         )
-    if not np.allclose(option.gravity, (0.0, 0.0, -9.81), atol=0.02):
+    if not np.allclose(option.gravity, (0.0, 0.0, -GRAVITY), atol=0.02):
         gravity = ", ".join(f"{value:g}" for value in option.gravity)
         sentences.append(
             f"gravity ({gravity}) m/s²: gravity is a parameter of the problem, 9.81 down unless "

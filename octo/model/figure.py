@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
-from octo.model.character import Array, Body, Character
+from octo.model.body import Body
+from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.quantities import Array
 
 Faces = NDArray[np.intp]
 SLENDER = 0.93  # two largest principal moments nearer than this: a capsule, else a box
-ROD = 0.7  # radius of a rod, in parts of the thinner of the two things that it joins
-THICK = 0.06  # radius from which on a solid is drawn finer, in parts of the character's size
-THINNEST = 0.02  # radius of what has no size of its own, in parts of the character's size
+ROD = 0.7  # radius of a rod, relative to the thinner of the two things that it joins
+THICK = 0.06  # radius from which on a solid is drawn finer, relative to the character's size
+THINNEST = 0.02  # radius of what has no size, relative to the character's size
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def surfaces(character: Character, fineness: int = 2) -> list[Surface | None]:
 
 def size(character: Character) -> float:
     """m, the largest extent of joints and spheres in the default pose."""
-    pose = character.default_pose if character.default_pose is not None else np.zeros(character.nx)
+    pose = character.start_pose
     moving = [b for b, body in enumerate(character.bodies) if character.path[b] or body.parent < 0]
     points = np.concatenate(
         [body_poses(character, pose)[1][moving], sphere_centers(character, pose)]

@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from octo.checks import floats, instance
 from octo.errors import ShapeError
-from octo.model.character import Array, Character
+from octo.model.quantities import Array
+from octo.model.quaternions import skew
+from octo.model.tree import Tree
 
 
-def body_poses(character: Character, x: NDArray) -> tuple[Array, Array]:
+def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
     """World pose of every body.
 
     Parameters
@@ -22,7 +24,7 @@ def body_poses(character: Character, x: NDArray) -> tuple[Array, Array]:
     -------
     rotation (..., bodies, 3, 3) and origin (..., bodies, 3) m.
     """
-    instance("character", character, Character, "a Character: what octo.load gives")
+    instance("character", character, Tree, "a Character: what octo.load gives")
     x = floats("x", x)
     if x.ndim == 0 or x.shape[-1] != character.nx:
         raise ShapeError("x", x.shape, f"(..., {character.nx})")
@@ -52,12 +54,12 @@ def axis_rotation(axis: NDArray, angle: NDArray) -> Array:
     """Rotation matrices (..., 3, 3) about a unit ``axis`` (3,) by ``angle`` (...) rad (Rodrigues'
     formula)."""
     a = np.asarray(axis, dtype=float)
-    cross = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+    cross = skew(a)
     angle = np.asarray(angle, dtype=float)[..., None, None]
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
-def sphere_centers(character: Character, x: NDArray) -> Array:
+def sphere_centers(character: Tree, x: NDArray) -> Array:
     """Centres (..., contacts, 3) m of the contact spheres at x (..., nx)."""
     rotation, origin = body_poses(character, x)
     body = [contact.body for contact in character.contacts]
@@ -65,7 +67,7 @@ def sphere_centers(character: Character, x: NDArray) -> Array:
     return origin[..., body, :] + np.einsum("...kij,kj->...ki", rotation[..., body, :, :], local)
 
 
-def center_of_mass(character: Character, x: NDArray) -> Array:
+def center_of_mass(character: Tree, x: NDArray) -> Array:
     """Centre of mass (..., 3) m at x (..., nx)."""
     rotation, origin = body_poses(character, x)
     mass = character.masses

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from octo.errors import ModelError
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.kinematics import axis_rotation, body_poses
+from octo.model.quantities import Array
 
 # of the eigenvalues of the mass matrix scaled to a unit diagonal; the robot files at hand have 1e-4
 # and more

@@ -15,15 +15,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from octo.checks import instance, one_of
 from octo.errors import MirrorError, ProblemError, ShapeError
-from octo.model.character import Array, Character, Joint
+from octo.model.body import Joint
+from octo.model.character import Character
+from octo.model.element import Element, names_of
+from octo.model.feet import bottoms
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
+from octo.model.quantities import Array
 
 # How far from a mirror image a robot may be.
 JOINTS = 5e-3  # rad, and of the robot's size
@@ -179,6 +184,7 @@ class _Search:
         offset[np.abs(offset) < JOINTS] = 0.0
         offset += self._whole_turns(matrix, offset)
         found = Mirror(matrix, offset, joints, *self._contacts(image))
+        self._check_elements(image)
         self._check_poses(found, image)
         return found
 
@@ -318,11 +324,57 @@ class _Search:
         contacts[alone] = alone
         return contacts, tuple(spheres[k].name for k in alone)
 
+    def _check_elements(self, image: Mapping[int, int]) -> None:
+        """Every element must have an image: where its points are reflected to, with the reflected
+        force."""
+        elements = self.robot.elements
+        for name, element in zip(names_of(elements), elements, strict=True):
+            if not any(self._reflects(element, other, image) for other in elements):
+                raise _NoImage(math.inf, f"element {name} has no image on the other side")
+
+    def _reflects(self, one: Element, other: Element, image: Mapping[int, int]) -> bool:
+        """Whether ``other`` is the image of ``one``, with the same ends or with a for b."""
+        ends, images = self._ends(one), self._ends(other)
+        samples = self.size * np.random.default_rng(0).standard_normal((5, 2, 2, 3))
+        samples[:, 0] += [place for _, place in ends]  # m; then m/s
+        for order in ((0, 1), (1, 0)):
+            near = all(
+                image.get(b, -1) == images[k][0]
+                and np.linalg.norm(place @ REFLECTION - images[k][1]) <= CONTACTS * self.size
+                for k, (b, place) in zip(order, ends, strict=True)
+            )
+            if not near:
+                continue
+            forces = self._forces(one, samples) @ REFLECTION
+            turned = self._forces(other, (samples @ REFLECTION)[:, :, order])
+            turned = turned if order == (0, 1) else -turned
+            if np.abs(forces - turned).max() <= PASSIVE * np.abs(forces).max():
+                return True
+        return False
+
+    def _ends(self, element: Element) -> list[tuple[int, Array]]:
+        """Of points a and b the body that moves, -1 where none does, and the world place, m."""
+        made = []
+        for body, point in ((element.body_a, element.point_a), (element.body_b, element.point_b)):
+            b = -1 if body is None else self.robot.body_index(body)
+            place = np.array(point) if b < 0 else self.rotation[b] @ point + self.origin[b]
+            made.append((b if b >= 0 and self.robot.path[b] else -1, place))
+        return made
+
+    @staticmethod
+    def _forces(element: Element, samples: Array) -> Array:
+        """(5, 3) N at samples (5, 2, 2, 3) of the places and velocities of both points."""
+        values = []
+        for (a, b), (v_a, v_b) in samples:
+            at = (ca.DM(a), ca.DM(v_a), ca.DM(b), ca.DM(v_b))
+            values.append(ca.DM(element.force(*at, dict(element.parameters))).full().ravel())
+        return np.array(values)
+
     def _feet(self) -> NDArray[np.intp]:
         """The spheres that a robot in its default pose would stand on."""
         robot = self.robot
         pose = self.x if robot.default_pose is None else robot.default_pose
-        bottom = sphere_centers(robot, pose)[:, 2] - [sphere.radius for sphere in robot.contacts]
+        bottom = bottoms(robot, pose)
         return np.flatnonzero(bottom <= bottom.min(initial=math.inf) + FEET * self.size)
 
     def _check_poses(self, mirror: Mirror, image: Mapping[int, int]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
 from octo.model import xml_file
@@ -91,10 +92,7 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
     for b in range(1, model.nbody):
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
     soft = _without_soft_bodies(path, model, trees, notes)
-    driven = np.zeros(model.nbody, dtype=int)
-    for a in range(model.nactuator):
-        if drives_joint(model, a):
-            driven[model.jnt_bodyid[model.actuator_trnid[a, 0]]] += 1
+    driven = _driven(model)
     robot = max(
         trees,
         key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root),
@@ -138,6 +136,15 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
             f"{', '.join(standing)}"
         )
     return robot if floats(robot) else None, frozenset(others)
+
+
+def _driven(model: Any) -> NDArray[np.intp]:
+    """(bodies,) how many actuators drive a joint of each."""
+    driven = np.zeros(model.nbody, dtype=np.intp)
+    for a in range(model.nactuator):
+        if drives_joint(model, a):
+            driven[model.jnt_bodyid[model.actuator_trnid[a, 0]]] += 1
+    return driven
 
 
 def _without_soft_bodies(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from octo.model.character import Array
+from octo.model.quantities import Array
 
 
 def quaternions(rotation: Array) -> Array:
@@ -55,6 +55,11 @@ def rotation_of(quaternion: Array) -> Array:
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
+
+
+def skew(r: Array) -> Array:
+    """(3, 3): its product with a vector is the cross product of r (3,) with it."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
 
 
 def turning(rotation: Array) -> Array:

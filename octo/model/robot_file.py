@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from octo.errors import MissingExtraError, ModelError, RobotFileError
-from octo.model.character import Array
+from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from octo.model.character import Array
+from octo.model.quantities import Array
 
 Spheres = tuple[Array, Array]
 SKIN = 0.2  # radius of a corner sphere, as a part of the shape's smallest half size

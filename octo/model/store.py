@@ -13,7 +13,10 @@ import numpy as np
 
 from octo.checks import numbers, whole
 from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
-from octo.model.character import Body, Character, ContactSphere, Joint
+from octo.model.body import Body, ContactSphere, Joint
+from octo.model.character import Character
+from octo.model.element import Element
+from octo.model.spring import SpringDamper
 
 SHAPES = {
     "axis": (3,),
@@ -23,12 +26,18 @@ SHAPES = {
     "com": (3,),
     "inertia": (3, 3),
 }
+# elements that a file can give back: those of octo
+KINDS_OF_ELEMENTS: dict[str, type[Element]] = {"SpringDamper": SpringDamper}
 # of the words of annotations
 KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, float)}
 
 
 def to_plain(value: Any) -> Any:
     """Dataclasses as dicts, arrays as lists, infinities as strings."""
+    if isinstance(value, Character):
+        plain = {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        plain["elements"] = [_plain_element(element) for element in value.elements]
+        return plain
     if dataclasses.is_dataclass(value):
         return {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
@@ -40,6 +49,39 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, (float, np.floating)) and not math.isfinite(value):
         return str(value)
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _plain_element(element: Element) -> dict[str, Any]:
+    """An element by the name of its class; of one that octo does not have, a file has that and
+    where it acts."""
+    kind = type(element)
+    known = KINDS_OF_ELEMENTS.get(kind.__name__) is kind
+    fields = dataclasses.fields(element if known else Element)
+    values = {f.name: to_plain(getattr(element, f.name)) for f in fields}
+    return {"kind": kind.__name__, "known": known, **values}
+
+
+def _elements(plain: dict[str, Any]) -> tuple[tuple[Element, ...], list[str]]:
+    """The elements that a file has whole, and sentences that name the others."""
+    found: list[Element] = []
+    lost = []
+    for k, values in enumerate(_list("elements", plain) if "elements" in plain else ()):
+        values = dict(values)
+        name, known = str(values.pop("kind", "")), values.pop("known", False)
+        kind = KINDS_OF_ELEMENTS.get(name) if known is True else None
+        if kind is None:
+            lost.append(
+                f"element {k}, a user-written {name}: files have no code, give it again with "
+                "dataclasses.replace(robot, elements=...)"
+            )
+            continue
+        for field in dataclasses.fields(kind):
+            if field.name not in values:
+                raise ValueRangeError(f"{field.name} of element {k} is missing")
+        if len(values) > len(dataclasses.fields(kind)):
+            raise ValueRangeError(f"element {k} has fields that a {name} has not")
+        found.append(kind(**values))
+    return tuple(found), lost
 
 
 def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
@@ -82,6 +124,7 @@ def from_plain(plain: dict[str, Any]) -> Character:
     contacts = tuple(_make(ContactSphere, contact) for contact in _list("contacts", plain))
     pairs = tuple((whole("pair", a, 0), whole("pair", b, 0)) for a, b in _list("pairs", plain))
     size = (sum(len(body.joints) for body in bodies),)
+    elements, lost = _elements(plain)
     pose, poses = plain.get("default_pose"), plain.get("poses") or {}
     return _make(
         Character,
@@ -91,7 +134,8 @@ def from_plain(plain: dict[str, Any]) -> Character:
         pairs=pairs,
         default_pose=None if pose is None else numbers("default_pose", pose, size),
         poses={str(name): numbers(f"pose {name}", values, size) for name, values in poses.items()},
-        dropped=tuple(str(sentence) for sentence in plain.get("dropped", ())),
+        dropped=tuple(str(sentence) for sentence in [*plain.get("dropped", ()), *lost]),
+        elements=elements,
     )
 
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import instance, number
+from octo.checks import Array, instance, number
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.interrupts import postponed
 
-Array = NDArray[np.float64]
+# names of a plane's numbers among the run-time parameters of the dynamics
+OF_PLANE = tuple(f"terrain.{name}" for name in ("normal_x", "normal_y", "normal_z", "height"))
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,15 @@ class Plane:
             + p["normal_y"] * point[1]
             + p["normal_z"] * (point[2] - p["height"])
         )
+
+
+def plane_of(parameters: Mapping[str, float]) -> tuple[Array, float] | None:
+    """Normal (3,) and height (m) of the ground that run-time parameters of the dynamics describe;
+    None where it is no plane."""
+    if not all(name in parameters for name in OF_PLANE):
+        return None
+    *axes, height = (float(parameters[name]) for name in OF_PLANE)
+    return np.array(axes), height
 
 
 @dataclass(frozen=True, eq=False)

@@ -207,7 +207,7 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
 
 
 def _collect_geometry(prepared: Prepared) -> None:
-    """Remove visuals; give every readable collision mesh a flat name of its own, note the
+    """Remove visuals; give every readable collision mesh a separate flat name, note the
     others."""
     for link in prepared.tree.findall("link"):
         for visual in link.findall("visual"):
@@ -225,7 +225,7 @@ def _collect_geometry(prepared: Prepared) -> None:
 
 
 def _take_mesh(prepared: Prepared, link: str, mesh: ElementTree.Element) -> bool:
-    """Read the mesh's file under a name of its own; False when it cannot be used."""
+    """Read the mesh's file under a separate name; False when it cannot be used."""
     written = mesh.get("filename", "")
     found = find_mesh(written, prepared.path)
     suffix = Path(written).suffix.lower()

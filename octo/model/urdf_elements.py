@@ -11,8 +11,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
-from octo.model.character import LARGEST, Array
 from octo.model.kinematics import axis_rotation
+from octo.model.quantities import LARGEST, Array
 from octo.model.robot_file import Inertial
 from octo.model.xml_file import line_of
 

@@ -20,8 +20,8 @@ from octo.solver.status import HISTORY, Status
 from octo.starts import smooth_noise
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
-LEFT = 1e-2  # of the weight, what a plan may leave of it in the steps that are kept
-TOLERANCE = 1e-5  # of the weight, ‖C‖∞ of a horizon
+LEFT = 1e-2  # relative to mg, what a plan may leave of it in the steps that are kept
+TOLERANCE = 1e-5  # relative to mg, ‖C‖∞ of a horizon
 
 
 def animate(
@@ -50,13 +50,10 @@ def animate(
 
     Raises
     ------
-    ProblemError: the basis is not nodes, or a term or the start has values of its own for each
+    ProblemError: the basis is not nodes, or a term or the start has separate values for each
         step.
     """
-    if not isinstance(problem, Problem):
-        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
-    if problem.basis_object.name != "nodes" or problem.end is not None:
-        raise ProblemError("animate needs the basis 'nodes' and a free end")
+    _check(problem)
     N, dt = int(problem.steps), float(problem.dt)
     advance = min(whole("advance", advance), N)
     total = round(positive("seconds", seconds, "s") / dt)
@@ -65,9 +62,7 @@ def animate(
     compiled = CompiledProblem([problem])
     compiled.prepare()
     setup = time.perf_counter() - began
-    nodes = np.repeat(problem.start[None], N + 2, axis=0)
-    nodes[0] -= dt * problem.start_velocity
-    nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+    nodes = _at_rest(problem, seed)
     kept = [nodes[0].copy(), nodes[1].copy()]
     rows: list[tuple[float, ...]] = []
     lam, worst, counted = None, 0.0, 0
@@ -88,6 +83,21 @@ def animate(
         lam[:, :-advance], lam[:, -advance:] = lam[:, advance:].copy(), 0.0
     spent = (setup, time.perf_counter() - began, time.process_time() - processor)
     return _whole(problem, compiled, np.array(kept)[: total + 2], rows, (worst, counted), spent)
+
+
+def _check(problem: object) -> None:
+    if not isinstance(problem, Problem):
+        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+    if problem.basis_object.name != "nodes" or problem.end is not None:
+        raise ProblemError("animate needs the basis 'nodes' and a free end")
+
+
+def _at_rest(problem: Problem, seed: int) -> Array:
+    """(N+2, n) the start held, with smooth noise: what the first plan begins with."""
+    nodes = np.repeat(problem.start[None], int(problem.steps) + 2, axis=0)
+    nodes[0] -= float(problem.dt) * problem.start_velocity
+    nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+    return nodes
 
 
 def _limited(options: SqpOptions, iterations: int) -> SqpOptions:

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from octo.model.quantities import Array
 
 
 class CommandStatus(Enum):
@@ -53,7 +50,7 @@ class Command:
         before the measurement.
     iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
         plan.
-    violation: ‖C‖∞ of the plan in parts of the weight.
+    violation: ‖C‖∞ of the plan relative to mg.
     status: what became of this measurement, with its sentence.
     """
 

@@ -3,47 +3,37 @@ and Schlöder 2005)."""
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import number, one_of, positive, whole
-from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
+from octo.checks import one_of, positive, whole
+from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
+from octo.model.quantities import Array
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
-from octo.mpc.measurement import check_device, checked, checked_time, measured, plausible, time_of
+from octo.mpc.measurement import check_device, checked, checked_time, measured, robot_of, time_of
 from octo.mpc.plan import Grid, Plan
+from octo.mpc.readings import Readings
+from octo.mpc.tuning import Tuning
 from octo.problem.compiled import CompiledProblem
-from octo.problem.costs import Cost
 from octo.problem.problem import Problem
-from octo.problem.structure import Reader, same
 from octo.result.solution import Solution
-from octo.solver.receding import PAST, RecedingHorizon
+from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
 
-Array = NDArray[np.float64]
 Guide = Callable[["Controller", float, Array], None]
 
 CURVATURES = ("gauss-newton", "exact")
 SIGMA = 1e-5  # of one iteration a tick: 1e-7 … 1e-3 make no difference
 SETTLE = 40  # iterations at a reset, from the pose held still
 GIVE_UP = 5  # calls without a step after which the plan begins anew from the pose measured
-WORST = 20.0  # of the weight: a plan with a larger residual breaks the laws of physics
+WORST = 20.0  # relative to mg: a plan with a larger residual breaks the laws of physics
 TOLERANCE = 0.25  # of dt: a plan prepared for a time that near serves this one
-# rad or m, by which a reading that stays the same should have moved; encoders count in a tenth of
-# it or less
-FROZEN = 0.02
-FINE = 3  # readings of which no velocity repeats: these sensors do not count in steps
-# s, that a measurement may be older than the last one, or newer than the plan's end, by the same
-# clock
-SLACK = 1.0
 
 
 class Controller:
@@ -54,7 +44,7 @@ class Controller:
     problem: its N and dt are the horizon, in the basis "nodes". Its x0 is the first plan's.
     iterations: of Gauss-Newton in one call.
     budget: s, of one call; None is no limit. The best plan that was ready by then is returned.
-    device: "cpu"; "auto" means that too and says so once: this version has no loop on a GPU.
+    device: "cpu"; "auto" means that too and logs once that this version has no loop on a GPU.
         Without a C compiler a call takes 70 times as long.
     convention: form of q and v, "mujoco" or "pinocchio" (see
         :class:`octo.model.convention.Convention`).
@@ -88,41 +78,25 @@ class Controller:
         guide: Guide | None = None,
     ):
         check_device(device)
-        if not isinstance(problem, Problem):
-            raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+        robot = robot_of(problem)
         if guide is not None and not callable(guide):
             raise ProblemError(
                 f"guide is {said(guide)}, must be a function guide(controller, t, x)"
             )
-        if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
-            raise ProblemError(
-                "a controller needs a robot: user-written dynamics have no configuration to measure"
-            )
-        if problem.basis_object.name != "nodes" or problem.end is not None:
-            found = (
-                "x_end is given"
-                if problem.end is not None
-                else f"basis is {problem.basis_object.name!r}"
-            )
-            raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
-        if problem.steps <= PAST:
-            raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
         one_of("curvature", curvature, CURVATURES)
-        self.problem, self.robot = problem, problem.character
+        self.problem, self.robot = problem, robot
         self.iterations, self.exact = whole("iterations", iterations), curvature == "exact"
         self.budget = None if budget is None else positive("budget", budget, "s")
         self.convention = Convention(self.robot, convention)
         self.compiled = CompiledProblem([problem])
         self.compiled.prepare()
-        self._views: dict[tuple[str, str], Array] = {}
+        self._tuning = Tuning(self.compiled, problem)
         names = problem.dynamics.layout.names
         # m
         self.first_ground = (
             float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0
         )
         fast = self.compiled.library is not None
-        self._setting, self._reader = problem.setting, Reader(problem)
-        self._scales = [term.scale(self._setting) for term in problem.costs]
         self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(
             self.compiled, positive("sigma", sigma)
         )
@@ -138,6 +112,7 @@ class Controller:
         self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
         self._iteration = Iteration(self.horizon, hinge, sigma, self.exact)
+        self._readings = Readings(self.convention, self.dt)
         self.reset()
 
     @property
@@ -155,21 +130,7 @@ class Controller:
     def reference(self, label: str, name: str) -> Array:
         """(N, size) of a term's references, to be written in place: the next plan follows it.
         Nothing is recompiled."""
-        view = self._views.get((label, name))
-        if view is None:
-            places = self._place(label)[1]
-            if name not in places:
-                raise UnknownNameError(f"reference of {label}", name, places)
-            view = self._views[label, name] = self.compiled.q[0][:, places[name]]
-        return view
-
-    def _place(self, label: str) -> tuple[int, dict[str, slice]]:
-        table = self.compiled.functions.references
-        labels = [term.label for term in self.problem.costs]
-        if label not in labels:
-            raise UnknownNameError("term", label, labels)
-        k = labels.index(label)
-        return k, table.places[k]
+        return self._tuning.reference(label, name)
 
     def update(self, label: str, **values: Any) -> None:
         """Change a term's fields: ``update("BaseHeight", height=0.3, weight=40.0)``. Its scale
@@ -182,60 +143,12 @@ class Controller:
         function or contacts, or one that only scales E. ShapeError, ValueRangeError: what the term
         refuses.
         """
-        k, places = self._place(label)
-        term, setting, q = self.problem.costs[k], self._setting, self.compiled.q[0]
-        fields = [f.name for f in dataclasses.fields(term) if f.init]
-        for name in values:
-            if name not in fields:
-                raise UnknownNameError(f"field of {label}", name, fields)
-        changed = self._changed(k, values)
-        scratch = dataclasses.replace(
-            self.compiled.functions.references, terms=(changed,), places=(places,)
-        )
-        packed = scratch.pack([changed], setting)
-        for place in places.values():
-            q[:, place] = packed[:, place]
-        if "weight" in values:
-            on = (
-                np.full(setting.steps, 1.0 / setting.steps)
-                if term.steps == "all"
-                else np.eye(setting.steps)[-1]
-            )
-            q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
-        self.problem = self.problem.replace(
-            costs=[*self.problem.costs[:k], changed, *self.problem.costs[k + 1 :]]
-        )
-
-    def _changed(self, k: int, values: Mapping[str, Any]) -> Cost:
-        """A term with other numbers; what is more than a number is refused."""
-        term, setting = self.problem.costs[k], self._setting
-        changed = dataclasses.replace(term, **values)
-        fixed = self._reader.fixed_fields(term, values)
-        if not fixed and self._reader.read(changed) != self._reader.read(term):
-            fixed = sorted(values)
-        if fixed:
-            raise ProblemError(
-                f"{term.label}.{' and '.join(fixed)} cannot be updated: it is compiled into the "
-                "controller, make a new Controller"
-            )
-        for name, value in values.items():
-            alone = dataclasses.replace(term, **{name: value})
-            if alone.scale(setting) != term.scale(setting) and same(
-                alone.references(setting), term.references(setting)
-            ):
-                raise ProblemError(
-                    f"{term.label}.{name} cannot be updated: it only scales E, change weight"
-                )
-        return changed
+        self.problem = self._tuning.update(self.problem, label, values)
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1,
         "contact.mu": 0.5}``; not dt."""
-        layout = self.problem.dynamics.layout
-        if "dt" in values:
-            raise ValueRangeError("parameter dt cannot change: the horizon was compiled for it")
-        for name, value in values.items():
-            self.compiled.p[0, layout.index(name)] = number(f"parameter {name}", value)
+        self._tuning.set_parameters(values)
 
     # -- the first plan ----------------------------------------------------------------------------
 
@@ -279,9 +192,7 @@ class Controller:
 
     def _forget(self, x: Array) -> None:
         self._iteration.forget()
-        self._last_time, self._jump, self._tick, self._since = -np.inf, np.nan, self.dt, np.inf
-        self._readings, self._in_steps = 0, False
-        self._last_q, self._last_v = np.zeros(self.convention.nq), np.zeros(self.convention.nv)
+        self._readings.forget()
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
         self._gain_nodes = np.zeros((3, self.robot.nx))
@@ -325,7 +236,7 @@ class Controller:
         starts it."""
         began = time.perf_counter()
         t, q, v = time_of(t), measured(q, self.convention.nq), measured(v, self.convention.nv)
-        status = self._refuse(t, q, v)
+        status = self._readings.refuse(t, q, v, self._plan.end)
         ahead = 0.0
         if status is None and not abs(self._prepared - t) <= TOLERANCE * self.dt:
             self.prepare(t)
@@ -337,7 +248,8 @@ class Controller:
         one) arrives."""
         plan, t = self._plan, time_of(t)
         if not np.isfinite(t):
-            t = self._last_time + self._tick if np.isfinite(self._last_time) else plan.time
+            last = self._readings.time
+            t = last + self._readings.tick if np.isfinite(last) else plan.time
         plan.shift(t, self.horizon.nodes)
         if self.guide is not None:
             self.guide(self, t, self.horizon.nodes[1].copy())
@@ -361,55 +273,13 @@ class Controller:
         if i > 0:
             guess[:-i] = guess[i:].copy()
 
-    def _refuse(self, t: float, q: Array, v: Array) -> CommandStatus | None:
-        """What is wrong with a measurement."""
-        if not (np.isfinite(t) and plausible(q, v, self.convention)):
-            return CommandStatus.INVALID
-        if self._frozen(t, q, v):
-            return CommandStatus.STALE
-        ahead = t > max(self._plan.end, self._last_time) + SLACK
-        behind = t < self._last_time - SLACK
-        if np.isfinite(self._last_time) and (ahead or behind):
-            follows = self._jump < t <= self._jump + SLACK
-            self._jump = t
-            if not follows:
-                return CommandStatus.INVALID if ahead else CommandStatus.STALE
-            self._last_time = -np.inf  # two in a row by another clock: that is the clock now
-        self._jump = np.nan
-        return CommandStatus.STALE if t <= self._last_time else None
-
-    def _frozen(self, t: float, q: Array, v: Array) -> bool:
-        """Whether a sensor has stopped: all readings are the last ones, though by their own
-        velocity they should have changed.
-
-        Equal readings alone are no fault where sensors count in steps: a robot that hardly moves
-        then reads the same twice. What such sensors are known by is that single velocities repeat,
-        and they are given the time to move by FROZEN.
-        """
-        if not ((q == self._last_q).all() and (v == self._last_v).all() and v.any()):
-            return False
-        return (self._readings >= FINE and not self._in_steps) or float(np.abs(v).max()) * (
-            t - self._since
-        ) > FROZEN
-
     def _feedback(
         self, t: float, q: Array, v: Array, began: float, ahead: float, status: CommandStatus | None
     ) -> Command:
         done = 0
         if status is None:
             late = t > self._plan.end
-            self._tick = (
-                min(max(t - self._last_time, 1e-6), self.dt)
-                if np.isfinite(self._last_time)
-                else self.dt
-            )
-            self._last_time = t
-            repeated = v == self._last_v
-            self._in_steps = self._in_steps or bool(repeated[v != 0.0].any())
-            self._readings += 1
-            if not (repeated.all() and (q == self._last_q).all() and t >= self._since):
-                self._since = t
-            self._last_q[:], self._last_v[:] = q, v
+            self._readings.take(t, q, v)
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x
             status, done = self._improve(t, x, before, began)
@@ -484,7 +354,7 @@ class Controller:
         plan = self._plan
         when = t if np.isfinite(t) else plan.time
         u = plan.at(when)[2]
-        x, rate, _ = plan.at(when + self._tick)
+        x, rate, _ = plan.at(when + self._readings.tick)
         gain, nodes = self._gain.copy(), self._gain_nodes.copy()
         return Command(
             self._limited(u),

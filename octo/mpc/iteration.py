@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
 
-Array = NDArray[np.float64]
 CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
 # of sigma, after a step that could not be taken and after one that could
 HARDER, EASIER = 10.0, 3.0

@@ -1,61 +1,30 @@
-"""What happened in a closed loop, tick by tick, and what it says."""
+"""What happened in a closed loop, and what it says."""
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import ending, numbers
-from octo.errors import ShapeError, ValueRangeError
-from octo.files import replacing
-from octo.model import archive, store
-from octo.model.character import Character
-from octo.model.convention import Convention
+from octo.model.feet import LOADED
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
-from octo.mpc.command import Command
+from octo.model.quantities import Array
+from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
 from octo.result.solution import Solution
 from octo.shown import Shown
 from octo.solver.status import HISTORY, Status
 
-if TYPE_CHECKING:
-    from octo.mpc.controller import Controller
-    from octo.mpc.loop import Plant
-
-Array = NDArray[np.float64]
+__all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
-LOADED = 0.02  # of the weight: a foot that carries more is loaded
-NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
-NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
-ROWS = (
-    "t",
-    "q",
-    "v",
-    "x",
-    "plan_x",
-    "u",
-    "force",
-    "point",
-    "seconds",
-    "prepare",
-    "energy",
-    "violation",
-    "excess",
-    "done",
-    "wanted",
-)
 
 
 @dataclass(eq=False, repr=False)
-class Log(Shown):
+class Log(Record, Shown):
     """Columns by tick: the state after it, the torques at its end, and the command it began with.
 
     The columns of k ticks are attributes: t (k,) s; q (k, nq), v (k, nv), MuJoCo's form; x (k, nx)
@@ -80,108 +49,6 @@ class Log(Shown):
     saved_world: what ``world`` says of a log that was read from a file.
     """
 
-    FILE: ClassVar[str] = "log.npz"  # in a folder that octo wrote
-
-    robot: Character
-    tick: float
-    controller: Controller | None
-    columns: dict[str, Array]
-    count: int = 0
-    statuses: list[str] = field(default_factory=list)
-    falls: list[float] = field(default_factory=list)
-    impulses: list[float] = field(default_factory=list)
-    interrupted: bool = False
-    memory_start: int = 0
-    memory_end: int = 0
-    torque: Array = field(default_factory=lambda: np.zeros(0))
-    saved_world: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self._convention = Convention(self.robot)  # the plant's, whatever the controller's
-        self._weight = float(self.world["weight"])  # N
-
-    @property
-    def world(self) -> dict[str, Any]:
-        """weight (N), length ℓ (m), and normal (3,) and height (m) of the plane that the controller
-        knows, or the level one."""
-        if self.controller is None:
-            return self.saved_world
-        problem = self.controller.problem
-        known = {
-            "weight": self.robot.mass * problem.gravity,
-            "length": problem.length,
-            "normal": [0.0, 0.0, 1.0],
-            "height": 0.0,
-        }
-        names = problem.dynamics.layout.names
-        if "terrain.normal_x" in names:
-            p, first = self.controller.compiled.p[0], names.index("terrain.normal_x")
-            known |= {
-                "normal": p[first : first + 3].tolist(),
-                "height": float(p[names.index("terrain.height")]),
-            }
-        return known
-
-    @staticmethod
-    def empty(robot: Character, tick: float, controller: Controller, ticks: int) -> Log:
-        """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
-        sizes = _sizes(robot, controller.convention)
-        return Log(
-            robot,
-            tick,
-            controller,
-            {name: np.full((ticks, *sizes.get(name, ())), np.nan) for name in ROWS},
-        )
-
-    def record(self, t: float, plant: Plant, command: Command | None, arrived: bool = True) -> None:
-        """A tick that began at ``t`` s; ``arrived``: whether there was a measurement that
-        ``command`` could come from."""
-        assert self.controller is not None
-        force, point = plant.contacts()
-        guide = self.controller.guide
-        wanted = (*getattr(guide, "velocity", (0.0, 0.0)), getattr(guide, "yaw_rate", 0.0))
-        k = self.count
-        near = self.columns["x"][k - 1] if k else self.controller.problem.start
-        x = self._convention.to_octo(plant.q, plant.v, 1.0, near)[0]
-        row: dict[str, Any] = {
-            "t": t + self.tick,
-            "q": plant.q,
-            "v": plant.v,
-            "x": x,
-            "u": self.torque,
-            "plan_x": self.controller.plan.at(t + self.tick)[0],
-            "force": force,
-            "point": point,
-            "wanted": wanted,
-        }
-        if command is not None:
-            row |= {
-                "seconds": command.seconds,
-                "prepare": command.prepare,
-                "energy": command.energy,
-                "violation": command.violation,
-                "excess": command.torque_excess,
-                "done": command.iterations,
-            }
-        for name, value in row.items():
-            self.columns[name][k] = value
-        none = NO_COMMAND if arrived else NOTHING_YET
-        self.statuses.append(none if command is None else command.status.label)
-        self.count = k + 1
-
-    def finish(self) -> None:
-        """Keep what was recorded."""
-        self.columns = {name: values[: self.count] for name, values in self.columns.items()}
-        self.statuses = self.statuses[: self.count]
-
-    def __getattr__(self, name: str) -> Array:
-        columns = self.__dict__.get("columns", {})
-        if name not in columns:
-            raise AttributeError(name)
-        return np.asarray(columns[name])
-
-    # -- what it says ------------------------------------------------------------------------------
-
     @property
     def velocity(self) -> Array:
         """(k, 2) m/s of the centre of mass, ahead and to the left of the heading, and (k, 3) with
@@ -201,7 +68,7 @@ class Log(Shown):
 
     @property
     def feet(self) -> NDArray[np.intp]:
-        """Columns of ``force`` that carry a twentieth of the weight some time in the first
+        """Columns of ``force`` that carry a twentieth of mg some time in the first
         second."""
         early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
         return np.flatnonzero(early > 0.05 * self._weight)
@@ -379,105 +246,3 @@ class Log(Shown):
             seconds=float(np.nansum(self.seconds)),
             setup_seconds=0.0,
         )
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file: the columns, and the rest as JSON. Written beside, then renamed.
-
-        Raises
-        ------
-        OutputError: it cannot be written, or its ending is not .npz.
-        """
-        target = ending("path", path, (".npz",))
-        kept = {
-            name: getattr(self, name)
-            for name in ("tick", "interrupted", "memory_start", "memory_end", "world")
-        }
-        lists = {name: np.array(getattr(self, name), dtype=float) for name in ("falls", "impulses")}
-        words = np.array(json.dumps({**kept, "robot": store.to_plain(self.robot)}))
-        arrays: dict[str, Any] = {
-            **self.columns,
-            **lists,
-            "statuses": np.array(self.statuses, dtype=str),
-            "log": words,
-        }
-        with replacing(target) as beside, beside.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-
-    @staticmethod
-    def load(path: str | os.PathLike[str]) -> Log:
-        """Read a log that :meth:`save` wrote: the file, or the folder of `octo mpc`.
-
-        Raises
-        ------
-        RobotFileError: there is none, or something in it is not as octo writes it; one line that
-            says what.
-        """
-        with archive.opened(store.file_of(path, Log.FILE), "log", "log") as file:
-            robot = store.from_plain(file.plain["robot"])
-            k, sizes = len(file.array("t", (None,))), _sizes(robot, Convention(robot))
-            columns = {
-                name: file.array(name, (k, *sizes.get(name, ())), finite=False) for name in ROWS
-            }
-            falls, impulses = (file.array(name, (None,)).tolist() for name in ("falls", "impulses"))
-            begin, end = file.whole("memory_start"), file.whole("memory_end")
-            return Log(
-                robot,
-                file.number("tick", positive=True),
-                None,
-                columns,
-                k,
-                _statuses(file, k),
-                falls,
-                impulses,
-                file.flag("interrupted"),
-                begin,
-                end,
-                saved_world=_world(file.plain["world"]),
-            )
-
-
-def _sizes(robot: Character, convention: Convention) -> dict[str, tuple[int, ...]]:
-    """Of a row of each column that is no single number."""
-    nx, contacts = robot.nx, len(robot.terrain_contacts)
-    return {
-        "q": (convention.nq,),
-        "v": (nx,),
-        "x": (nx,),
-        "plan_x": (nx,),
-        "u": (robot.nu,),
-        "force": (contacts, 3),
-        "point": (contacts, 3),
-        "wanted": (3,),
-    }
-
-
-def _statuses(file: archive.Archive, count: int) -> list[str]:
-    found = file.arrays["statuses"]
-    if found.dtype.kind != "U":
-        raise ValueRangeError(f"statuses holds {found.dtype.name} values, must be words")
-    if found.shape != (count,):
-        raise ShapeError("statuses", found.shape, (count,))
-    return [archive.printable(str(word)) for word in found]
-
-
-def _world(plain: Any) -> dict[str, Any]:
-    """As of :attr:`Log.world`, each number checked."""
-    if not isinstance(plain, dict):
-        raise ValueRangeError(f"world is of type {type(plain).__name__}, must be a record")
-    own = archive.Archive({}, plain)
-    sizes = {name: own.number(name, positive=True) for name in ("weight", "length")}
-    return {
-        **sizes,
-        "normal": numbers("normal", plain.get("normal"), (3,)).tolist(),
-        "height": own.number("height"),
-    }
-
-
-def memory_in_use() -> int:
-    """Bytes of this process in memory; 0 where the system does not say."""
-    try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf(
-            "SC_PAGE_SIZE"
-        )
-    except (OSError, ValueError, IndexError):
-        return 0

@@ -1,4 +1,4 @@
-"""The low level: springs and dampers to the joints of a plan, read several times a tick."""
+"""The joint-level PD: springs and dampers to the joints of a plan, read several times a tick."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.checks import numbers
-from octo.dynamics.balance import GRAVITY
 from octo.errors import ShapeError, ValueRangeError
 from octo.model.mass_matrix import mass_matrix
+from octo.model.quantities import GRAVITY, Array
 from octo.mpc.plan import Grid, Plan
 from octo.problem.problem import Problem
 
-Array = NDArray[np.float64]
-STIFFNESS = 1.1  # of mg·ℓ a rad, kp
+STIFFNESS = 1.1  # relative to mg·ℓ a rad, kp
 SWING = 0.23  # of √(ℓ/g), kd over kp
 PERIOD = 0.002  # s, in which the low level is expected to be called
 LIGHT = 1.0  # of the damping that stops a free joint within that period; twice as much is unstable

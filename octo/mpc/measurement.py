@@ -1,4 +1,4 @@
-"""What a controller takes for a measurement, and where it computes."""
+"""What a controller takes: which problems, which measurements, which device."""
 
 from __future__ import annotations
 
@@ -7,17 +7,46 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number
 from octo.devices import check_device_name
-from octo.errors import DeviceError, ShapeError, ValueRangeError, said
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
+from octo.model.character import Character
 from octo.model.convention import Convention
+from octo.model.quantities import Array
+from octo.problem.problem import Problem
+from octo.solver.receding import PAST
 
-Array = NDArray[np.float64]
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
 LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
+
+
+def robot_of(problem: object) -> Character:
+    """The robot of a problem that a controller can plan by.
+
+    Raises
+    ------
+    ProblemError: no problem, or one without a robot, without the basis "nodes", with a fixed end,
+        or too short.
+    """
+    if not isinstance(problem, Problem):
+        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+    if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
+        raise ProblemError(
+            "a controller needs a robot: user-written dynamics have no configuration to measure"
+        )
+    if problem.basis_object.name != "nodes" or problem.end is not None:
+        found = (
+            "x_end is given"
+            if problem.end is not None
+            else f"basis is {problem.basis_object.name!r}"
+        )
+        raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
+    if problem.steps <= PAST:
+        raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
+    return problem.character
 
 
 def measured(value: Any, size: int) -> Array:

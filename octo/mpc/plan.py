@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.quantities import Array
 from octo.solver.elimination import address
 
-Array = NDArray[np.float64]
 FADING = 0.5  # of the joints' velocity, from one step beyond the plan's end to the next
 
 

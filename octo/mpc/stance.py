@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.model.character import Character
+from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.quantities import Array
 
-Array = NDArray[np.float64]
 BENT = 0.76  # of a leg's length, the height of its hip over its foot
 STRAIGHT = 0.84  # from which a leg counts as straight
 START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins
@@ -25,12 +25,7 @@ def stance(robot: Character) -> Array:
     A leg is the chain of joints from the base to a body with a contact sphere near the ground. A
     robot without one, or with its knees bent already, keeps its pose.
     """
-    default = (
-        np.zeros(robot.nx)
-        if robot.default_pose is None
-        else np.asarray(robot.default_pose, dtype=float)
-    )
-    pose = over_the_feet(robot, inside_limits(robot, default))
+    pose = over_the_feet(robot, inside_limits(robot, robot.start_pose))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose
     feet = lowest_contacts(robot, pose, FOOT)
@@ -47,24 +42,6 @@ def stance(robot: Character) -> Array:
     lengths = [_length(robot, foot) for foot in feet]
     begun[lift] -= (straight - BENT) * float(np.mean(lengths))
     return over_the_feet(robot, _reach(robot, inside_limits(robot, begun), feet, target))
-
-
-def bottoms(robot: Character, pose: Array) -> Array:
-    """(c,) m, heights of the lowest points of the contacts that touch the terrain."""
-    touching = list(robot.terrain_contacts)
-    return np.asarray(
-        sphere_centers(robot, pose)[touching, 2] - [robot.contacts[k].radius for k in touching]
-    )
-
-
-def lowest_contacts(robot: Character, pose: Array, within: float) -> list[int]:
-    """Contacts that touch the terrain and are less than ``within`` m over the lowest of them."""
-    heights = bottoms(robot, pose)
-    return [
-        k
-        for k, height in zip(robot.terrain_contacts, heights, strict=True)
-        if height < heights.min() + within
-    ]
 
 
 def _chain(robot: Character, foot: int) -> list[int]:
@@ -85,7 +62,7 @@ def _length(robot: Character, foot: int) -> float:
 
 
 def _stretch(robot: Character, pose: Array, foot: int) -> float:
-    """Height of the hip over the foot, in parts of the leg's length."""
+    """Height of the hip over the foot, relative to the leg's length."""
     chain = _chain(robot, foot)
     if not chain:
         return 0.0

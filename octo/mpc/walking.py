@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError, said
 from octo.model.character import Character
+from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.quantities import GRAVITY, Array
+from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
-from octo.mpc.stance import bottoms, lowest_contacts, stance
+from octo.mpc.stance import stance
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
-Array = NDArray[np.float64]
 CONE = 0.75  # of the ground's friction, that is planned with
 # of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
 NEAR = 0.1
@@ -27,7 +27,7 @@ SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
 ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
-LEASH = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
+GOVERNOR = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
 def foot_law(
@@ -42,7 +42,7 @@ def foot_law(
     """
     speed = CREEP * float(np.sqrt(gravity * length))
     stiffness, sigma = robot.mass * gravity / (SINK * length), ONSET * length
-    share = SINK * length / feet / sigma  # of the weight, over stiffness·sigma
+    share = SINK * length / feet / sigma  # relative to mg, over stiffness·sigma
     return Compliant(
         stiffness=stiffness,
         sigma=sigma,
@@ -111,13 +111,13 @@ def _on_the_ground(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are
     read of it."""
     placed = pose.copy()
-    placed[robot.base_coordinate + 2] -= float(bottoms(robot, pose).min())
+    placed[robot.base_coordinate + 2] -= float(terrain_bottoms(robot, pose).min())
     return placed
 
 
 class VelocityCommand:
-    """A guide for a controller of the locomotion preset: forward and sideways speed and turning,
-    integrated on a leash.
+    """A reference generator (``guide``) for the locomotion preset: speed ahead, sideways, turning,
+    integrated by a reference governor: never far ahead of the robot.
 
     Attributes
     ----------
@@ -158,9 +158,11 @@ class VelocityCommand:
             self._advance(t - self._time)
         self._time = t
         apart = self._place - origin[:2]
-        self._place = origin[:2] + apart * min(1.0, LEASH[0] / max(float(np.hypot(*apart)), 1e-9))
+        self._place = origin[:2] + apart * min(
+            1.0, GOVERNOR[0] / max(float(np.hypot(*apart)), 1e-9)
+        )
         turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
-        self._yaw = ahead + min(max(turn, -LEASH[1]), LEASH[1])
+        self._yaw = ahead + min(max(turn, -GOVERNOR[1]), GOVERNOR[1])
         yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)
         velocity = _turned(self._now, yaw)
         target = self._place + dt * np.cumsum(velocity, axis=0)
@@ -175,10 +177,10 @@ class VelocityCommand:
         """On a slope, height and vertical speed are those of the ground under the places (N, 2)
         that the command leads to."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
-        if "terrain.normal_z" not in names:
+        plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
+        if plane is None:
             return
-        first = names.index("terrain.normal_x")
-        normal, height = p[first : first + 3], p[names.index("terrain.height")]
+        normal, height = plane
         rise = -normal[:2] / normal[2]
         if not rise.any():
             return

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from octo.checks import number, numbers, positive
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
+from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
@@ -32,7 +33,7 @@ class MujocoPlant:
     ----------
     terrain: the ground. friction: sliding coefficient of feet and ground. timestep: s. gravity:
         (3,) m/s².
-    payload: mass added to the base body, in parts of its mass; its inertia grows alike.
+    payload: mass added to the base body, relative to its mass; its inertia grows alike.
     bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its
         origin); ``seed`` places them.
 
@@ -49,7 +50,7 @@ class MujocoPlant:
         terrain: Plane | None = None,
         friction: float = 0.8,
         timestep: float = 0.002,
-        gravity: Iterable[float] = (0.0, 0.0, -9.81),
+        gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
         payload: float = 0.0,
         bumps: float = 0.0,
         seed: int = 0,
@@ -83,11 +84,7 @@ class MujocoPlant:
         self._mujoco = mujoco
         self._set_places()
         self.push = np.zeros(3)  # (3,) N, world axes, on the centre of mass of the base body
-        start = (
-            np.zeros(character.nx)
-            if character.default_pose is None
-            else np.array(character.default_pose)
-        )
+        start = character.start_pose
         self._near = start  # the last x that was looked at
         self.reset(*from_chart(character, start))
 

@@ -15,9 +15,10 @@ from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.interrupts import postponed
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.kinematics import body_poses
+from octo.model.quantities import Array
 from octo.model.terrain import Plane, Terrain
 from octo.plant.mujoco_plant import loaded
 
@@ -28,7 +29,7 @@ class SimulatorPlant:
     Parameters
     ----------
     law, terrain: of the contact; octo's defaults. parameters: of the dynamics by name.
-    timestep: s. payload: mass added to the base body, in parts of its mass.
+    timestep: s. payload: mass added to the base body, relative to its mass.
 
     Torques act until the next ``step`` and are clipped to the robot's limits. ``unsolved`` counts
     the steps in which no
@@ -69,11 +70,7 @@ class SimulatorPlant:
             point, section(self.dynamics.layout.view(p), "terrain.")
         )
         self._height = ca.Function("height", [point, p], [distance])
-        self.x = (
-            np.zeros(character.nx)
-            if character.default_pose is None
-            else np.array(character.default_pose, dtype=float)
-        )
+        self.x = character.start_pose
         self._before = self.x.copy()
 
     @property

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from octo.errors import MirrorError, ProblemError
 from octo.model.character import Character
+from octo.model.element import tied_to_the_world
 from octo.model.mirror import Mirror, mirror_of
 from octo.model.terrain import Plane, Terrain
 from octo.problem.cycle import Cycle
@@ -112,6 +113,13 @@ def _walker(robot: Character | None) -> Character:
         )
     if robot.nu == 0:
         raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
+    moving = {body.name for body, path in zip(robot.bodies, robot.path, strict=True) if path}
+    tied = tied_to_the_world(robot.elements, moving)
+    if tied:
+        raise ProblemError(
+            f"a cycle goes on and on: element {tied[0]} must not hold robot {robot.name!r} to the "
+            "world"
+        )
     return robot
 
 

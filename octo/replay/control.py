@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from octo.dynamics.balance import GRAVITY
-from octo.model.character import Array
 from octo.model.mass_matrix import mass_matrix
-from octo.model.quaternions import rotation_of
+from octo.model.quantities import GRAVITY, Array
+from octo.model.quaternions import rotation_of, skew
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
 from octo.result.solution import Solution
@@ -134,7 +133,7 @@ class Controller:
         every foot's force.
         """
         # (6, 3 feet)
-        G = np.concatenate([np.concatenate([np.eye(3), _cross(arm)]) for arm in arms], axis=1)
+        G = np.concatenate([np.concatenate([np.eye(3), skew(arm)]) for arm in arms], axis=1)
         planned, edges = self.plan.force[k, feet].ravel(), self.edges[len(feet)]
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.length] * 3]) / self.weight
         rows = np.concatenate([scale[:, None] * (G @ edges), SPREAD / self.weight * edges])
@@ -165,7 +164,3 @@ def _pyramid(normal: Array, friction: float) -> Array:
     first /= np.linalg.norm(first)
     tangents = np.stack([first, np.cross(normal, first)], axis=1)
     return normal[:, None] + friction * tangents @ EDGES.T
-
-
-def _cross(r: Array) -> Array:
-    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])

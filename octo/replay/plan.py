@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from octo.errors import ProblemError
-from octo.model.character import Array, Character
+from octo.model.character import Character
+from octo.model.feet import LOADED
 from octo.model.kinematics import body_poses
+from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, turning
-from octo.model.terrain import Plane
+from octo.model.terrain import Plane, plane_of
 from octo.result.solution import Solution
-
-STANCE = 0.02  # of the weight: a contact planned to carry more is in stance
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Plan:
             v,
             _linear(solution.u, times, solution.dt),
             force,
-            np.asarray(normal > STANCE * solution.weight),
+            np.asarray(normal > LOADED * solution.weight),
         )
 
     @property
@@ -107,14 +107,13 @@ def ground_of(solution: Solution) -> Plane:
     ------
     ProblemError: its terrain is another one.
     """
-    p = solution.parameters
-    names = ("terrain.normal_x", "terrain.normal_y", "terrain.normal_z", "terrain.height")
-    if not all(name in p for name in names):
+    plane = plane_of(solution.parameters)
+    if plane is None:
         raise ProblemError(
             "the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or "
             "sloped ground only"
         )
-    x, y, z, height = (p[name] for name in names)
+    (x, y, z), height = plane
     return Plane(
         slope=float(np.arctan2(np.hypot(x, y), z)),
         direction=float(np.arctan2(-y, -x)),

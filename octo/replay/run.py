@@ -11,8 +11,11 @@ import numpy as np
 
 from octo.checks import one_of, positive, whole
 from octo.errors import ProblemError, ValueRangeError
-from octo.model.character import Array
+from octo.model.character import Character
+from octo.model.element import missing, with_parameters
+from octo.model.quantities import Array
 from octo.plant import MujocoPlant, from_chart
+from octo.plant.fall import fallen
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
 from octo.result.solution import Solution, solution_of
@@ -20,8 +23,6 @@ from octo.solver.status import Status
 
 FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell
-FALLEN_HEIGHT = 0.5  # of the start's
-FALLEN_TILT = np.deg2rad(60.0)
 # m (uniform, 0 to it), rad, rad, m/s and rad/s (normal)
 RAISED, TILTED, BENT, MOVING = 0.01, 0.04, 0.02, 0.05
 
@@ -115,7 +116,8 @@ def replay(
 
     Raises
     ------
-    ProblemError: no robot, no floating base or no actuator, or a ground that is no plane.
+    ProblemError: no robot, no floating base or no actuator, a ground that is no plane, or elements
+        that the robot does not have. ModelError: an element for which MuJoCo has no tendon.
         ValueRangeError, UnknownNameError.
     """
     one_of("feedback", feedback, FEEDBACKS)
@@ -126,6 +128,30 @@ def replay(
     if starts is not None:
         whole("starts", starts, most=100_000)
     solution = solution_of(solution)
+    robot = _robot(solution, timestep)
+    gravity = [solution.parameters[f"gravity_{c}"] for c in "xyz"]
+    ground = ground_of(solution)
+    plant = MujocoPlant(
+        robot, terrain=ground, friction=friction, timestep=timestep, gravity=gravity
+    )
+    gains = Gains.of(solution, kp, kd, friction)
+    held = gains if feedback == "base" else gains.without_base()
+    controller = Controller(Plan.of(solution, timestep), held, plant, solution.length)
+    rng = np.random.default_rng(seed)
+    records, motion = [], None
+    for number in range(starts or 1):
+        x, rate = started(solution) if starts is None else perturbed(solution, rng)
+        tracks = _run(controller, *from_chart(robot, x, rate), solution.dt)
+        records.append(tracks.record(number))
+        motion = motion or tracks.solution(solution)
+    settings = {"feedback": feedback, "kp": gains.kp, "kd": gains.kd, "friction": friction}
+    settings |= {"timestep": timestep, "perturbed": starts is not None, "seed": seed}
+    assert motion is not None
+    return Replay(solution, motion, tuple(records), settings)
+
+
+def _robot(solution: Solution, timestep: float) -> Character:
+    """The robot of a plan that can be replayed in this time step; raises as :func:`replay` does."""
     if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
         raise ValueRangeError(
             f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s"
@@ -135,38 +161,13 @@ def replay(
         raise ProblemError(
             "replay needs a robot with a floating base and actuated joints: nothing else can fall"
         )
-    plant = MujocoPlant(
-        robot,
-        terrain=ground_of(solution),
-        friction=friction,
-        timestep=timestep,
-        gravity=[solution.parameters[f"gravity_{c}"] for c in "xyz"],
-    )
-    gains = Gains.of(solution, kp, kd, friction)
-    controller = Controller(
-        Plan.of(solution, timestep),
-        gains if feedback == "base" else gains.without_base(),
-        plant,
-        solution.length,
-    )
-    rng = np.random.default_rng(seed)
-    records, motion = [], None
-    for number in range(starts or 1):
-        x, rate = started(solution) if starts is None else perturbed(solution, rng)
-        tracks = _run(controller, *from_chart(robot, x, rate), solution.dt)
-        records.append(tracks.record(number))
-        motion = motion or tracks.solution(solution)
-    settings = {
-        "feedback": feedback,
-        "kp": gains.kp,
-        "kd": gains.kd,
-        "friction": friction,
-        "timestep": timestep,
-        "perturbed": starts is not None,
-        "seed": seed,
-    }
-    assert motion is not None
-    return Replay(solution, motion, tuple(records), settings)
+    lost = missing(robot.elements, solution.parameters)
+    if lost:
+        raise ProblemError(
+            f"the plan was made with the elements {', '.join(lost)}, which its robot does not "
+            "have: a file keeps octo's own only"
+        )
+    return replace(robot, elements=with_parameters(robot.elements, solution.parameters))
 
 
 @dataclass(eq=False)
@@ -245,8 +246,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
         if tracks.steps % often and tracks.steps < plan.steps:
             continue
         tracks.drift = float(np.linalg.norm(plan.q[k + 1, j : j + 2] - plant.base_place[:2]))
-        up = plant.base_rotation[:, 2] @ controller.upright
-        if plant.height < FALLEN_HEIGHT * standing or not up > np.cos(FALLEN_TILT):
+        up = float(plant.base_rotation[:, 2] @ controller.upright)
+        if fallen(plant.height, standing, up):
             tracks.fell = True
             break
     # it fell before the first node: its end is one, or there would be no motion to show

@@ -19,6 +19,7 @@ from octo.checks import ending, flag, number
 from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
+from octo.model.quantities import Array
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 from octo.viewer.page import wrap
@@ -98,31 +99,17 @@ def view(
     be written, or its ending is not that of a page (a film in a video format is not made).
     """
     target = None if path is None else ending("path", path, PAGES)
-    try:
-        import viser
-    except ImportError:
-        raise MissingExtraError("a moving picture", "view") from None
-    given: Any = solution if isinstance(solution, (list, tuple)) else [solution]
-    solutions = [motion_of(one) for one in given]
-    if not solutions:
-        raise ShapeError("solution", (0,), "one Solution or more")
+    viser = _viser()
+    solutions = _motions(solution)
     follow, forces = flag("follow", follow), flag("forces", forces)
-    if labels is not None and not isinstance(labels, (list, tuple)):
-        raise ShapeError("labels", (), f"one for each solution: ({len(solutions)},)")
-    names = _labels(solutions) if labels is None else [str(label) for label in labels]
-    if len(names) != len(solutions):
-        raise ShapeError("labels", (len(names),), f"one for each solution: ({len(solutions)},)")
+    names = _names(solutions, labels)
     loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
     if loop:  # from half a stride on the other half is its mirror image
         solutions = [
             s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions
         ]
     times = frame_times(solutions)
-    if apart is None:
-        sizes = [size(s.character) for s in solutions if s.character is not None]
-        apart = 1.5 * max(sizes, default=0.0)
-    apart = number("apart", apart)
-    actors = [Actor.of(s, times, np.array([0.0, -k * apart, 0.0])) for k, s in enumerate(solutions)]
+    actors = _side_by_side(solutions, times, apart)
     with _server(viser) as server:
         nodes, grounds, scale = build(server, actors, forces)
         scene = str(server.get_scene_serializer().as_html())
@@ -136,10 +123,45 @@ def view(
     return page
 
 
-def _labels(solutions: Sequence[Solution]) -> list[str]:
-    """The names of the robots, numbered where one occurs twice."""
-    count = Counter(s.name for s in solutions)
-    return [s.name if count[s.name] == 1 else f"{s.name} {k + 1}" for k, s in enumerate(solutions)]
+def _viser() -> Any:
+    try:
+        import viser
+    except ImportError:
+        raise MissingExtraError("a moving picture", "view") from None
+    return viser
+
+
+def _motions(given: Any) -> list[Solution]:
+    """What is shown side by side; ShapeError where it is nothing."""
+    motions = [motion_of(one) for one in (given if isinstance(given, (list, tuple)) else [given])]
+    if not motions:
+        raise ShapeError("solution", (0,), "one Solution or more")
+    return motions
+
+
+def _side_by_side(solutions: Sequence[Solution], times: Array, apart: float | None) -> list[Actor]:
+    """One actor each, ``apart`` m from the next; by default 1.5 times the larger one."""
+    if apart is None:
+        sizes = [size(s.character) for s in solutions if s.character is not None]
+        apart = 1.5 * max(sizes, default=0.0)
+    apart = number("apart", apart)
+    return [Actor.of(s, times, np.array([0.0, -k * apart, 0.0])) for k, s in enumerate(solutions)]
+
+
+def _names(solutions: Sequence[Solution], labels: object) -> list[str]:
+    """The labels; by default the names of the robots, numbered where one occurs twice. ShapeError
+    where there is not one for each solution."""
+    if labels is None:
+        count = Counter(s.name for s in solutions)
+        return [
+            s.name if count[s.name] == 1 else f"{s.name} {k + 1}" for k, s in enumerate(solutions)
+        ]
+    wanted = f"one for each solution: ({len(solutions)},)"
+    if not isinstance(labels, (list, tuple)):
+        raise ShapeError("labels", (), wanted)
+    if len(labels) != len(solutions):
+        raise ShapeError("labels", (len(labels),), wanted)
+    return [str(label) for label in labels]
 
 
 @contextlib.contextmanager

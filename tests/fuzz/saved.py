@@ -39,10 +39,11 @@ def originals() -> dict[str, bytes]:
 
 
 def _log(robot: octo.Character, weight: float) -> octo.mpc.Log:
-    from octo.mpc.log import ROWS, Log, _sizes
+    from octo.mpc.log import Log
+    from octo.mpc.record import ROWS, row_shapes
 
-    sizes, ticks = _sizes(robot, octo.mpc.Convention(robot)), 8
-    columns = {name: np.zeros((ticks, *sizes.get(name, ()))) for name in ROWS}
+    shapes, ticks = row_shapes(robot, octo.mpc.Convention(robot)), 8
+    columns = {name: np.zeros((ticks, *shapes.get(name, ()))) for name in ROWS}
     columns["t"] = 0.01 * np.arange(1.0, ticks + 1.0)
     columns["q"][:, 3] = 1.0
     world = {"weight": weight, "length": 0.5, "normal": [0.0, 0.0, 1.0], "height": 0.0}

@@ -7,6 +7,7 @@ writes the table anew.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import re
@@ -151,6 +152,18 @@ def test_another_law_and_user_written_dynamics():
     problem = octo.Problem(dynamics, steps=9, dt=0.05, x0=np.zeros(2), costs=[octo.costs.Effort()])
     for text in Program(CompiledProblem([problem]), Dry(64)).texts:
         assert nvrtc.compile_text(text).cubin[:4] == b"\x7fELF"
+
+
+def test_elements_do_not_spill():
+    """A spring between two bodies of a leg and one to the world."""
+    mammal = robot("mammal")
+    springs = (
+        octo.SpringDamper("trunk", (0.1, 0, 0), "front_left_shank", (0, 0, -0.1), 200, 5, 0.3),
+        octo.SpringDamper("trunk", (0, 0, 0), None, (0, 0, 1), 200, 5, 0.3),
+    )
+    made = program(dataclasses.replace(mammal, elements=springs), "robot")
+    for name, kernel in nvrtc.compile_text(made.texts[0], "sm_90").kernels.items():
+        assert (kernel.spill_stores, kernel.spill_loads) == (0, 0), name
 
 
 def test_terms_over_neighbouring_hermite_controls():

@@ -22,7 +22,8 @@ from octo.errors import DeviceError
 ROOT = Path(octo.__file__).parents[1]
 WHOLE = b"whole" * 1000
 SEVEN = "int octo_seven(void) { return 7; }"
-USE = f"from octo import native; print(native.load({SEVEN!r}).octo_seven())"
+LOGGED = "import logging; logging.basicConfig(); "  # the library is silent of itself
+USE = f"{LOGGED}from octo import native; print(native.load({SEVEN!r}).octo_seven())"
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
@@ -125,14 +126,14 @@ def test_files_and_folders_are_this_users_alone(folder: Path, makers: list[Path]
 
 
 def test_a_folder_that_others_may_write_is_refused(
-    folder: Path, makers: list[Path], capsys: pytest.CaptureFixture[str]
+    folder: Path, makers: list[Path], caplog: pytest.LogCaptureFixture
 ) -> None:
     planted = kept(makers)
     folder.chmod(0o777)
     assert kept(makers) != planted and len(makers) == 2
     kept(makers, "other.so")
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1 and str(folder) in line and "other users may write there" in line
+    (line,) = caplog.messages
+    assert str(folder) in line and "other users may write there" in line
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
@@ -216,7 +217,8 @@ CAN_MOUNT = (
     and not subprocess.run(["unshare", "-r", "-m", "true"], capture_output=True).returncode
 )
 TWICE = (
-    """
+    LOGGED
+    + """
 from octo import cache, native
 a, b = native.load("int octo_a(void) { return 3; }"), native.load("int octo_b(void) { return 4; }")
 print(a.octo_a() + b.octo_b(), len(list(cache.temporary().glob("*.so"))), cache.temporary())

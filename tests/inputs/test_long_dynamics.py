@@ -106,15 +106,13 @@ def test_millions_of_instructions_are_refused_before_they_are_written(n):
     assert time.process_time() - began < 60.0
 
 
-def test_what_many_instructions_cost_is_said_once_before(monkeypatch, capsys):
+def test_what_many_instructions_cost_is_said_once_before(monkeypatch, caplog):
     monkeypatch.setattr(long, "COSTLY", 2000)
     long._say.cache_clear()
     model = soft(2, 4)
     model.lanes_text(), model.text()
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1 and said[0].startswith(
-        "octo: these user-written dynamics: 4 thousand instr"
-    )
+    said = caplog.messages
+    assert len(said) == 1 and said[0].startswith("these user-written dynamics: 4 thousand instr")
     assert "s of processor time and 0.0 GB of memory, the first time" in said[0]
 
 

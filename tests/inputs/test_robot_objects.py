@@ -281,3 +281,10 @@ def test_the_gallery_is_as_it_was(name):
     made = octo.load(name)
     assert made.mass == pytest.approx(sum(part.mass for part in made.bodies), rel=1e-15)
     assert made.masses.tolist() == [part.mass for part in made.bodies]
+
+
+def test_start_pose_is_a_new_array_and_zeros_without_a_default() -> None:
+    robot = octo.gallery.mammal()
+    robot.start_pose[:] = 1.0
+    np.testing.assert_array_equal(robot.start_pose, robot.default_pose)
+    np.testing.assert_array_equal(replace(robot, default_pose=None).start_pose, np.zeros(robot.nx))

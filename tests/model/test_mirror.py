@@ -14,7 +14,6 @@ import octo
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import MirrorError, ProblemError, ShapeError, UnknownNameError
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
-from octo.model.contacts import default_pose
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.mirror import Mirror, mirror_of
 
@@ -25,7 +24,7 @@ X, Y, Z = np.eye(3)
 def some_steps(robot: Character, seed: int) -> np.ndarray:
     """(3, nx) x_prev, x, x_next: off the x-z plane, turned, the lowest sphere 1 cm deep."""
     random = np.random.default_rng(seed)
-    x = default_pose(robot) + random.uniform(-0.15, 0.15, robot.nx)
+    x = robot.start_pose + random.uniform(-0.15, 0.15, robot.nx)
     if robot.base == "floating":
         x[:2] += 0.3
         x[3] += 0.5
@@ -116,7 +115,7 @@ def test_axes_and_zero_positions_may_differ() -> None:
     turned = changed(turned, "hind_left_shank_knee", lower=-2.9, upper=-0.6)
     with pytest.raises(MirrorError):
         mirror_of(turned)  # neither the zero nor the default pose is symmetric
-    pose = default_pose(turned).copy()
+    pose = turned.start_pose.copy()
     pose[turned.joint_index("hind_left_shank_knee")] -= 0.4
     mirror = mirror_of(replace(turned, default_pose=pose))
     assert mirror.offset[turned.joint_index("hind_left_shank_knee")] == pytest.approx(-0.4)
@@ -138,7 +137,7 @@ def without_contact(robot: Character, name: str) -> Character:
 
 def with_arm(robot: Character, axis: np.ndarray) -> Character:
     arm = Body("arm", 0, (Joint("elbow", "hinge", axis),), position=0.1 * Y, mass=0.3, com=0.1 * X)
-    pose = np.append(default_pose(robot), 0.0)
+    pose = np.append(robot.start_pose, 0.0)
     return replace(robot, bodies=(*robot.bodies, arm), default_pose=pose)
 
 

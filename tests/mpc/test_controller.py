@@ -11,10 +11,11 @@ import pytest
 
 import octo
 from octo.errors import DeviceError, ProblemError, ShapeError, UnknownNameError, ValueRangeError
+from octo.model.feet import lowest_contacts
 from octo.model.kinematics import sphere_centers
 from octo.mpc import CommandStatus, Controller, run, walking_problem
 from octo.mpc.measurement import _say_cpu
-from octo.mpc.stance import FOOT, STRAIGHT, _stretch, lowest_contacts, stance
+from octo.mpc.stance import FOOT, STRAIGHT, _stretch, stance
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
 from tests.mpc.conftest import inside

@@ -180,7 +180,8 @@ def test_wrong_starts_are_refused(balance):
 
 def test_without_a_compiler_it_solves_and_says_so_once(balance):
     script = """
-        import sys
+        import logging, sys
+        logging.basicConfig()
         sys.path.insert(0, sys.argv[1])
         import numpy as np, conftest
         for _ in range(2):

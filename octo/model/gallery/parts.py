@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from octo.model.character import Array, Body, Character, ContactSphere, Joint, floating_base
-from octo.model.kinematics import sphere_centers
+from octo.model.body import Body, ContactSphere, Joint, floating_base
+from octo.model.character import Character
+from octo.model.feet import bottoms
+from octo.model.quantities import Array
 
 AXES = {
     "x": np.array([1.0, 0.0, 0.0]),
@@ -151,7 +153,6 @@ def compound(capsules: Sequence[tuple]) -> tuple[float, Array, Array]:
 
 def _on_the_ground(character: Character, pose: Array) -> Array:
     """``pose`` with the base raised until the lowest sphere touches z = 0."""
-    radius = np.array([contact.radius for contact in character.contacts])
     pose = pose.copy()
-    pose[2] -= np.min(sphere_centers(character, pose)[:, 2] - radius)
+    pose[2] -= np.min(bottoms(character, pose))
     return pose

@@ -1,0 +1,166 @@
+"""Forces between points of two bodies, each a class that a user can write: one function gives the
+force, CasADi its derivatives.
+
+An element is part of a :class:`~octo.model.character.Character` (``elements``). Its ``parameters``
+are run-time parameters of the dynamics, named after the element's place in that tuple:
+``spring0.stiffness``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from octo.checks import number, numbers, one_of
+from octo.errors import ModelError, said
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+Point = tuple[float, float, float]
+FARTHEST = 1e6  # m, of a point from its body
+
+
+@dataclass(frozen=True)
+class Element:
+    """A force f (3,) N on the point ``point_b`` of a body, and -f on ``point_a`` of another.
+
+    A new element is a frozen dataclass with this one as its base, whose further fields are numbers
+    (its parameters) and which defines :meth:`force`. Everything else, the wrenches on both links
+    and their first and second derivatives, is made from that function.
+
+    Attributes
+    ----------
+    body_a, body_b: names of two bodies; None is the world, for one of them.
+    point_a, point_b: (3,) m, in the body's frame (world: in the world's).
+    prefix: what its parameters are named by: ``element0.stiffness``.
+    """
+
+    body_a: str | None
+    point_a: Point
+    body_b: str | None
+    point_b: Point
+
+    prefix: ClassVar[str] = "element"
+
+    def __post_init__(self) -> None:
+        which = f"element {type(self).__name__}"
+        if not self.prefix.isidentifier():
+            raise ModelError(f"{which}: prefix is {said(self.prefix)}, must be one word")
+        for name in ("body_a", "body_b"):
+            body = getattr(self, name)
+            if body is not None and not isinstance(body, str):
+                raise ModelError(
+                    f"{which}: {name} is {said(body)}, must be the name of a body, or None for the "
+                    "world"
+                )
+        if self.body_a == self.body_b:
+            raise ModelError(
+                f"{which}: body_a and body_b are both {said(self.body_a)}, must be different bodies"
+            )
+        for name in ("point_a", "point_b"):
+            point = numbers(f"{which}: {name}", getattr(self, name), (3,))
+            if np.abs(point).max() > FARTHEST:
+                raise ModelError(
+                    f"{which}: {name} is {said(getattr(self, name))}, must be within "
+                    f"{FARTHEST:.0e} m"
+                )
+            object.__setattr__(self, name, tuple(point.tolist()))
+        for name, value in self.parameters.items():
+            number(f"{which}: {name}", value)
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Names and defaults of its run-time parameters: its own fields."""
+        own = dataclasses.fields(self)[len(dataclasses.fields(Element)) :]
+        return {field.name: getattr(self, field.name) for field in own}
+
+    def force(
+        self, p_a: ca.SX, v_a: ca.SX, p_b: ca.SX, v_b: ca.SX, p: Mapping[str, ca.SX]
+    ) -> ca.SX:
+        """Force (3,) N on the point of body b, world axes; the opposite acts on that of body a.
+
+        Parameters
+        ----------
+        p_a, p_b: (3,) m, world, of x_next.
+        v_a, v_b: (3,) m/s, (P_next - P)/dt of the same material point.
+        p: its parameters by name.
+        """
+        raise ModelError(f"element {type(self).__name__} defines no force, must do")
+
+    @property
+    def tendon(self) -> Mapping[str, float] | None:
+        """Attributes of the spatial tendon between its points that is the same in MuJoCo; None:
+        there is none."""
+        return None
+
+
+def names_of(elements: Iterable[Element]) -> tuple[str, ...]:
+    """What the parameters of each are named by: its prefix and its place."""
+    return tuple(f"{element.prefix}{k}" for k, element in enumerate(elements))
+
+
+def parameters_of(elements: Iterable[Element]) -> dict[str, float]:
+    """Names and defaults of the run-time parameters of all, in order."""
+    elements = tuple(elements)
+    return {
+        f"{name}.{key}": float(value)
+        for name, element in zip(names_of(elements), elements, strict=True)
+        for key, value in element.parameters.items()
+    }
+
+
+def with_parameters(
+    elements: tuple[Element, ...], values: Mapping[str, float]
+) -> tuple[Element, ...]:
+    """The elements with ``values`` of their parameters (``spring0.stiffness``) as their numbers;
+    other names are passed over."""
+    made = []
+    for name, element in zip(names_of(elements), elements, strict=True):
+        given: dict[str, Any] = {
+            field.name: float(values[f"{name}.{field.name}"])
+            for field in dataclasses.fields(element)
+            if f"{name}.{field.name}" in values
+        }
+        made.append(dataclasses.replace(element, **given) if given else element)
+    return tuple(made)
+
+
+def missing(elements: Iterable[Element], names: Iterable[str]) -> list[str]:
+    """Of parameters by these names those elements (``spring0``) that are not among ``elements``."""
+    known = {*names_of(elements), "contact", "terrain"}
+    prefixes = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
+    return [prefix for prefix in prefixes if prefix not in known]
+
+
+def tied_to_the_world(elements: Iterable[Element], moving: Collection[str]) -> list[str]:
+    """Names of the elements one of whose points is on none of the bodies that move."""
+    elements = tuple(elements)
+    return [
+        name
+        for name, element in zip(names_of(elements), elements, strict=True)
+        if not (element.body_a in moving and element.body_b in moving)
+    ]
+
+
+def checked(which: str, elements: Any, bodies: Iterable[str]) -> tuple[Element, ...]:
+    """``elements`` of a robot with these bodies.
+
+    Raises
+    ------
+    ModelError: they are none. UnknownNameError: no such body.
+    """
+    if not isinstance(elements, (tuple, list)) or not all(
+        isinstance(element, Element) for element in elements
+    ):
+        raise ModelError(f"{which}: elements is {said(elements)}, must be a tuple of octo.Element")
+    valid = tuple(bodies)
+    for element in elements:
+        for body in (element.body_a, element.body_b):
+            if body is not None:
+                one_of("body", body, valid)
+    return tuple(elements)
