@@ -43,6 +43,7 @@ _HOME = {
     "walk": "octo.motions",
     "stride": "octo.motions",
     "turn": "octo.motions",
+    "Acceptance": "octo.solver.acceptance",
     "SqpOptions": "octo.solver.options",
     "Solution": "octo.result.solution",
     "Status": "octo.solver.status",
@@ -165,6 +166,7 @@ if TYPE_CHECKING:
     from octo.replay import replay as replay
     from octo.result.solution import Solution as Solution
     from octo.solve import solve as solve
+    from octo.solver.acceptance import Acceptance as Acceptance
     from octo.solver.options import SqpOptions as SqpOptions
     from octo.solver.status import Status as Status
     from octo.viewer import view as view

@@ -57,16 +57,7 @@ def describe(character: Tree) -> dict[str, Any]:
         "contacts": names,
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
         "dropped": list(character.dropped),
-        "elements": [
-            {
-                "name": name,
-                "kind": type(element).__name__,
-                "bodies": [element.body_a, element.body_b],
-                "points": [list(element.point_a), list(element.point_b)],
-                "parameters": dict(element.parameters),
-            }
-            for name, element in zip(names_of(character.elements), character.elements, strict=True)
-        ],
+        "elements": _elements(character),
         "base": character.base,
         "chart": character.chart,
         "height": default_height(character),
@@ -100,6 +91,19 @@ def describe(character: Tree) -> dict[str, Any]:
         },
         "units": UNITS,
     }
+
+
+def _elements(character: Tree) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "kind": type(element).__name__,
+            "bodies": [element.body_a, element.body_b],
+            "points": [list(element.point_a), list(element.point_b)],
+            "parameters": dict(element.parameters),
+        }
+        for name, element in zip(names_of(character.elements), character.elements, strict=True)
+    ]
 
 
 def lost_shapes(character: Tree) -> str:

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Numbers, some
+from octo.problem.compiled import Evaluation
+from octo.solver.acceptance import NEAR, Acceptance, Mask, Step
 
-Mask = NDArray[np.bool_]
 Pair = tuple[Numbers, Numbers]
 GAMMA_C, GAMMA_E = 1e-5, 1e-8  # by how much a step must beat an entry
 ARMIJO = 1e-4
 SWITCH_C, SWITCH_E = 1.1, 2.3  # exponents of the switching condition (19)
-C_SMALL, C_LARGE = 1e-4, 1e4  # of max(1, ‖C‖₁ at the start)
+C_LARGE = 1e4  # of max(1, ‖C‖₁ at the start)
 CAPACITY = 256  # entries kept of each member; the oldest are forgotten
 
 
@@ -27,7 +28,7 @@ class Filter:
     def __init__(self, violation: Numbers):
         batch = len(violation)
         scale = np.maximum(1.0, violation)
-        self.small, self.large = C_SMALL * scale, C_LARGE * scale
+        self.small, self.large = NEAR * scale, C_LARGE * scale
         self.violation = np.full((batch, CAPACITY), np.inf)
         self.energy = np.full((batch, CAPACITY), np.inf)
         self.count = np.zeros(batch, dtype=int)
@@ -75,3 +76,30 @@ class Filter:
     def clear(self, members: NDArray[np.intp]) -> None:
         """Forget the entries of some members."""
         self.violation[members], self.energy[members] = float("inf"), float("inf")
+
+
+class FilterAcceptance(Acceptance):
+    """The default: a step is taken where the filter takes it."""
+
+    filter: Filter
+
+    def start(self, at: Evaluation) -> None:
+        self.filter = Filter(at.size)
+
+    def accepts(self, at: Evaluation, trial: Evaluation, step: Step) -> Mask:
+        here, there = (at.size, at.energy), (trial.size, trial.energy)
+        return self.filter.accepts(here, there, step.slope, step.length)
+
+    def took(self, at: Evaluation, new: Evaluation, step: Step, members: Mask) -> None:
+        """Iterates that were left for the sake of their constraints become entries."""
+        descends = members & self.filter.descends(step.slope, step.length, at.size)
+        if some(descends):
+            descends &= new.energy <= at.energy + ARMIJO * step.length * step.slope
+        self.filter.add(at.size, at.energy, members & ~descends)
+
+    def restored(self, members: NDArray[np.intp]) -> None:
+        self.filter.clear(members)
+
+    def take(self, members: NDArray[np.intp]) -> None:
+        super().take(members)
+        self.filter = self.filter.take(members)

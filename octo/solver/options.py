@@ -7,14 +7,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-from octo.checks import number, one_of, positive, whole
+from octo.checks import instance, number, one_of, positive, whole
 from octo.errors import ValueRangeError, said
+from octo.solver.acceptance import Acceptance
 
 CHOICES = {
     "hessian": ("exact", "dynamics", "gauss_newton"),
     "step": ("line_search", "trust_region"),
     "linear_solver": ("auto", "elimination", "cyclic_reduction"),
 }
+# of the line search; the classes of octo.solver.heuristics say what each is worth
+HEURISTICS = (
+    "leap_damping",
+    "local_damping",
+    "extrapolation",
+    "feasibility_step",
+    "second_order_correction",
+    "restoration",
+)
 TOLERANCES = ("tolerance", "step_tolerance", "dual_tolerance")
 LOOSEST = 1.0  # of every tolerance: the weight, a radian, E of order one
 
@@ -43,6 +53,10 @@ class SqpOptions:
     c_max: N, the paper's C_max: a step that ends above it is refused unless it reduces ‖C‖.
     plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so
         many iterations.
+    acceptance: of the line search, which steps are taken: an :class:`octo.Acceptance`; None is the
+        filter.
+    heuristics: of the line search, those of HEURISTICS that are on, by default all:
+        octo.solver.heuristics says what each is worth.
     """
 
     hessian: Literal["exact", "dynamics", "gauss_newton"] = "exact"
@@ -60,6 +74,8 @@ class SqpOptions:
     plateau: int = 20
     plateau_change: float = 1e-4
     settled: float = 5e-3
+    acceptance: Acceptance | None = None
+    heuristics: tuple[str, ...] = HEURISTICS
 
     def __post_init__(self) -> None:
         for name, values in CHOICES.items():
@@ -82,6 +98,24 @@ class SqpOptions:
                 )
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
+        self._check_line_search()
+
+    def _check_line_search(self) -> None:
+        if self.acceptance is not None:
+            words = "an octo.Acceptance or None"
+            instance("acceptance", self.acceptance, Acceptance, words)
+            if self.step != "line_search":
+                raise ValueRangeError(
+                    f"acceptance is {said(self.acceptance)}, must be None with step="
+                    f"{said(self.step)}: the trust region has the paper's"
+                )
+        names = self.heuristics
+        if isinstance(names, str) or not isinstance(names, (tuple, list, set, frozenset)):
+            raise ValueRangeError(
+                f"heuristics is {said(names)}, must be a tuple or a set of {', '.join(HEURISTICS)}"
+            )
+        for name in names:
+            one_of("heuristics", name, HEURISTICS)
 
     @classmethod
     def paper(cls, **changes: Any) -> SqpOptions:

@@ -16,6 +16,7 @@ from octo.solver.options import SqpOptions
 FLOOR = 1e-12  # always added: units that no term sees would leave zero pivots
 SHRINK, GROW = 1.0 / 3.0, 8.0
 LARGEST = 1e12
+FORGET = 1.0 / 3.0  # of the weights of single units, from iteration to iteration
 
 
 class Regularisation:
@@ -32,6 +33,10 @@ class Regularisation:
         self.last = self.last[members]
         self.factorizations = self.factorizations[members]
         self.local = self.local[members]
+
+    def forget(self) -> None:
+        """Lower the weights of single units."""
+        self.local *= FORGET
 
     def factorize(self, factors: Factors, again: Numbers | None = None) -> tuple[Numbers, Numbers]:
         """Fills ``factors``: the weights used (batch,), and where there is a factor (batch,) bool.

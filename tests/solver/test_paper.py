@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import octo
+from octo.arrays import largest
 from octo.problem.compiled import CompiledProblem
 from octo.solver import trust_region
-from octo.solver.line_search import largest
 from octo.solver.options import SqpOptions
 from octo.solver.rule import Clock
 from octo.solver.status import Status
