@@ -37,15 +37,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import octo
+from octo.continuation.schedule import DEPTHS
 from octo.dynamics import codegen as dynamics_codegen
 from octo.goals import Goal
 from octo.jump import first_guesses, jump_problem
 from octo.model.character import Character
-from octo.passes import DEPTHS
 from octo.problem import codegen as problem_codegen
 from octo.problem.cycle import usual_period
-from octo.solver.gait import FOOT, measure_gait
-from octo.solver.solution import LOADED, Solution
+from octo.result.gait import FOOT, measure_gait
+from octo.result.solution import Solution
+from octo.result.stances import LOADED
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = {

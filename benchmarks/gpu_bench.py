@@ -19,15 +19,15 @@ import numpy as np
 
 import octo
 from octo import arrays, native
+from octo.continuation.schedule import schedule
 from octo.gpu.backend import DeviceBackend
-from octo.passes import schedule
 from octo.problem.basis import Basis
 from octo.problem.compiled import CompiledProblem
-from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import FLOOR, Regularisation
+from octo.starts import first_nodes
 
 Row = dict[str, Any]
 # N = 400: Z = 40

@@ -25,13 +25,13 @@ from octo.gpu.device import source
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.linear import Reduction, sizes
 from octo.problem.compiled import CompiledProblem, Model
-from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.backend import Backend
 from octo.solver.blocks import SBT, interleave
 from octo.solver.cyclic_reduction import ROUNDING, SHIFT, ReducedSBT, _equilibration
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
+from octo.starts import first_nodes
 
 TOLERANCE = 1e-10  # of a solution's relative residual, as in the solver
 REFINEMENTS = 10

@@ -18,8 +18,8 @@ from octo.gpu import bound
 from octo.gpu.program import bytes_of
 from octo.gpu.sequence import Counts
 from octo.problem.compiled import CompiledProblem
-from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
+from octo.starts import first_nodes
 
 T = TypeVar("T")
 Section = Iterator[tuple[str, Row]]

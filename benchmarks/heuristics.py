@@ -22,7 +22,7 @@ import octo
 from benchmarks.cycles import FILES, ROBOTS
 from octo.solve import solve_all
 from octo.solver.options import HEURISTICS, SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 SEED, STARTS = 10, 15
 ITERATIONS = 600  # of a pass

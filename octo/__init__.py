@@ -45,8 +45,8 @@ _HOME = {
     "turn": "octo.motions",
     "Acceptance": "octo.solver.acceptance",
     "SqpOptions": "octo.solver.options",
-    "Solution": "octo.solver.solution",
-    "Status": "octo.solver.solution",
+    "Solution": "octo.result.solution",
+    "Status": "octo.solver.status",
     "filmstrip": "octo.picture",
     "plot": "octo.plot",
     "view": "octo.viewer",
@@ -164,11 +164,11 @@ if TYPE_CHECKING:
     from octo.problem.cycle import Cycle as Cycle
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay
+    from octo.result.solution import Solution as Solution
     from octo.solve import solve as solve
     from octo.solver.acceptance import Acceptance as Acceptance
     from octo.solver.options import SqpOptions as SqpOptions
-    from octo.solver.solution import Solution as Solution
-    from octo.solver.solution import Status as Status
+    from octo.solver.status import Status as Status
     from octo.viewer import view as view
 
 

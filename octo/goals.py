@@ -15,7 +15,7 @@ from octo.problem.body_costs import BaseAngularVelocity, CenterOfMassVelocity
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 LARGEST = 1e6  # m/s, rad/s or m
 Kind = Literal["walk", "stride", "turn", "jump", "stand"]

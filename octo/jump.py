@@ -29,10 +29,12 @@ from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array, Problem
-from octo.solve import LARGEST_SEED, MOST_STARTS, best_of, smooth_noise, solve
+from octo.ranking import best_of
+from octo.result.solution import Solution
+from octo.solve import LARGEST_SEED, MOST_STARTS, solve
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
 from octo.solver.sqp import Iterate
+from octo.starts import smooth_noise
 
 TOP = 30.0  # weight of the place at the top: it is missed by millimetres
 AIR = 30.0  # weight of (f_n/mg)² in flight …
@@ -48,6 +50,8 @@ LEAST = 1.0  # √(ℓ/g), the shortest of these
 REST = 1.0  # √(ℓ/g), at rest before and after
 TUCK = 0.15  # ℓ, by which the feet of the first guess are drawn up at the top
 REACH = 0.02  # rad and m, kept from the joints' limits in the first guess
+# arguments of jump_problem; others of jump's are solve_jump's
+OWN = ("seconds", "dt", "terrain", "law", "pose")
 
 
 @asked
@@ -96,25 +100,11 @@ def jump(
     ------
     OctoError: what cannot be a jump of this robot is refused; nothing was computed.
     """
-    problem = jump_problem(
-        robot, height, distance, seconds=seconds, dt=dt, terrain=terrain, law=law, pose=pose
-    )
-    found = solve_jump(
-        problem,
-        seeds=seeds,
-        seed=seed,
-        start=start,
-        passes=passes,
-        options=options,
-        max_iterations=max_iterations,
-        time_limit=time_limit,
-        tolerance=tolerance,
-        device=device,
-        threads=threads,
-        progress=progress,
-        callback=callback,
-    )
-    return Goal("jump", distance=distance, height=height).said(found)
+    given = locals()
+    for name in ("robot", "height", "distance"):
+        del given[name]
+    problem = jump_problem(robot, height, distance, **{name: given.pop(name) for name in OWN})
+    return Goal("jump", distance=distance, height=height).said(solve_jump(problem, **given))
 
 
 def jump_problem(

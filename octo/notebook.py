@@ -14,7 +14,8 @@ from octo.model.character import Array, Character
 from octo.mpc.log import Log
 from octo.picture import filmstrip
 from octo.problem.problem import Problem
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import HISTORY, Status
 
 DPI, TALLEST = 60, 240  # of a picture: dots an inch, and dots
 Row = tuple[str, str]

@@ -15,8 +15,8 @@ from octo.checks import STILLS, ending, numbers, whole
 from octo.errors import MissingExtraError, ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
-from octo.solver.solution import Solution
 
 if TYPE_CHECKING:
     from octo.figure import Figure

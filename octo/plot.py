@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from octo.checks import STILLS, ending
 from octo.errors import MissingExtraError
+from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
-from octo.solver.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from octo.mpc.log import Log
-from octo.solver.solution import Solution, solution_of
+from octo.result.solution import Solution, solution_of
 
 Motion = Solution | Log | str | os.PathLike[str]
 

@@ -19,7 +19,7 @@ from octo.jump import first_guesses, jump_problem, slide, solve_jump
 from octo.model.character import Body, Character, Joint
 from octo.model.kinematics import sphere_centers
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 HEIGHT, DISTANCE, DT = 0.15, 0.2, 0.025
 MAMMAL = octo.gallery.mammal()

@@ -11,10 +11,11 @@ import pytest
 
 import octo
 from octo.errors import OctoError
-from octo.motions import Journey
+from octo.motions.journey import Journey
+from octo.motions.search import standing_as
 from octo.problem.compiled import CompiledProblem
-from octo.solver import measure
-from octo.solver.solution import Status
+from octo.result import measure
+from octo.solver.status import Status
 
 
 @lru_cache
@@ -65,6 +66,14 @@ def test_it_is_a_walk_that_one_would_keep():
     assert max(sideways[:10].max(), sideways[-10:].max()) <= 0.6
 
 
+def test_passes_are_those_of_the_stride():
+    """What enters it has its stiffness from the beginning: one pass, in which this walk stops."""
+    given = {"starts": 1, "period": 0.6, "passes": 2, "device": "cpu"}
+    motion = octo.walk(octo.gallery.mammal(), 0.4, 4.0, callback=lambda at: at.passes == 1, **given)
+    assert motion.status is Status.INTERRUPTED
+    assert [record["converged"] for record in motion.passes] == [True, True]
+
+
 def test_strides_in_the_middle_are_faster_than_the_whole():
     journey = Journey(octo.gallery.mammal(), (0.5, 0.0), 0.0, 10.0)
     count = journey.periods()[0]
@@ -99,11 +108,11 @@ def test_a_spider_walks_as_high_as_its_strides_want():
 def test_the_pose_at_rest_stays_where_the_other_one_has_no_time_or_was_not_asked_for():
     journey = Journey(octo.gallery.spider(), (0.3, 0.0), 0.0, 10.0)
     strides = octo.solve(journey.cycle(journey.periods()[0]), seeds=1, device="cpu")
-    assert journey._standing_as([strides]).whole.length > 1.4 * journey.whole.length
+    assert standing_as(journey, [strides]).whole.length > 1.4 * journey.whole.length
     short = replace(journey, seconds=1.9)
-    assert short.counts() and short._standing_as([strides]) is None
-    assert replace(journey, pose=journey.whole.start)._standing_as([strides]) is None
-    assert journey._standing_as([]) is None
+    assert short.counts() and standing_as(short, [strides]) is None
+    assert standing_as(replace(journey, pose=journey.whole.start), [strides]) is None
+    assert standing_as(journey, []) is None
 
 
 def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(capsys):

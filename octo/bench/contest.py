@@ -9,13 +9,20 @@ from typing import Any
 import numpy as np
 
 from octo import reference
+from octo.continuation.schedule import (
+    INTERMEDIATE_ITERATIONS,
+    Pass,
+    intermediate,
+    schedule,
+    shifted,
+)
 from octo.errors import ShapeError
-from octo.passes import RAMP_ITERATIONS, Pass, between, moved, schedule
 from octo.problem.problem import Array, Problem
 from octo.reference.run import one_core
-from octo.solve import first_nodes, solve
+from octo.result.solution import Solution
+from octo.solve import solve
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
+from octo.starts import first_nodes
 
 OTHERS: dict[str, Callable[..., Any]] = {"ipopt": reference.Ipopt, "fatrop": reference.Fatrop}
 
@@ -84,7 +91,7 @@ class Contest:
     def _start(self, problem: Problem, number: int, seed: int, before: Solution | None) -> Array:
         """Nodes x_{-1} … x_N (N+2, nx)."""
         if before is not None:
-            return moved(before.x, self.problems[number - 2], problem)
+            return shifted(before.x, self.problems[number - 2], problem)
         return first_nodes(problem, seed, self.start)
 
     def _entry(
@@ -114,9 +121,9 @@ class Contest:
         first, last = self.plan[number - 2], self.plan[number - 1]
         assert first is not None and last is not None
         at, way = self.problems[number - 2], []
-        for part in [*map(self._for_pass, between(first, last)), problem]:
-            iterations = self.options.max_iterations if part is problem else RAMP_ITERATIONS
-            warm = replace(now, x=moved(now.x, at, part))
+        for part in [*map(self._for_pass, intermediate(first, last)), problem]:
+            iterations = self.options.max_iterations if part is problem else INTERMEDIATE_ITERATIONS
+            warm = replace(now, x=shifted(now.x, at, part))
             now = solve(
                 part, start=warm, options=replace(self.options, max_iterations=iterations), **own
             )

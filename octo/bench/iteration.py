@@ -16,10 +16,10 @@ from octo.bench.timing import Records, Say, Timing
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
-from octo.solve import smooth_noise
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.rule import STAGES
+from octo.starts import smooth_noise
 
 Array = NDArray[np.float64]
 MILLI, MICRO = 1e3, 1e6

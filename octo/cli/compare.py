@@ -22,8 +22,9 @@ from octo.problem import presets
 from octo.problem.cycle import TIME_STEP, Cycle
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
+from octo.result.solution import Solution
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution, Status
+from octo.solver.status import Status
 
 HEAD = (
     f"{'solver':8s}{'pass':>5s}{'seed':>5s}  "
@@ -80,8 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
         goal.check(robot)
     # after the checks: it takes longer to import than they take
     from octo.bench.contest import Contest, Entry
+    from octo.devices import resolve_device
     from octo.reference.run import OPTIONS
-    from octo.solve import LARGEST_SEED, MOST_STARTS, resolve_device
+    from octo.solve import LARGEST_SEED, MOST_STARTS
 
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)

@@ -30,7 +30,8 @@ from octo.problem.cycle import Cycle, usual_periods
 from octo.problem.joint_costs import Effort
 from octo.problem.presets import natural
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 PLOTTED = 3  # strides
 Period = float | tuple[float, float] | None
@@ -97,7 +98,8 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     # after the checks: it takes longer to import than they take
-    from octo.solve import resolve_device, solve
+    from octo.devices import resolve_device
+    from octo.solve import solve
 
     resolve_device(arguments.device)
     problem = described(robot, arguments)

@@ -11,7 +11,7 @@ from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError
 from octo.replay import Replay, replay
 from octo.replay.run import FEEDBACKS
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 FILES = ("report.json", "motion.html")
 PLANTS = ("mujoco",)

@@ -31,8 +31,9 @@ from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
-from octo.solver.measure import measured
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.result.measure import measured
+from octo.result.solution import Solution
+from octo.solver.status import HISTORY, Status
 
 FILES = ("solution.npz", "report.json", "motion.html")
 

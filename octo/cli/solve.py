@@ -31,7 +31,8 @@ from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 SECONDS = 10.0  # of motion, where none are asked for
 COMPOSED = ("walk", "stride", "turn")  # goals that natural terms reach with a stride that repeats
@@ -116,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     goal.check(robot)
     # after the checks: it takes longer to import than they take
-    from octo.solve import resolve_device
+    from octo.devices import resolve_device
 
     resolve_device(arguments.device)
     if composed:

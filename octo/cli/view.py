@@ -9,8 +9,8 @@ from pathlib import Path
 from octo.checks import STILLS
 from octo.cli.output import OutputFolder
 from octo.errors import OctoError, OutputError
+from octo.result.solution import Solution
 from octo.saved import motion_of
-from octo.solver.solution import Solution
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

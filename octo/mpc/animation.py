@@ -12,11 +12,12 @@ from octo.checks import positive, whole
 from octo.errors import ProblemError
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
-from octo.solve import smooth_noise
+from octo.result.measure import measured
+from octo.result.solution import Solution
 from octo.solver import sqp
-from octo.solver.measure import measured
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.status import HISTORY, Status
+from octo.starts import smooth_noise
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
 LEFT = 1e-2  # relative to mg, what a plan may leave of it in the steps that are kept

@@ -22,9 +22,9 @@ from octo.mpc.readings import Readings
 from octo.mpc.tuning import Tuning
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
+from octo.result.solution import Solution
 from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_interpreted import InterpretedHorizon
-from octo.solver.solution import Solution
 
 Guide = Callable[["Controller", float, Array], None]
 

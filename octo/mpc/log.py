@@ -13,8 +13,9 @@ from octo.model.feet import LOADED
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
+from octo.result.solution import Solution
 from octo.shown import Shown
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.status import HISTORY, Status
 
 __all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from octo.checks import number
+from octo.devices import check_device_name
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.quantities import Array
 from octo.problem.problem import Problem
-from octo.solve import check_device_name
 from octo.solver.receding import PAST
 
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured

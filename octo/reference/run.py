@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from octo.problem.compiled import CompiledProblem
 from octo.reference.library import Library
-from octo.solver import blas, measure
+from octo.result import measure
+from octo.result.solution import Solution
+from octo.solver import blas
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.solver.status import HISTORY, Status
 
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared

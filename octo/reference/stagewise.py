@@ -30,7 +30,7 @@ from octo.reference.run import (
     solution_of,
 )
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of, skew
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 # of the friction pyramid, tangential directions
 EDGES = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])

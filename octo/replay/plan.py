@@ -16,7 +16,7 @@ from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, turning
 from octo.model.terrain import Plane, plane_of
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ from octo.plant import MujocoPlant, from_chart
 from octo.plant.fall import fallen
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
-from octo.solver.solution import Solution, Status, solution_of
+from octo.result.solution import Solution, solution_of
+from octo.solver.status import Status
 
 FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell

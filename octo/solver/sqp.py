@@ -22,7 +22,7 @@ from octo.solver.backend import CPU, Backend
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
-from octo.solver.solution import HISTORY, Status
+from octo.solver.status import HISTORY, Status
 from octo.solver.trust_region import TrustRegion
 
 

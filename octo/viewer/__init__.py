@@ -20,8 +20,8 @@ from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
 from octo.model.quantities import Array
+from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
-from octo.solver.solution import Solution
 from octo.viewer.page import wrap
 from octo.viewer.scene import Actor, Cycle, build, camera_path, frame_times
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.model.figure import size
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from octo.viewer.scene import (
     ARROW,
     FOOT,

@@ -15,7 +15,7 @@ from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quaternions import quaternions
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int]

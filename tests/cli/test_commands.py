@@ -22,7 +22,8 @@ from octo.cli.solve import described
 from octo.dynamics.simulate import Motion
 from octo.errors import MissingExtraError, OutputError
 from octo.problem.problem import Problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 FILES = ["motion.html", "plot.png", "report.json", "solution.npz"]
 NUMBERS = (
@@ -250,12 +251,12 @@ def test_default_folder_and_why_the_cpu(
 ) -> None:
     solver()
     monkeypatch.chdir(tmp_path)
-    sys.modules["octo.solve"]._say_cpu.cache_clear()
+    sys.modules["octo.devices"].say_cpu.cache_clear()
     words = ["solve", "chain", "--goal", "stand", "--seconds", "0.1"]
     assert main(words) == 0
     assert (tmp_path / "octo-chain-stand" / "report.json").is_file()
     assert "using the CPU" not in capsys.readouterr().err
-    sys.modules["octo.solve"]._say_cpu.cache_clear()
+    sys.modules["octo.devices"].say_cpu.cache_clear()
     assert main([*words, "--verbose"]) == 0
     said = [
         line

@@ -12,7 +12,7 @@ import pytest
 from octo import native
 from octo.bench.contest import joined
 from octo.cli.main import main
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
 FIELDS = (
@@ -74,7 +74,7 @@ def test_hermite_and_seeds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # as where there is a GPU
-    monkeypatch.setattr(sys.modules["octo.solve"].cuda, "reason", lambda: None)
+    monkeypatch.setattr(sys.modules["octo.devices"].cuda, "reason", lambda: None)
     file = tmp_path / "list.json"
     assert (
         main(

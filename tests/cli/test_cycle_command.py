@@ -17,8 +17,9 @@ from octo import native
 from octo.cli.cycle import described, period
 from octo.cli.main import main, parse
 from octo.problem.problem import Problem
-from octo.solver.gait import measure_gait
-from octo.solver.solution import Solution, Status
+from octo.result.gait import measure_gait
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 FILES = ["motion.html", "plot.png", "report.json", "solution.npz"]
 SHORT = ("--passes", "1", "--seeds", "1", "--device", "cpu")

@@ -16,7 +16,8 @@ from octo.cli.main import main
 from octo.dynamics.simulate import Motion
 from octo.problem.problem import Problem
 from octo.replay import replay
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 
 @pytest.fixture(scope="module")

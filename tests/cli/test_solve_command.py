@@ -11,8 +11,9 @@ import pytest
 
 import octo
 from octo.cli.main import main
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
 from octo.solver.sqp import Iterate
+from octo.solver.status import Status
 
 QUICK = ("--seeds", "1", "--device", "cpu", "--out")
 SHORT = ("--seconds", "0.5", "--speed", "0.2")

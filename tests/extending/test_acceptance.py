@@ -19,9 +19,9 @@ from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
-from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.options import HEURISTICS, SqpOptions
+from octo.starts import first_nodes
 
 OPTIONS = SqpOptions(acceptance=L1Merit(), linear_solver="cyclic_reduction", max_iterations=6)
 

@@ -15,7 +15,7 @@ from octo.model.character import Body, ContactSphere, Joint, floating_base
 from octo.mpc import Controller, Push, VelocityCommand, walking_problem
 from octo.plant import MujocoPlant, SimulatorPlant
 from octo.problem.codegen import References
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from tests.fuzz import saved
 from tests.fuzz.judge import call
 from tests.fuzz.values import anything, shown

@@ -14,7 +14,7 @@ import numpy as np
 
 from octo.cli.main import main
 from octo.errors import OctoError
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from tests.fuzz.values import flaw_of_message
 
 CODES = (0, 1, 2, 130)

@@ -9,7 +9,7 @@ from random import Random
 import numpy as np
 
 import octo
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from tests.fuzz import calls
 from tests.fuzz.judge import Fault, call
 

@@ -19,7 +19,7 @@ from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.program import bytes_of
 
-front = importlib.import_module("octo.solve")
+front = importlib.import_module("octo.devices")
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def no_gpu(monkeypatch):
     """As on a machine without CuPy."""
     monkeypatch.setitem(sys.modules, "cupy", None)
     cuda.reason.cache_clear()
-    front._say_cpu.cache_clear()
+    front.say_cpu.cache_clear()
     yield
     cuda.reason.cache_clear()
 
@@ -39,7 +39,7 @@ def emulated(monkeypatch) -> EmulatedDevice:
     backend = DeviceBackend(device)
     monkeypatch.setattr(cuda, "reason", lambda: None)
     monkeypatch.setattr(front, "_cuda_backend", lambda: backend)
-    front._say_cpu.cache_clear()
+    front.say_cpu.cache_clear()
     return device
 
 

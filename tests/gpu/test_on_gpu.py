@@ -20,7 +20,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.solver.normal import NormalFactor
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 pytestmark = pytest.mark.skipif(cuda.reason() is not None, reason=str(cuda.reason()))
 

@@ -16,10 +16,10 @@ from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.gpu.work import DeviceFactors, Modelled
 from octo.problem.compiled import CompiledProblem
-from octo.solve import first_nodes
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
+from octo.starts import first_nodes
 
 SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)}
 

@@ -21,7 +21,7 @@ from octo.errors import OutputError
 from octo.reference import Fatrop, Ipopt
 from octo.reference.run import interruptible
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 TINY = [

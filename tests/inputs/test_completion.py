@@ -167,9 +167,9 @@ def test_the_line_about_the_gpu(
 ) -> None:
     import octo.solve  # noqa: F401
 
-    front = sys.modules["octo.solve"]
+    front = sys.modules["octo.devices"]
     monkeypatch.setattr(front.cuda, "reason", lambda: "there is none")  # type: ignore[attr-defined]
-    front._say_cpu.cache_clear()  # type: ignore[attr-defined]
+    front.say_cpu.cache_clear()  # type: ignore[attr-defined]
     assert main([*SOLVE, "--out", str(tmp_path / "out"), *more]) == 1
     printed = capsys.readouterr()
     assert ("octo: using the CPU: there is none" in printed.err) == said

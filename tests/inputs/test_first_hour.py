@@ -153,9 +153,9 @@ def test_the_library_says_the_device_in_its_log_only(
 ) -> None:
     import sys
 
-    front = sys.modules["octo.solve"]
+    front = sys.modules["octo.devices"]
     monkeypatch.setattr(front.cuda, "reason", lambda: "there is none")
-    front._say_cpu.cache_clear()
+    front.say_cpu.cache_clear()
     with caplog.at_level(logging.INFO, logger="octo"):
         octo.solve(described(), passes=1, max_iterations=1)
     assert caplog.messages == ["using the CPU: there is none"]

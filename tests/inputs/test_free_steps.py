@@ -12,8 +12,9 @@ import octo
 from octo.cli.main import main
 from octo.errors import OctoError
 from octo.model.gallery import chain, mammal
+from octo.result.solution import Solution
 from octo.solve import evaluated
-from octo.solver.solution import Solution, Status
+from octo.solver.status import Status
 
 
 def pendulum(x_next, x, x_prev, p):

@@ -16,8 +16,9 @@ from octo.goals import Goal
 from octo.model.gallery import mammal
 from octo.problem.asked import Asked
 from octo.problem.costs import Cost
+from octo.result.solution import Solution
 from octo.solve import evaluated
-from octo.solver.solution import Solution, Status
+from octo.solver.status import Status
 
 ROBOT = mammal()
 N, DT = 10, 0.05  # s
@@ -187,7 +188,7 @@ def test_the_command_prints_reports_and_exits_with_1(kind, tmp_path, monkeypatch
 def test_a_front_door_says_it_too(monkeypatch):
     """octo.walk, stride, turn and jump, without the shell."""
     assert callable(octo.jump)
-    monkeypatch.setattr("octo.motions.Journey.solve", lambda self: moved(x=0.02))
+    monkeypatch.setattr("octo.motions.steady.from_rest_to_rest", lambda *given: moved(x=0.02))
     monkeypatch.setattr(
         sys.modules["octo.jump"], "solve_jump", lambda *given, **options: moved(x=0.02)
     )

@@ -358,7 +358,7 @@ def test_stance_does_not_flicker(solution: octo.Solution) -> None:
 
 @pytest.mark.parametrize("steps", [3, 6, 12, 40])
 def test_a_start_is_resampled(solution: octo.Solution, steps: int) -> None:
-    from octo.solve import first_nodes
+    from octo.starts import first_nodes
 
     problem = octo.Problem(octo.gallery.chain(), steps=steps, dt=0.02, costs=[octo.Effort()])
     nodes = first_nodes(problem, 0, solution)
@@ -371,7 +371,7 @@ def test_a_start_is_resampled(solution: octo.Solution, steps: int) -> None:
 
 
 def test_a_start_of_a_straight_line_stays_one() -> None:
-    from octo.solve import resampled
+    from octo.starts import resampled
 
     line = np.linspace([0.0, 1.0], [2.0, -1.0], 5)
     assert np.allclose(resampled(line, 11), np.linspace([0.0, 1.0], [2.0, -1.0], 12))

@@ -31,7 +31,7 @@ from octo.interrupts import like_ctrl_c, postponed
 from octo.problem.compiled import CompiledProblem
 from octo.problem.structure import functions_of
 from octo.reference.program import nlp
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 ROOT = Path(octo.__file__).parents[1]
 DEFAULTS = ("--seconds", "0.1", "--dt", "0.05")
@@ -258,7 +258,7 @@ run()
 def test_what_a_killed_command_left_is_removed_by_the_next(tmp_path: Path, saved: Path) -> None:
     words = ["simulate", "mammal", "--hold", *DEFAULTS, "--out", str(tmp_path)]
     die = (
-        "import os, sys, octo.cli.main, octo.solver.solution as s; s.Solution.save = lambda "
+        "import os, sys, octo.cli.main, octo.result.solution as s; s.Solution.save = lambda "
         "*w: os.kill(os.getpid(), 9);"
     )
     dead = subprocess.run(

@@ -21,7 +21,8 @@ from octo.cli.simulate import measured_motion
 from octo.dynamics.simulate import Motion
 from octo.errors import RobotFileError, ValueRangeError
 from octo.mpc import Controller, walking_problem
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 MAMMAL = octo.gallery.mammal()
 Parts = tuple[dict[str, Any], dict[str, Any]]

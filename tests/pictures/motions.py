@@ -7,7 +7,8 @@ import numpy as np
 
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import HISTORY, Status
 
 
 def wandering(

@@ -16,7 +16,7 @@ from chromium import Page, executable, offline_page
 from matplotlib.image import imread
 
 from octo.model.gallery import CHARACTERS
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from octo.viewer import view
 
 STEPS, DT = 120, 0.025

@@ -16,7 +16,8 @@ import octo
 from octo.errors import MissingExtraError
 from octo.model.gallery import CHARACTERS
 from octo.plot import MOST_ROWS, plot
-from octo.solver.solution import Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import Status
 
 
 def titles(figure: object) -> list[str]:

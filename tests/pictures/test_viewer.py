@@ -22,7 +22,7 @@ import zstandard
 from octo.errors import MissingExtraError, ModelError, OutputError, ShapeError
 from octo.model.gallery import CHARACTERS
 from octo.model.kinematics import body_poses
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 from octo.viewer import view
 from octo.viewer.page import GRAIN, in_words
 

@@ -19,8 +19,8 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
 from octo.problem.interpreted import Interpreted
 from octo.problem.problem import Problem
-from octo.solve import first_nodes
 from octo.solver.blocks import KKTBlocks
+from octo.starts import first_nodes
 
 SIZES = np.geomspace(1e-3, 1e-5, 5)  # of a step along a direction of length 1
 FIELDS = ("H", "A", "b", "C")

@@ -12,15 +12,15 @@ import pytest
 
 import octo
 from octo import costs, native
+from octo.continuation.schedule import schedule
 from octo.errors import ProblemError
-from octo.passes import schedule
 from octo.problem.basis import Hermite
 from octo.problem.problem import Problem
 from octo.reference import Fatrop, Ipopt, fatrop, ipopt
 from octo.reference.run import one_core
-from octo.solve import first_nodes
 from octo.solver.options import SqpOptions
-from octo.solver.solution import HISTORY, Status
+from octo.solver.status import HISTORY, Status
+from octo.starts import first_nodes
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 SAME = 1e-6  # part of E

@@ -17,7 +17,7 @@ from octo.problem.problem import Problem
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
 from octo.replay.run import perturbed, replay
-from octo.solver.solution import Solution
+from octo.result.solution import Solution
 
 STEPS, DT = 40, 0.025
 AMPLITUDES = 0.05 * np.sin(np.arange(18.0))

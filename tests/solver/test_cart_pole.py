@@ -11,7 +11,8 @@ import pytest
 import octo
 from octo import native
 from octo.model.character import Body, Character, Joint
-from octo.solver.solution import HISTORY, Solution, Status
+from octo.result.solution import Solution
+from octo.solver.status import HISTORY, Status
 
 OPTIONS = {
     "exact": octo.SqpOptions(),

@@ -17,11 +17,11 @@ import octo
 from octo import native
 from octo.problem.basis import Folded
 from octo.problem.compiled import CompiledProblem
-from octo.solve import first_nodes
 from octo.solver import elimination
 from octo.solver.blocks import KKTBlocks
 from octo.solver.kkt import factorize
 from octo.solver.normal import NormalFactor
+from octo.starts import first_nodes
 
 COMPILER = native.compiler() is not None
 METHODS = [("cyclic_reduction", 1), *([("elimination", 1), ("elimination", 2)] if COMPILER else [])]

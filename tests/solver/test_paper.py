@@ -11,7 +11,7 @@ from octo.problem.compiled import CompiledProblem
 from octo.solver import trust_region
 from octo.solver.options import SqpOptions
 from octo.solver.rule import Clock
-from octo.solver.solution import Status
+from octo.solver.status import Status
 from octo.solver.subproblem import inner, minimize
 from octo.solver.trust_region import TrustRegion
 

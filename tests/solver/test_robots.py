@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import octo
-from octo import passes
+from octo.continuation.schedule import schedule, shifted
 from octo.errors import ProblemError
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
+from octo.solver.status import Status
 
 
 def standing(robot=None, speed: float = 0.0, **changes) -> octo.Problem:
@@ -124,8 +124,7 @@ def test_ctrl_c_between_two_passes_keeps_the_converged_pass(monkeypatch):
     def press(*_):
         raise KeyboardInterrupt
 
-    # octo.solve is the function
-    monkeypatch.setattr(importlib.import_module("octo.solve"), "moved", press)
+    monkeypatch.setattr(importlib.import_module("octo.continuation.run"), "shifted", press)
     solution = interrupted(standing(), lambda at: None)
     assert [record["converged"] for record in solution.passes] == [True]
 
@@ -133,23 +132,18 @@ def test_ctrl_c_between_two_passes_keeps_the_converged_pass(monkeypatch):
 def test_passes_are_said_by_how_deep_feet_sink():
     problem = standing()
     first, second = (
-        stage.parameters(problem.weight)
-        for stage in passes.schedule(problem, 2)
-        if stage is not None
+        stage.parameters(problem.weight) for stage in schedule(problem, 2) if stage is not None
     )
     # on four feet
     assert first["contact.w_perp"] == pytest.approx(
         problem.weight / 4 / (0.08 * problem.length) ** 2
     )
     assert second["contact.w_perp"] == pytest.approx(4 * first["contact.w_perp"])
-    assert [len(passes.schedule(p, None)) for p in (problem, problem.replace(basis="hermite"))] == [
-        4,
-        1,
-    ]
+    assert [len(schedule(p, None)) for p in (problem, problem.replace(basis="hermite"))] == [4, 1]
     fixed = problem.replace(parameters={"contact.w_perp": 1e5})
-    assert passes.schedule(fixed, None) == [None]
+    assert schedule(fixed, None) == [None]
     with pytest.raises(ProblemError, match="passes is 2"):
-        passes.schedule(fixed, 2)
+        schedule(fixed, 2)
 
 
 def test_moved_nodes_begin_at_the_new_start():
@@ -157,10 +151,10 @@ def test_moved_nodes_begin_at_the_new_start():
     after = standing(parameters={"contact.w_perp": 1e6, "contact.w_par": 1e7}, v0=0.1 * np.ones(14))
     nodes = np.repeat(before.start[None], 22, axis=0) + np.linspace(0.0, 0.1, 22)[:, None]
     nodes[1] = before.start
-    shifted = passes.moved(nodes, before, after)
-    np.testing.assert_allclose(shifted[1], after.start, atol=1e-15)
-    np.testing.assert_allclose(shifted[0], after.start - 0.05 * after.start_velocity, atol=1e-15)
-    np.testing.assert_allclose(np.diff(shifted[1:], axis=0), np.diff(nodes[1:], axis=0), atol=1e-12)
+    moved = shifted(nodes, before, after)
+    np.testing.assert_allclose(moved[1], after.start, atol=1e-15)
+    np.testing.assert_allclose(moved[0], after.start - 0.05 * after.start_velocity, atol=1e-15)
+    np.testing.assert_allclose(np.diff(moved[1:], axis=0), np.diff(nodes[1:], axis=0), atol=1e-12)
 
 
 def test_threads_and_batches_of_a_robot(two_passes):

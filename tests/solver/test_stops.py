@@ -16,8 +16,8 @@ from octo.errors import OctoError
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Status
 from octo.solver.sqp import Monitor
+from octo.solver.status import Status
 
 
 def score(history, row, weight=1.0) -> float:

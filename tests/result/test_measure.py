@@ -10,8 +10,8 @@ import pytest
 import octo
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
 from octo.problem.compiled import CompiledProblem
-from octo.solver import measure
-from octo.solver.solution import Solution
+from octo.result import measure
+from octo.result.solution import Solution
 
 STEPS, DT, RADIUS = 12, 0.05, 0.02
 

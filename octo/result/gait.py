@@ -9,20 +9,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import ValueRangeError
-
-if TYPE_CHECKING:
-    from octo.model.character import Character
-    from octo.solver.solution import Solution
+from octo.model.character import Character
+from octo.result.stances import TOUCHDOWN, runs, stances
+from octo.result.tile import tiled
+from octo.result.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 FOOT = 0.02  # of mg: a contact that carries more in the mean is a foot
-TOUCHDOWN = 0.05  # of mg: a stance begins
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
@@ -30,13 +28,12 @@ SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
 LOW, LOW_PART = 0.015, 0.06
 ONE_SIDED = 0.3  # of the time: mammals that paced for more fell over in MuJoCo at 0.5 m/s
 FOUR = 4  # feet, with fewer of which standing on one side is walking
-LIFT_OFF = 0.01  # of mg: it ends; lower than TOUCHDOWN, so that a load that wavers is one stance
 HIGH = 5.0  # Hz: what a step needs of a torque is slower
 LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
 STRIDES = 4  # a foot has a whole stance and a whole swing in the two in the middle
-ROWS = (  # of a Solution, one a step
+ROWS = (  # of a Trajectory, one a step
     "u",
     "contact_force",
     "contact_point",
@@ -111,7 +108,7 @@ class Gait:
         return "; ".join(parts)
 
 
-def measure_gait(solution: Solution, first: float = 0.0, last: float | None = None) -> Gait | None:
+def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = None) -> Gait | None:
     """The figures of the motion between two times; None for user-written dynamics.
 
     What was before and what comes after is looked at only to know whether a foot stands.
@@ -124,14 +121,14 @@ def measure_gait(solution: Solution, first: float = 0.0, last: float | None = No
     ------
     ValueRangeError: no step of the motion is between the two.
     """
-    robot = solution.character
+    robot = motion.character
     if robot is None:
         return None
-    begin, end = _window(solution, first, last)
-    part = _cut(solution, begin, end)
+    begin, end = _window(motion, first, last)
+    part = _cut(motion, begin, end)
     force = part.normal_force
-    feet = np.flatnonzero(force.mean(axis=0) >= FOOT * solution.weight)
-    standing = stances(solution.normal_force[:, feet], solution.weight)
+    feet = np.flatnonzero(force.mean(axis=0) >= FOOT * motion.weight)
+    standing = stances(motion.normal_force[:, feet], motion.weight)
     stance, swing, heights, begun = [], [], [], []
     for foot, on in zip(feet, standing.T, strict=True):
         touched = on[1:] & ~on[:-1]  # of the rows 1 … N−1
@@ -139,8 +136,8 @@ def measure_gait(solution: Solution, first: float = 0.0, last: float | None = No
         stance += [b - a for a, b in runs(on, begin, end)]
         for a, b in runs(~on, begin, end):
             swing.append(b - a)
-            heights.append(-float(solution.contact_depth[a:b, foot].min()))
-    dt = solution.dt
+            heights.append(-float(motion.contact_depth[a:b, foot].min()))
+    dt = motion.dt
     return Gait(
         touchdowns=max(begun) / (dt * (end - begin)) if begun else None,
         shortest_stance=dt * min(stance) if stance else None,
@@ -149,41 +146,40 @@ def measure_gait(solution: Solution, first: float = 0.0, last: float | None = No
         clearance=float(np.median(heights)) if heights else None,
         **_joints(robot, part.x[1:], dt),
         torque_high=high_share(part.u, dt),
-        rhythm=rhythm(force[:, feet], dt, STEADY * solution.weight),
+        rhythm=rhythm(force[:, feet], dt, STEADY * motion.weight),
         one_sided=_one_sided(robot, part, feet),
         friction_use=part.friction_use,
         torque_use=part.torque_excess,
     )
 
 
-def measure_cycle(solution: Solution) -> Gait | None:
+def measure_cycle(motion: Trajectory) -> Gait | None:
     """The figures of a cycle carried on: of the whole strides in the middle of STRIDES or more.
 
     Raises
     ------
     ProblemError: the motion is no cycle.
     """
-    period = solution.cycle.period if solution.cycle is not None else math.inf
-    strides = max(1, round(solution.steps * solution.dt / period))
-    several = solution if strides >= STRIDES else solution.tile(-(-STRIDES // strides))
+    period = motion.cycle.period if motion.cycle is not None else math.inf
+    strides = max(1, round(motion.steps * motion.dt / period))
+    several = motion if strides >= STRIDES else tiled(motion, -(-STRIDES // strides))
     return measure_gait(several, period, several.steps * several.dt - period)
 
 
-def flaws(solution: Solution) -> int:
+def flaws(gait: Gait | None, length: float) -> int:
     """How many things about a stride's gait nobody would keep: taps, stumbles, shaking, dragged
-    feet, one side at a time."""
-    gait = solution.gait
+    feet, one side at a time; of a robot of ``length`` ℓ m."""
     if gait is None or gait.touchdowns is None:
         return 5
     brief = sum(
         t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing)
     )
     shaky = gait.torque_high is not None and gait.torque_high > SHAKY
-    drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * solution.length)
+    drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * length)
     return brief + (gait.touchdowns > TAPS) + shaky + drags + ((gait.one_sided or 0.0) > ONE_SIDED)
 
 
-def _one_sided(robot: Character, part: Solution, feet: NDArray[np.intp]) -> float | None:
+def _one_sided(robot: Character, part: Trajectory, feet: NDArray[np.intp]) -> float | None:
     """Share of the steps with a foot on the ground in which no foot of the other side is."""
     carried = {sphere.name: sphere.body for sphere in robot.contacts}  # heel and toe are one foot
     if len({carried.get(part.contact_names[k], k) for k in feet}) < FOUR:
@@ -194,28 +190,6 @@ def _one_sided(robot: Character, part: Solution, feet: NDArray[np.intp]) -> floa
     both = (on & left).any(axis=1) & (on & ~left).any(axis=1)
     some = on.any(axis=1)
     return float((some & ~both).sum() / some.sum()) if some.any() else None
-
-
-def stances(force: Array, weight: float) -> NDArray[np.bool_]:
-    """(N, c) whether each contact stands, of its normal force (N, c) N.
-
-    Between the two thresholds it does what it did before; it does not stand before it has touched
-    down.
-    """
-    sure = (force >= TOUCHDOWN * weight) | (force < LIFT_OFF * weight)
-    rows = np.where(sure, np.arange(len(force))[:, None], 0)
-    known = np.maximum.accumulate(rows, axis=0)  # the last row that says
-    return np.take_along_axis(force, known, axis=0) >= TOUCHDOWN * weight
-
-
-def runs(on: NDArray[np.bool_], begin: int, end: int) -> list[tuple[int, int]]:
-    """First row and the row after the last of each run of True that begins and ends in a window.
-
-    The rows of the window are begin … end−1; the motion's own first and last run never count.
-    """
-    flips = np.flatnonzero(on[1:] != on[:-1]) + 1
-    pairs = zip(flips[:-1].tolist(), flips[1:].tolist(), strict=True)
-    return [(a, b) for a, b in pairs if on[a] and begin <= a and b <= end]
 
 
 def high_share(u: Array, dt: float) -> float | None:
@@ -258,27 +232,27 @@ def rhythm(loads: Array, dt: float, steady: float) -> float | None:
     return max(found) if found else None
 
 
-def _window(solution: Solution, first: float, last: float | None) -> tuple[int, int]:
+def _window(motion: Trajectory, first: float, last: float | None) -> tuple[int, int]:
     """The steps begin … end−1 that lie between two times."""
-    duration = solution.steps * solution.dt
+    duration = motion.steps * motion.dt
     until = duration if last is None else last
     if not (math.isfinite(first) and math.isfinite(until)):
         raise ValueRangeError(f"first is {first} s and last is {until} s, both must be finite")
-    begin = max(0, math.ceil(first / solution.dt - ROUNDING))
-    end = min(solution.steps, math.floor(until / solution.dt + ROUNDING))
+    begin = max(0, math.ceil(first / motion.dt - ROUNDING))
+    end = min(motion.steps, math.floor(until / motion.dt + ROUNDING))
     if begin >= end:
         raise ValueRangeError(
-            f"first is {first} s and last is {until} s, at least one step of {solution.dt} s of "
+            f"first is {first} s and last is {until} s, at least one step of {motion.dt} s of "
             "the "
             f"motion of {duration:g} s must be between them"
         )
     return begin, end
 
 
-def _cut(solution: Solution, begin: int, end: int) -> Solution:
+def _cut(motion: Trajectory, begin: int, end: int) -> Trajectory:
     """The steps begin … end−1 alone."""
-    rows = {name: getattr(solution, name)[begin:end] for name in ROWS}
-    return dataclasses.replace(solution, x=solution.x[begin : end + 2], **rows)
+    rows = {name: getattr(motion, name)[begin:end] for name in ROWS}
+    return dataclasses.replace(motion, x=motion.x[begin : end + 2], **rows)
 
 
 def _joints(robot: Character, x: Array, dt: float) -> dict[str, float | None]:

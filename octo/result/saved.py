@@ -1,17 +1,23 @@
-"""The fields of a saved solution, each checked: a file may come from anywhere."""
+"""The file of a solution: how its fields are written, and read, each checked, for a file may come
+from anywhere."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from octo.errors import ShapeError, UnknownNameError, ValueRangeError
+from octo.files import replacing
 from octo.model import store
 from octo.model.archive import Archive, Array
 from octo.model.character import Character
 from octo.problem.asked import Asked
-from octo.solver.stride import ARRAYS, Stride
+from octo.result.stride import ARRAYS, Stride
+from octo.solver.status import Status
 
 DEFAULTS: dict[str, Any] = {  # of fields that a file of an earlier version may lack
     "processor_seconds": 0.0,
@@ -22,20 +28,89 @@ DEFAULTS: dict[str, Any] = {  # of fields that a file of an earlier version may 
     "starts": [],
     "asked": [],
 }
+SOLUTION_ARRAYS = (
+    "x",
+    "u",
+    "unknowns",
+    "multipliers",
+    "torque_limit",
+    "contact_force",
+    "contact_point",
+    "contact_velocity",
+    "contact_normal",
+    "contact_depth",
+)
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
 
 
-def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
-    """The arguments of a Solution but for its status.
+def write(target: Path, values: Mapping[str, Any]) -> None:
+    """Write the fields of a Solution as an .npz file: arrays, and the rest as JSON."""
+    arrays = {name: values[name] for name in SOLUTION_ARRAYS}
+    plain = {name: value for name, value in values.items() if name not in arrays}
+    for name in ("ground", "history"):
+        arrays |= {f"{name}_{key}": value for key, value in plain.pop(name).items()}
+    cycle, robot = values["cycle"], values["character"]
+    if cycle is not None:
+        arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
+        plain["cycle"] = cycle.plain()
+    plain["status"] = values["status"].label
+    plain["asked"] = [one.plain() for one in values["asked"]]
+    plain["character"] = None if robot is None else store.to_plain(robot)
+    arrays["plain"] = np.array(json.dumps(plain))
+    with replacing(target) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, **arrays)
 
-    ``failed``: the status says that the motion is not finite; then only its nodes must be.
+
+def fields_of(file: Archive) -> dict[str, Any]:
+    """The arguments of a Solution.
 
     Raises
     ------
     OctoError: naming the field, what it is and what it must be.
     """
     file = Archive(file.arrays, {**DEFAULTS, **file.plain})
-    finite, dt = not failed, file.number("dt", positive=True)
+    status = _status(file.word("status"))
+    # of a solve that failed only the nodes must be finite
+    finite = status not in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)
+    values = {
+        **_motion(file, finite),
+        "status": status,
+        "device": file.word("device"),
+        "ground": _ground(file),
+        "history": file.group("history_"),
+        "parameters": file.numbers("parameters"),
+        "stages": file.numbers("stages"),
+        "asked": tuple(_asked(record, finite) for record in file.records("asked")),
+        "terms": file.numbers("terms", finite=finite),
+        "passes": file.records("passes"),
+        "starts": file.records("starts"),
+    }
+    values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
+    values |= {name: file.whole(name) for name in ("iterations", "factorizations", "seed")}
+    values |= {name: file.number(name, positive=True) for name in ("weight", "length")}
+    values |= {
+        name: file.number(name, finite=finite) for name in ("violation", "pointwise_residual")
+    }
+    values |= {
+        name: file.number(name) for name in ("seconds", "setup_seconds", "processor_seconds")
+    }
+    for name in file.plain:
+        if name not in values:
+            raise UnknownNameError("entry", name, values)
+    return values
+
+
+def _status(label: str) -> Status:
+    """The status of the name that reports use."""
+    known = {status.label: status for status in Status}
+    if label not in known:
+        raise UnknownNameError("status", label, known)
+    return known[label]
+
+
+def _motion(file: Archive, finite: bool) -> dict[str, Any]:
+    """Who moves how: the robot, x, u and the contacts, whose shapes follow from one another."""
+    dt = file.number("dt", positive=True)
     robot = (
         None if file.plain.get("character") is None else store.from_plain(file.plain["character"])
     )
@@ -53,7 +128,7 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
     limit = file.array("torque_limit", (u.shape[1],), finite=False)
     if np.isnan(limit).any():
         raise ValueRangeError("torque_limit is not a number")
-    values: dict[str, Any] = {
+    return {
         "name": file.word("name"),
         "character": robot,
         "dt": dt,
@@ -62,32 +137,10 @@ def fields_of(file: Archive, failed: bool) -> dict[str, Any]:
         "u": u,
         "torque_limit": limit,
         "contact_names": names,
-        "device": file.word("device"),
         "cycle": _stride(file, x, u, robot),
         "contact_depth": file.array("contact_depth", (steps, contacts), finite=finite),
-        "ground": _ground(file),
-        "history": file.group("history_"),
-        "parameters": file.numbers("parameters"),
-        "stages": file.numbers("stages"),
-        "asked": tuple(_asked(record, finite) for record in file.records("asked")),
-        "terms": file.numbers("terms", finite=finite),
-        "passes": file.records("passes"),
-        "starts": file.records("starts"),
+        **{name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS},
     }
-    values |= {name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS}
-    values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
-    values |= {name: file.whole(name) for name in ("iterations", "factorizations", "seed")}
-    values |= {name: file.number(name, positive=True) for name in ("weight", "length")}
-    values |= {
-        name: file.number(name, finite=finite) for name in ("violation", "pointwise_residual")
-    }
-    values |= {
-        name: file.number(name) for name in ("seconds", "setup_seconds", "processor_seconds")
-    }
-    for name in file.plain:
-        if name not in values and name != "status":
-            raise UnknownNameError("entry", name, values)
-    return values
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:

@@ -1,4 +1,4 @@
-"""From an iterate to a Solution: what the feet, the forces and the laws of physics say about it."""
+"""From an iterate to a motion: what the feet, the forces and the laws of physics say about it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
-from octo.solver.stride import Stride
+from octo.result.stride import Stride
 
 Array = NDArray[np.float64]
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
@@ -35,7 +35,7 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
 
 
 def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str, Any]:
-    """The fields of a Solution that follow from one member's iterate."""
+    """The fields of a Trajectory, of one member's iterate."""
     described, dynamics = problem.problems[member], problem.dynamics
     reduced, pointwise = violations(problem, at)
     terms = problem.term_values(at)[member]

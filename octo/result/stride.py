@@ -1,19 +1,14 @@
-"""What a solved cycle is carried on with, and the cycle carried on: ``Solution.tile``."""
+"""What a solved cycle is carried on with."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import whole
-from octo.errors import ProblemError
-
-if TYPE_CHECKING:
-    from octo.problem.problem import Problem
-    from octo.solver.solution import Solution
+from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -116,64 +111,3 @@ class Stride:
 
 
 ARRAYS = ("matrix", "constant", "torque", "rotation", "shift", "contacts")  # of a Stride
-
-
-def tiled(solution: Solution, strides: int) -> Solution:
-    """``strides`` whole strides of a solved cycle, one after the other.
-
-    Of a mirrored one ``violation`` and ``pointwise_residual`` are those of the image too, which is
-    larger where the robot is not exactly its own mirror image.
-
-    Raises
-    ------
-    ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
-    """
-    stride = solution.cycle
-    if stride is None:
-        raise ProblemError(
-            "this motion is no cycle, it cannot be tiled: solve a Problem with cycle=octo.Cycle(…)"
-        )
-    pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
-    vectors = ("contact_force", "contact_velocity", "contact_normal")
-    made: dict[str, list[Array]] = {
-        name: [getattr(solution, name)]
-        for name in ("u", "contact_point", "contact_depth", *vectors)
-    }
-    made["x"] = [solution.x[2:]]
-    for _ in range(pieces - 1):
-        last = {name: blocks[-1] for name, blocks in made.items()}
-        made["x"].append(stride.on(last["x"]))
-        made["u"].append(last["u"] @ stride.torque.T)
-        made["contact_depth"].append(last["contact_depth"][:, stride.contacts])
-        made["contact_point"].append(
-            last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift
-        )
-        for name in vectors:
-            made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
-    joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
-    joined["x"] = np.concatenate([solution.x[:2], joined["x"]])
-    for name in ("violation", "pointwise_residual"):
-        joined[name] = max(getattr(solution, name), stride.asymmetry)
-    return replace(
-        solution,
-        **joined,
-        ground=_plane_around(solution.ground, joined["contact_point"]),
-        cycle=stride.times(pieces),
-        unknowns=solution.unknowns[:0],
-        multipliers=solution.multipliers[:0],
-    )
-
-
-def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
-    """The sampled plane of a cycle under all of ``points`` (N, c, 3) m."""
-    if not ground:
-        return ground
-    (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
-    slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
-    (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
-    wide = [
-        np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2)
-        for a, lo, hi in zip((x, y), low, high, strict=True)
-    ]
-    height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
-    return {"x": wide[0], "y": wide[1], "z": height}

@@ -7,47 +7,46 @@ through the ground, at no cost.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from octo.solver.solution import Solution
+from octo.result.trajectory import Trajectory
 
 LEAP = 1.0  # rad or m, that a coordinate may change in a step
 GRAVITY = 9.81  # m/s²
 
 
-def largest_step(solution: Solution) -> dict[str, Any] | None:
+def largest_step(motion: Trajectory) -> dict[str, Any] | None:
     """The largest change of a coordinate from one node to the next.
 
     None of a motion without steps, or of one that is not finite.
     """
-    change = np.abs(np.diff(solution.x[1:], axis=0))  # (N, nx) rad and m
+    change = np.abs(np.diff(motion.x[1:], axis=0))  # (N, nx) rad and m
     if not change.size or not np.isfinite(change).all():
         return None
     step, coordinate = np.unravel_index(int(np.argmax(change)), change.shape)
     leaps = int((change > LEAP).any(axis=1).sum())
     return {
         "change": float(change[step, coordinate]),
-        "unit": _unit(solution, int(coordinate)),
-        "coordinate": solution.joint_names[int(coordinate)],
+        "unit": _unit(motion, int(coordinate)),
+        "coordinate": motion.joint_names[int(coordinate)],
         "step": int(step),
-        "time": float(solution.dt * step),  # s, at its beginning
+        "time": float(motion.dt * step),  # s, at its beginning
         "leaps": leaps,  # steps in which a coordinate changes by more than LEAP
     }
 
 
-def _unit(solution: Solution, coordinate: int) -> str:
-    if solution.character is None:
+def _unit(motion: Trajectory, coordinate: int) -> str:
+    if motion.character is None:
         return "rad or m"
-    return "rad" if solution.character.joints[coordinate].kind == "hinge" else "m"
+    return "rad" if motion.character.joints[coordinate].kind == "hinge" else "m"
 
 
-def warnings(solution: Solution) -> tuple[str, ...]:
+def warnings(motion: Trajectory) -> tuple[str, ...]:
     """A sentence for each of what a reader should know before using the motion."""
     said = []
-    largest = largest_step(solution)
+    largest = largest_step(motion)
     if largest is not None and largest["change"] > LEAP:
         many = (
             f"{largest['leaps']} steps change a coordinate"
@@ -59,10 +58,10 @@ def warnings(solution: Solution) -> tuple[str, ...]:
             f"{largest['change']:.3g} {largest['unit']} at {largest['time']:.3g} s): between two "
             "nodes no law of physics is looked at, take a smaller dt"
         )
-    fall = float(np.sqrt(solution.length / GRAVITY))
-    if solution.character is not None and solution.dt > fall:
+    fall = float(np.sqrt(motion.length / GRAVITY))
+    if motion.character is not None and motion.dt > fall:
         said.append(
-            f"dt is {solution.dt:g} s, and in {fall:.2g} s this robot falls by half its height: "
+            f"dt is {motion.dt:g} s, and in {fall:.2g} s this robot falls by half its height: "
             "take a smaller dt"
         )
     return tuple(said)

@@ -14,7 +14,7 @@ from octo.errors import ProblemError, ValueRangeError
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
 from octo.problem.problem import Problem
-from octo.solver import measure
+from octo.result import measure
 
 CYCLES = {  # the cycle, the steps, the ground
     "mirrored": (Cycle(speed=0.5, period=0.6), 13, None),

@@ -13,8 +13,8 @@ import octo
 from octo.errors import ProblemError, UnknownNameError
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
-from octo.solver import export
-from octo.solver.solution import Solution
+from octo.result import export
+from octo.result.solution import Solution
 
 DT, STEPS = 0.02, 30
 MJCF = """<mujoco><worldbody><body name="trunk" pos="0 0 1" quat=".9 .1 .2 .3"><freejoint/><geom

@@ -1,4 +1,4 @@
-"""Passes of growing contact stiffness (Fig. 7): each starts from the solution of the one before.
+"""The passes of a continuation (Fig. 7): how stiff contacts are in each, and what it is asked for.
 
 Penetration is sqrt(load/w_perp) and slip (|f_t|/f_n)·(w_perp/w_par), so a pass is said by how deep
 four feet sink that carry the weight, and by the ratio w_par/w_perp.
@@ -6,6 +6,7 @@ four feet sink that carry the weight, and by the ratio w_par/w_perp.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,6 @@ from octo.problem.basis import Hermite
 from octo.problem.contact_costs import SlipPower
 from octo.problem.problem import Array, Problem
 from octo.solver.options import SqpOptions
-from octo.solver.solution import Solution
 
 DEPTHS = (0.08, 0.04, 0.02, 0.008)  # ℓ; each further pass halves the last
 RATIOS = (10.0, 20.0, 60.0, 150.0)  # s/m, w_par/w_perp; the last one stays
@@ -60,14 +60,14 @@ def early(options: SqpOptions) -> SqpOptions:
 
 # a pass reaches its stiffness in so many equal factors (with two, 14 of 15 strides of anymal_b
 # converge) …
-RAMP = 3
+FACTORS = 3
 # … with this many iterations at each before the last: a start of 43 N of ‖C‖∞ becomes one of 8 N
-RAMP_ITERATIONS = 3
+INTERMEDIATE_ITERATIONS = 3
 
 
-def between(first: Pass, last: Pass) -> list[Pass]:
+def intermediate(first: Pass, last: Pass) -> list[Pass]:
     """The stiffnesses on the way from one pass to the next, without the two."""
-    parts = [k / RAMP for k in range(1, RAMP)]
+    parts = [k / FACTORS for k in range(1, FACTORS)]
 
     def value(a: float, b: float, part: float) -> float:
         return a * (b / a) ** part
@@ -146,37 +146,25 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     ]
 
 
-def moved(nodes: Array, before: Problem, problem: Problem) -> Array:
+def stiffened(problems: Sequence[Problem], passes: Sequence[Pass | None]) -> list[Problem]:
+    """Problems with the contact laws of their passes, None for their own: what is the same problem
+    and pass is one object."""
+    made: dict[tuple[int, Pass | None], Problem] = {}
+    for problem, wanted in zip(problems, passes, strict=True):
+        if (id(problem), wanted) not in made:
+            made[id(problem), wanted] = (
+                problem
+                if wanted is None
+                else problem.replace(parameters=wanted.parameters(problem.weight))
+            )
+    return [made[id(problem), wanted] for problem, wanted in zip(problems, passes, strict=True)]
+
+
+def shifted(nodes: Array, before: Problem, problem: Problem) -> Array:
     """Nodes (N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
-    shifted = nodes + (problem.start - before.start)
+    moved = nodes + (problem.start - before.start)
     if problem.closure is not None:
-        shifted[:2] = shifted[-2:] @ problem.closure.matrix.T + problem.closure.constant
-        return np.ascontiguousarray(shifted)
-    shifted[0] = problem.start - problem.dt * problem.start_velocity
-    return np.ascontiguousarray(shifted)
-
-
-def record(number: int, member: Solution) -> dict[str, object]:
-    """What reports keep of a pass."""
-    kept = (
-        "converged",
-        "iterations",
-        "factorizations",
-        "energy",
-        "violation",
-        "pointwise_residual",
-        "penetration",
-        "penetration_max",
-        "slip",
-        "friction_use",
-        "friction_use_95",
-        "torque_excess",
-        "seconds",
-    )
-    weights = {
-        name: member.parameters.get(name)
-        for name in ("contact.w_perp", "contact.w_par", "contact.onset")
-    }
-    figures = {name: getattr(member, name) for name in kept}
-    said = {name: value for name, value in weights.items() if value is not None}
-    return {"pass": number, "status": member.status.label, **figures, **said}
+        moved[:2] = moved[-2:] @ problem.closure.matrix.T + problem.closure.constant
+        return np.ascontiguousarray(moved)
+    moved[0] = problem.start - problem.dt * problem.start_velocity
+    return np.ascontiguousarray(moved)

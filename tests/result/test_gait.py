@@ -12,8 +12,9 @@ import pytest
 import octo
 from octo.errors import ValueRangeError
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
-from octo.solver.gait import Gait, high_share, measure_gait, rhythm, runs, stances
-from octo.solver.solution import Solution
+from octo.result.gait import Gait, high_share, measure_gait, rhythm
+from octo.result.solution import Solution
+from octo.result.stances import runs, stances
 
 DT, WEIGHT = 0.025, 100.0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,12 @@ from octo.files import replacing
 from octo.model.character import Character
 from octo.model.kinematics import axis_rotation, body_poses
 from octo.model.quaternions import quaternions, turning
-
-if TYPE_CHECKING:
-    from octo.solver.solution import Solution
+from octo.result.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 
-def to_mujoco(solution: Solution) -> tuple[Array, Array]:
+def to_mujoco(motion: Trajectory) -> tuple[Array, Array]:
     """qpos (N+1, nq) and qvel (N+1, nv) at x_0 … x_N.
 
     A floating base is place (m, world), quaternion (w, x, y, z), velocity (m/s, world) and angular
@@ -31,7 +28,7 @@ def to_mujoco(solution: Solution) -> tuple[Array, Array]:
     axes). Joints keep the order of the robot's tree.
     """
     positions, velocities = [], []
-    for part in _parts(solution):
+    for part in _parts(motion):
         place, turn, moved, spun = part.place, part.rotation, part.velocity, part.angular
         positions += [place] if turn is None else [place, quaternions(turn)]
         velocities += [moved] if spun is None else [moved, spun]
@@ -39,7 +36,7 @@ def to_mujoco(solution: Solution) -> tuple[Array, Array]:
 
 
 def to_pinocchio(
-    solution: Solution, joints: Sequence[str] | None = None, circular: Collection[str] = ()
+    motion: Trajectory, joints: Sequence[str] | None = None, circular: Collection[str] = ()
 ) -> tuple[Array, Array]:
     """q (N+1, nq) and v (N+1, nv) at x_0 … x_N, of a model with a free flyer at the root where the
     base floats.
@@ -50,7 +47,7 @@ def to_pinocchio(
     two); by default the order of the robot's tree. ``circular``: joints that Pinocchio keeps as
     cosine and sine (``continuous`` ones of a URDF).
     """
-    parts = _parts(solution)
+    parts = _parts(motion)
     named = {part.name: part for part in parts if part.name}
     for name in (*(joints or ()), *circular):
         if name not in named:
@@ -76,39 +73,39 @@ def to_pinocchio(
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
 
 
-def to_csv(solution: Solution, path: str | os.PathLike[str]) -> None:
+def to_csv(motion: Trajectory, path: str | os.PathLike[str]) -> None:
     """A table with one row for each of x_0 … x_N; the first line has names and units.
 
     Time, coordinates, the torques from this row to the next (none after the last), the contact
     forces in world axes (none at x_0). What does not exist is nan.
     """
     target = ending("path", path, (".csv",))
-    robot = solution.character
+    robot = motion.character
     turns = (
         [robot is not None and joint.kind == "hinge" for joint in robot.joints]
         if robot is not None
         else []
     )
-    places = [("rad" if turn else "m") for turn in turns] or [""] * solution.x.shape[1]
+    places = [("rad" if turn else "m") for turn in turns] or [""] * motion.x.shape[1]
     efforts = (
         [("N m" if turns[j] else "N") for j in robot.actuated]
         if robot is not None
-        else [""] * solution.u.shape[1]
+        else [""] * motion.u.shape[1]
     )
-    contacts = len(solution.contact_names)
+    contacts = len(motion.contact_names)
     names = [
         "time (s)",
-        *_headed(solution.joint_names, places),
-        *_headed([f"torque {name}" for name in solution.actuated_names], efforts),
+        *_headed(motion.joint_names, places),
+        *_headed([f"torque {name}" for name in motion.actuated_names], efforts),
         *_headed(
-            [f"force {name} {axis}" for name in solution.contact_names for axis in "xyz"],
+            [f"force {name} {axis}" for name in motion.contact_names for axis in "xyz"],
             ["N"] * 3 * contacts,
         ),
     ]
-    force = solution.contact_force.reshape(len(solution.contact_force), -1)
-    torque = np.concatenate([solution.u, np.full((1, solution.u.shape[1]), np.nan)])
+    force = motion.contact_force.reshape(len(motion.contact_force), -1)
+    torque = np.concatenate([motion.u, np.full((1, motion.u.shape[1]), np.nan)])
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
-    rows = np.concatenate([solution.times[:, None], solution.x[1:], torque, force], axis=1)
+    rows = np.concatenate([motion.times[:, None], motion.x[1:], torque, force], axis=1)
     with replacing(target) as beside:
         np.savetxt(
             beside,
@@ -146,11 +143,11 @@ class _Part:
         self.angular = None if rotation is None else turning(rotation) / dt
 
 
-def _parts(solution: Solution) -> list[_Part]:
-    robot = solution.character
+def _parts(motion: Trajectory) -> list[_Part]:
+    robot = motion.character
     if robot is None:
         raise ProblemError("user-written dynamics have no bodies: x is all there is")
-    x, dt = solution.x, solution.dt
+    x, dt = motion.x, motion.dt
     rate = np.diff(x, axis=0) / dt
     parts = []
     for b, (body, start) in enumerate(zip(robot.bodies, robot.first_joint, strict=True)):

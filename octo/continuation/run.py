@@ -1,0 +1,146 @@
+"""From pass to pass: each starts from the solution of the one before, where that converged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.continuation.member import Member
+from octo.continuation.schedule import (
+    INTERMEDIATE_ITERATIONS,
+    Pass,
+    early,
+    intermediate,
+    shifted,
+    stiffened,
+)
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Array
+from octo.result.solution import Solution
+from octo.solver import sqp
+from octo.solver.backend import Backend
+from octo.solver.options import SqpOptions
+from octo.solver.status import Status
+
+Schedule = list[Pass | None]
+
+
+@dataclass(eq=False)
+class Continuation:
+    """The passes of one batch.
+
+    Attributes
+    ----------
+    compiled: the members that are still at work, with the contact laws of their pass.
+    nodes: (batch, N+2, nx) x_{-1} … x_N, where the next solve starts.
+    lam: (batch, K, ma) multipliers of that start; None for zeros.
+    options: of every pass; ``time_limit`` is of all of them.
+    setup_seconds: so far.
+    """
+
+    compiled: CompiledProblem
+    nodes: Array
+    lam: Array | None
+    options: SqpOptions
+    threads: int
+    backend: Backend
+    monitor: sqp.Monitor
+    setup_seconds: float
+    seconds: float = 0.0  # of the solves so far
+
+    def run(self, schedules: Sequence[Schedule], seeds: Sequence[int]) -> list[Solution]:
+        """Pass after pass, each member by its own schedule; it goes on from a converged pass only,
+        and keeps the last one it was in."""
+        members = [Member(seed, self.backend.name) for seed in seeds]
+        at_work, count = list(range(len(members))), len(schedules[0])
+        number = 0
+        try:
+            for number in range(1, count + 1):
+                self.monitor.begin(number, count)
+                result = (
+                    self._solve(self.options.max_iterations)
+                    if number == 1
+                    else self._stiffer([schedules[k][number - 2 : number] for k in at_work])
+                )
+                converged = [
+                    members[k].add(self.compiled, result, place, self.setup_seconds)
+                    for place, k in enumerate(at_work)
+                ]
+                at_work = [k for k, went_on in zip(at_work, converged, strict=True) if went_on]
+                if not at_work or self.monitor.stopped:
+                    break
+                self._select(np.flatnonzero(converged), result)
+        except KeyboardInterrupt:  # between two passes
+            if not all(member.motion for member in members):
+                raise
+            self.monitor.stopped, number = True, min(number, count - 1)
+        if self.monitor.stopped and number < count:
+            for k in at_work:
+                members[k].status = Status.INTERRUPTED
+        self.monitor.end()
+        return [member.solution() for member in members]
+
+    def _select(self, members: NDArray[np.intp], result: sqp.Result) -> None:
+        """Go on with these alone, from the end of a pass."""
+        self.compiled = self.compiled.take(members)
+        self.nodes = result.at.nodes[members]
+        self.lam = np.ascontiguousarray(result.lam[members])
+
+    def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
+        """From the end of one pass to the end of the next, over the stiffnesses between each
+        member's two."""
+        ways = [
+            (*intermediate(before, after), after)
+            for before, after in ends
+            if before is not None and after is not None
+        ]
+        results: list[sqp.Result] = []
+        for passes in zip(*ways, strict=True):
+            last = len(results) + 1 == len(ways[0])
+            self._set_stiffness(passes)
+            limit = self.options.max_iterations if last else INTERMEDIATE_ITERATIONS
+            results.append(self._solve(limit))
+            self.nodes, self.lam = results[-1].at.nodes, results[-1].lam
+            if self.monitor.stopped and not last:
+                results[-1].status = [Status.INTERRUPTED] * self.compiled.batch
+                break
+        result = results.pop()
+        for earlier in reversed(results):
+            result = result.after(earlier)
+        return result
+
+    def _set_stiffness(self, passes: Sequence[Pass]) -> None:
+        """The same problems with stiffer contact laws, and the nodes shifted to their new
+        starts."""
+        began = time.perf_counter()
+        before, problems = self.compiled.problems, stiffened(self.compiled.problems, passes)
+        self.nodes = np.stack(
+            [shifted(*one) for one in zip(self.nodes, before, problems, strict=True)]
+        )
+        self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
+        self.setup_seconds += time.perf_counter() - began
+
+    def _solve(self, max_iterations: int) -> sqp.Result:
+        """One solve with what is left of the time."""
+        monitor = self.monitor
+        wanted = self.options if monitor.number == monitor.passes else early(self.options)
+        options = replace(
+            wanted,
+            time_limit=max(self.options.time_limit - self.seconds, 1e-9),
+            max_iterations=max_iterations,
+        )
+        problem = self.backend.place(self.compiled)
+        result = sqp.run(
+            problem,
+            problem.unknowns(self.nodes),
+            self.backend.array(self.lam),
+            options,
+            monitor,
+            self.backend,
+        )
+        self.seconds += result.seconds
+        return result

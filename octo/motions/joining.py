@@ -1,0 +1,57 @@
+"""Pieces in a row, polished as one problem that begins and ends at rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from octo.motions.budget import Budget
+from octo.motions.transitions import Pieces, stumbles
+from octo.result.solution import Solution
+from octo.solve import evaluated, solve
+from octo.solver.status import Status
+
+# ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
+KEEPS = 0.2
+JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
+
+
+def joined(pieces: Pieces, budget: Budget) -> Solution:
+    """The motion, with the iterations and the time of its pieces."""
+    path, into, out = pieces.path, pieces.into, pieces.out
+    middle = path.between(into.at, out.at)
+    nodes = np.concatenate([into.motion.x[1:], middle, out.motion.x[2:]])
+    whole = path.rest.replace(x_end=nodes[-1], v_end=np.zeros(path.journey.robot.nx))
+    raw = evaluated(whole, nodes, Status.JOINED)
+    polished = solve(whole, start=nodes, **budget.near("the whole motion"))
+    keeps = raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED
+    best = raw if keeps and _worse(polished, raw, path.journey.robot.base_coordinate) else polished
+    return _counted(best, pieces)
+
+
+def _worse(polished: Solution, raw: Solution, base: int) -> bool:
+    """Whether polishing has failed, added stumbles or moved x, y or the yaw of the base, whose
+    coordinates begin at ``base``, too far."""
+    away = np.abs(polished.x - raw.x)[:, [base, base + 1, base + 3]].max(axis=0)
+    return bool(
+        stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
+        or not polished.converged
+        or (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
+    )
+
+
+def _counted(motion: Solution, pieces: Pieces) -> Solution:
+    """With the iterations and the time of the pieces."""
+    stride = pieces.path.stride
+    parts = (stride, pieces.into.motion, pieces.out.motion, motion)
+    return replace(
+        motion,
+        iterations=sum(part.iterations for part in parts),
+        factorizations=sum(part.factorizations for part in parts),
+        setup_seconds=sum(part.setup_seconds for part in parts),
+        seconds=sum(part.seconds for part in parts),
+        processor_seconds=sum(part.processor_seconds for part in parts),
+        seed=stride.seed,
+        passes=(*stride.passes, *motion.passes),
+    )

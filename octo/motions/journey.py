@@ -1,0 +1,142 @@
+"""A steady motion from rest to rest as it is described: its strides, how many, how fast."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import positive, steps_in
+from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.static_pose import static_pose
+from octo.errors import MirrorError
+from octo.model.character import Character
+from octo.model.mirror import mirror_of
+from octo.problem import presets
+from octo.problem.closure import along_arc
+from octo.problem.codegen import touching_names
+from octo.problem.costs import Cost
+from octo.problem.cycle import TIME_STEP, Cycle, usual_period
+from octo.problem.problem import Problem
+
+Array = NDArray[np.float64]
+PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
+STARTS = 3  # of the cycle, for each period
+BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
+ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least: shorter ones stumble
+
+
+@dataclass(frozen=True, eq=False)
+class Journey:
+    """A steady motion of ``velocity`` (2,) m/s in the body's axes and ``rate`` rad/s, begun from
+    rest and ended at rest.
+
+    dt: s. seed, starts: number of the first start of each period's cycle, and their count. period:
+    s of a stride, or several to try; by default those of the robot's own length. terrain, law,
+    pose: as of a Problem.
+    """
+
+    robot: Character
+    velocity: tuple[float, float]
+    rate: float
+    seconds: float
+    dt: float = TIME_STEP
+    seed: int = 0
+    starts: int = STARTS
+    period: float | Sequence[float] | None = None
+    terrain: Any = None
+    law: Any = None
+    pose: Any = None
+
+    @property
+    def steps(self) -> int:
+        return max(1, steps_in(self.seconds, self.dt))
+
+    @cached_property
+    def whole(self) -> Problem:
+        """The motion as one problem that begins at rest, without a cycle: natural terms and the
+        speed."""
+        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural(length=1.0)}
+        pose: Any = "balanced" if self.pose is None else self.pose
+        problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
+        speed, rate = (*self.velocity, 0.0), self.rate or None
+        return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
+
+    @cached_property
+    def terms(self) -> list[Cost]:
+        """Of problems whose ends say how far: natural terms alone."""
+        return presets.natural(**self._body(self.whole))
+
+    @staticmethod
+    def _body(problem: Problem) -> dict[str, Any]:
+        """What the natural terms ask of the body that stands at rest, for problems that begin
+        elsewhere."""
+        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
+
+    @cached_property
+    def mirrored(self) -> bool:
+        """Whether half a stride and its mirror image do: straight ahead, of a robot that has a
+        mirror."""
+        if self.rate != 0.0 or self.velocity[1] != 0.0:
+            return False
+        try:
+            mirror_of(self.robot)
+        except MirrorError:
+            return False
+        return True
+
+    def periods(self) -> list[int]:
+        """Steps of the strides that are tried."""
+        own = self.period
+        if own is None:
+            length = self.whole.length
+            usual = usual_period(length, float(np.hypot(*self.velocity)) + abs(self.rate) * length)
+            own = [usual * part for part in PERIODS]
+        wanted = [own] if isinstance(own, (int, float)) else list(own)
+        grain = 2 if self.mirrored else 1
+        return sorted(
+            {
+                max(8, grain * round(positive("period", value, "s") / self.dt / grain))
+                for value in wanted
+            }
+        )
+
+    def counts(self) -> list[int]:
+        """Those of them that fit between rest and rest."""
+        return [count for count in self.periods() if count + 2 * self.ends(count) <= self.steps]
+
+    def ends(self, count: int) -> int:
+        """Steps in which a stride of ``count`` steps is entered."""
+        return max(count, round(ENDS * np.sqrt(self.whole.length / self.whole.gravity) / self.dt))
+
+    def faster(self, count: int) -> float:
+        """Speed of a stride of ``count`` steps over that of the whole motion, in which it is
+        entered and left."""
+        return self.steps / (self.steps - 2.0 * (1.0 - BEGUN) * self.ends(count))
+
+    def cycle(self, count: int) -> Problem:
+        """A stride of ``count`` steps."""
+        factor, period = self.faster(count), count * self.dt
+        steady = Cycle(
+            speed=factor * self.velocity[0],
+            sideways=factor * self.velocity[1],
+            turn=factor * self.rate * period,
+            period=period,
+            mirror=self.mirrored,
+        )
+        return self.whole.replace(steps=0, cycle=steady, costs=self.terms)
+
+    def way(self) -> Array:
+        """(nx,) from where the robot stands to where it stands after the motion."""
+        robot, problem, duration = self.robot, self.whole, self.steps * self.dt
+        assert isinstance(problem.dynamics, RobotDynamics)
+        first, angle, moved = robot.base_coordinate, self.rate * duration, problem.start.copy()
+        moved[first : first + 2] += along_arc(
+            np.array(self.velocity), angle, duration, float(moved[first + 3])
+        )
+        moved[first + 3] += angle
+        return static_pose(problem.dynamics, problem.p, moved) - problem.start

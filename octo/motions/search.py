@@ -1,0 +1,167 @@
+"""From a journey to its motion: strides are looked for, the best one is entered and left."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.static_pose import inside_limits, over_the_feet
+from octo.errors import ProblemError, StaticPoseError
+from octo.motions.budget import Budget, Interrupted, going_on
+from octo.motions.joining import JOINT, joined
+from octo.motions.journey import Journey
+from octo.motions.path import Path, blend, ground_law
+from octo.motions.transitions import Pieces
+from octo.problem.closure import plane_normal
+from octo.problem.cycle import Cycle
+from octo.ranking import best_of
+from octo.result.gait import flaws
+from octo.result.solution import Solution
+from octo.solve import solve, solve_all
+from octo.solver.status import Status
+from octo.starts import smooth_noise
+
+Array = NDArray[np.float64]
+# ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by
+# 0.3 at most
+RISES = 0.4
+# of the least E of the strides of that period or a shorter one: strides that cost more are not
+# looked at
+ODD = 1.25
+
+
+def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
+    """The motion of a journey; its ``starts`` has a record of each stride that was tried."""
+    counts = journey.counts()
+    if not counts:
+        short = f"{journey.seconds:g} s are too short for a stride between rest and rest"
+        return as_one_problem(journey, short, budget)
+    try:
+        cycles = [journey.cycle(count) for count in counts]
+    except ProblemError as error:
+        if journey.robot.base != "floating":
+            raise
+        return as_one_problem(journey, str(error), budget)
+    found: list[Solution] = []
+    for problem in cycles:
+        period = problem.steps * problem.dt * (2 if journey.mirrored else 1)
+        options = budget.left(f"a stride of {period:.3g} s")
+        found += solve_all(problem, seeds=journey.starts, seed=journey.seed, **options)
+        records = tuple(made.report() for made in found)
+        if any(made.status is Status.INTERRUPTED for made in found):
+            best = min(found, key=lambda made: (not made.converged, made.energy))
+            return replace(best, status=Status.INTERRUPTED, starts=records)
+        other = standing_as(journey, _good(found))
+        if other is not None:
+            motion = from_rest_to_rest(other, budget)
+            return replace(motion, starts=records + motion.starts)
+    good = _good(found)
+    if not good:
+        return as_one_problem(journey, "no stride converged", budget)
+    motion = _around(journey, min(good, key=_quality), budget)
+    return replace(motion, starts=records)
+
+
+def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
+    """The motion around one stride, or where that is interrupted strides alone."""
+    try:
+        stride = _whole_stride(journey, stride, budget)
+        return joined(_pieces(journey, stride, budget), budget)
+    except Interrupted:
+        strides = stride.tile(max(1, journey.steps // (2 * stride.steps)))
+        return replace(strides, status=Status.INTERRUPTED)
+
+
+def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
+    """The stride itself, or of a robot whose mirror image is a little different both halves, solved
+    for anew."""
+    assert stride.cycle is not None
+    if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
+        return stride
+    steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
+    problem = journey.whole.replace(
+        steps=0, cycle=steady, costs=journey.terms, parameters=ground_law(stride)
+    )
+    both = going_on(solve(problem, start=stride.tile(1), **budget.near("the whole stride")))
+    if not both.converged or both.energy > ODD * stride.energy:
+        return stride
+    return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
+
+
+def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
+    """From the pose at rest, or where that stumbles from one that stands as the stride does in the
+    mean."""
+    pieces = Pieces.of(Path(journey, stride), budget)
+    if pieces.clean or journey.pose is not None:
+        return pieces
+    try:
+        other = Pieces.of(Path(journey, stride, _mean_pose(journey, stride)), budget)
+    except StaticPoseError:
+        return pieces
+    return min(pieces, other, key=lambda one: one.rank)
+
+
+def standing_as(journey: Journey, strides: Sequence[Solution]) -> Journey | None:
+    """The journey of a robot that stands as the best of these strides does, with its length,
+    periods and terms.
+
+    None where the robot at rest stands about as high, where a pose was given, and where that
+    journey has no stride.
+    """
+    if journey.pose is not None or not strides:
+        return None
+    best = min(strides, key=_quality)
+    normal = plane_normal(journey.whole.terrain, journey.whole.values)
+    first = journey.robot.base_coordinate
+    away = best.x[1:, first : first + 3] - journey.whole.start[first : first + 3]
+    highest = RISES * journey.whole.length * float(np.linalg.norm(normal))
+    if abs(float((away @ normal).mean())) <= highest:
+        return None
+    other = replace(journey, pose=_mean_pose(journey, best))
+    try:
+        return other if other.counts() else None
+    except StaticPoseError:
+        return None
+
+
+def _mean_pose(journey: Journey, stride: Solution) -> Array:
+    """(nx,) the joints of the stride in the mean, over the feet."""
+    joints, pose = journey.robot.actuated, journey.whole.start.copy()
+    pose[joints] = stride.tile(1).x[1:-1, joints].mean(axis=0)
+    return over_the_feet(journey.robot, inside_limits(journey.robot, pose))
+
+
+def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
+    """One problem from rest to rest with the natural terms alone, and a line that says so."""
+    print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
+    way = journey.way()
+    motion = journey.whole.replace(costs=journey.terms, displacement=way)
+    first, last = (
+        np.tile(pose, (journey.steps + 1, 1)) for pose in (motion.start, motion.start + way)
+    )
+    guesses = [blend(first, last) for _ in range(journey.starts)]
+    for k, guess in enumerate(guesses):
+        guess[1:, motion.dynamics.actuated] += smooth_noise(motion, journey.seed + k)
+    members = solve([motion] * journey.starts, start=guesses, **budget.left("one problem"))
+    return best_of([replace(made, seed=journey.seed + k) for k, made in enumerate(members)])
+
+
+def _good(strides: Sequence[Solution]) -> list[Solution]:
+    """Those that converged and cost no more than ODD of the least E of their period or a shorter
+    one, for E falls with the period: others limp, or throw a leg."""
+    through = [made for made in strides if made.converged and made.passes[-1]["converged"]]
+    return [
+        made
+        for made in through
+        if made.energy
+        <= ODD * min(other.energy for other in through if len(other.u) <= len(made.u))
+    ]
+
+
+def _quality(stride: Solution) -> tuple[int, float]:
+    """The smaller, the better: flaws of the gait, then the work of the joints on the way."""
+    return flaws(stride.gait, stride.length), stride.power

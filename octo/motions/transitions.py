@@ -1,0 +1,136 @@
+"""The ways into a stride and out of it, each from several phases or lengths, the best kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.motions.budget import Budget, going_on
+from octo.motions.path import Path
+from octo.result.gait import SHORT
+from octo.result.solution import Solution
+from octo.result.stances import runs, stances
+from octo.solve import solve, solve_all
+
+Array = NDArray[np.float64]
+Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better
+PHASES = 6  # of the stride, at which it may be entered and left
+CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
+DEAR = 3.0  # of the stride's E: a piece that costs more is none
+# steps, by which the leaving is tried longer: at other phases of the stride
+LONGER = range(-4, 20, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """One way into the stride or out of it.
+
+    at: the phase at which it is entered, or in how many steps it is left. motion: how. rank: how
+    good that is.
+    """
+
+    at: int
+    motion: Solution
+    rank: Rank
+
+    @property
+    def clean(self) -> bool:
+        """Whether it converged, and without a stumble."""
+        return self.rank[:2] == (0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a journey around one stride is joined of."""
+
+    path: Path
+    into: Transition
+    out: Transition
+
+    @classmethod
+    def of(cls, path: Path, budget: Budget) -> Pieces:
+        """The best way in, and the best way out behind it."""
+        into = entered(path, budget)
+        return cls(path, into, left(path, into.at, budget))
+
+    @property
+    def rank(self) -> Rank:
+        """Of both: the smaller, the better."""
+        failed, stumbles, near, energy = (
+            a + b for a, b in zip(self.into.rank, self.out.rank, strict=True)
+        )
+        return int(failed), int(stumbles), int(near), energy
+
+    @property
+    def clean(self) -> bool:
+        """Whether it is entered and left without a stumble."""
+        return self.into.clean and self.out.clean
+
+
+def entered(path: Path, budget: Budget) -> Transition:
+    """The best way from rest into the stride."""
+    few = sorted({k * path.phases // PHASES for k in range(PHASES)})
+    best = _best_phase(path, few, budget)
+    others = sorted(set(range(path.phases)).difference(few))
+    if not best.clean and others:  # it stumbles at all of these: the phases between them
+        best = min(best, _best_phase(path, others, budget), key=lambda one: one.rank)
+    return best
+
+
+def _best_phase(path: Path, phases: Sequence[int], budget: Budget) -> Transition:
+    problems, starts = zip(*(path.enter(phase) for phase in phases), strict=True)
+    members = solve_all(problems, start=starts, **budget.near("entering it"))
+    found = []
+    for phase, made in zip(phases, map(going_on, members), strict=True):
+        after = path.tiled.normal_force[path.entry(phase) :][: path.count]
+        found.append(Transition(phase, made, _rank(made, path.stride, after=after)))
+    return min(found, key=lambda one: one.rank)
+
+
+def left(path: Path, phase: int, budget: Budget) -> Transition:
+    """The best way from the stride, entered at ``phase``, to rest."""
+    best: Transition | None = None
+    lengths = [path.ends + more for more in LONGER]
+    for length in [one for one in lengths if one <= path.journey.steps - path.ends]:
+        problem, start = path.leave(phase, length)
+        made = going_on(solve(problem, start=start, **budget.near("leaving it")))
+        node = path.exit(phase, length)
+        before = path.tiled.normal_force[node - path.count : node]
+        found = Transition(length, made, _rank(made, path.stride, before=before))
+        if best is None or found.rank < best.rank:
+            best = found
+        if best.clean and best.motion.energy < CHEAP * path.stride.energy:
+            break
+    assert best is not None
+    return best
+
+
+def _rank(
+    piece: Solution, stride: Solution, before: Array | None = None, after: Array | None = None
+) -> Rank:
+    """The smaller, the better: converged and not far dearer than the stride, without stumbles, then
+    by E.
+
+    before, after: loads (k, c) N of the stride that the piece comes from or leads to.
+    """
+    loads = np.concatenate(
+        [part for part in (before, piece.normal_force, after) if part is not None]
+    )
+    bad = not piece.converged or piece.energy > DEAR * stride.energy
+    near = stumbles(loads, piece, SHORT + piece.dt)  # polishing may take a step off
+    return (int(bad), stumbles(loads, piece), near, piece.energy)
+
+
+def stumbles(loads: Array, motion: Solution, least: float = SHORT) -> int:
+    """How many stances and swings in ``loads`` (N, c) N are shorter than ``least`` s."""
+    standing = stances(loads, motion.weight)
+    lengths = [
+        b - a
+        for foot in standing.T
+        for state in (foot, ~foot)
+        for a, b in runs(state, 0, len(loads))
+    ]
+    return sum(length * motion.dt < least - 1e-9 for length in lengths)

@@ -1,0 +1,166 @@
+"""Where a solve starts from: nodes and multipliers, given, or a pose with smooth noise."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from octo.checks import numbers
+from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import ShapeError
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.mass_matrix import joint_twists
+from octo.problem.closure import Closure
+from octo.problem.codegen import touching
+from octo.problem.compiled import CompiledProblem
+from octo.problem.problem import Array, Problem
+from octo.result.solution import Solution, solution_of
+
+# rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
+NOISE = 0.02
+NOISE_PERIOD = 0.5  # s, between the knots of the noise
+SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one that swings it
+CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
+
+
+def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
+    """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates,
+    or what the user gave."""
+    if problem.closure is not None:
+        return _first_cycle(problem, problem.closure, seed, start)
+    before = problem.start - problem.dt * problem.start_velocity
+    if start is None:
+        nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
+        nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
+    else:
+        nodes = _given_nodes(problem, start)
+        nodes[1] = problem.start
+    nodes[0] = before
+    return nodes
+
+
+def _first_cycle(
+    problem: Problem, closure: Closure, seed: int, start: Solution | Array | None
+) -> Array:
+    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first
+    harmonic."""
+    if start is None:
+        part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
+        nodes = closure.along(problem.start, problem.steps)
+        angle = 2.0 * np.pi * part / (2.0 if closure.mirrored else 1.0)
+        a, b = CYCLE_NOISE * np.random.default_rng(seed).standard_normal((2, problem.dynamics.nx))
+        swing = fore_and_aft(problem)
+        a = np.where(swing != 0.0, np.abs(a) * swing, a)
+        if closure.mirror is not None:  # left and right do the same, half a period apart
+            a, b = (0.5 * (wave - closure.mirror.matrix @ wave) for wave in (a, b))
+        joints = problem.dynamics.actuated
+        nodes[:, joints] = (
+            problem.start[joints] + (np.cos(angle) * a + np.sin(angle) * b)[:, joints]
+        )
+    else:
+        nodes = _given_nodes(problem, start)
+    nodes[:2] = nodes[-2:] @ closure.matrix.T + closure.constant
+    return nodes
+
+
+def fore_and_aft(problem: Problem) -> Array:
+    """(nx,) the sign with which a joint swings its foot forward while the neighbours of that foot
+    swing back; 0 of other joints.
+
+    Neighbours are the foot beside it and the one before it: of four legs those across swing
+    together, as in a trot. Starts without this rule pace as often as they trot, at the same E, and
+    a pace at speed falls over sideways.
+    """
+    signs = np.zeros(problem.dynamics.nx)
+    if not isinstance(problem.dynamics, RobotDynamics):
+        return signs
+    robot = problem.dynamics.character
+    x = problem.start
+    feet = touching(problem.dynamics, problem.setting)
+    centers, twists = sphere_centers(robot, x), joint_twists(robot, x)
+    heading = body_poses(robot, x)[0][robot.base_body]
+    place = (centers[feet] - centers[feet].mean(axis=0)) @ heading  # fore, left, up
+    for side in (1.0, -1.0):
+        row = sorted(
+            (k for k in range(len(feet)) if side * place[k, 1] > 0.0), key=lambda k: place[k, 0]
+        )
+        # heel and toe are one foot
+        bodies = list(dict.fromkeys(robot.contacts[feet[k]].body for k in row))
+        for k in row:
+            body = robot.contacts[feet[k]].body
+            step = side * (-1.0) ** bodies.index(body)
+            for j in set(robot.path[body]).intersection(robot.actuated.tolist()):
+                forward = (twists[j, 3:] + np.cross(twists[j, :3], centers[feet[k]])) @ heading[
+                    :, 0
+                ]
+                signs[j] = step * np.sign(forward) if abs(forward) > SWINGS else signs[j]
+    return signs
+
+
+def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
+    """x_0 (twice) … x_N (N+2, nx) that the user gave."""
+    given = numbers("start", start.x[1:] if isinstance(start, Solution) else start)
+    if given.ndim != 2 or given.shape[1] != problem.dynamics.nx or len(given) < 2:
+        raise ShapeError(
+            "start",
+            given.shape,
+            f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more",
+        )
+    given = resampled(given, problem.steps)
+    return np.concatenate([given[:1], given])
+
+
+def resampled(nodes: Array, steps: int) -> Array:
+    """Nodes (M+1, nx) as (steps+1, nx): the same motion from its first to its last, on a natural
+    cubic spline."""
+    if len(nodes) == steps + 1:
+        return nodes
+    spline = CubicSpline(np.linspace(0.0, 1.0, len(nodes)), nodes, axis=0, bc_type="natural")
+    return np.asarray(spline(np.linspace(0.0, 1.0, steps + 1)))
+
+
+def smooth_noise(problem: Problem, seed: int) -> Array:
+    """(N, nu) rad and m: a cubic spline through random knots, zero at the start; the same for the
+    same seed."""
+    duration = problem.steps * problem.dt
+    knots = max(3, int(np.ceil(duration / NOISE_PERIOD)) + 1)
+    values = NOISE * np.random.default_rng(seed).standard_normal((knots, problem.dynamics.nu))
+    values[0] = 0.0
+    times = problem.dt * np.arange(1, problem.steps + 1)
+    return np.asarray(CubicSpline(np.linspace(0.0, duration, knots), values, axis=0)(times))
+
+
+def first_multipliers(
+    starts: Sequence[Solution | Array | None], compiled: CompiledProblem
+) -> Array | None:
+    """Those of warm starts of the same shape, zero for other members."""
+    shape = (compiled.K, compiled.ma)
+    found = [
+        start.multipliers
+        if isinstance(start, Solution) and start.multipliers.shape == shape
+        else None
+        for start in starts
+    ]
+    return (
+        None
+        if all(lam is None for lam in found)
+        else np.stack([np.zeros(shape) if lam is None else lam for lam in found])
+    )
+
+
+def starts_of(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:
+    """The start of each member: a list has one for each problem."""
+    if not isinstance(start, (list, tuple)):
+        return [_opened(start)] * (len(problems) * seeds)
+    if len(start) != len(problems):
+        raise ShapeError("start", (len(start),), f"({len(problems)},): one for each problem")
+    return [one for one in map(_opened, start) for _ in range(seeds)]
+
+
+def _opened(start: Any) -> Any:
+    """What the user gave, or the solution at a path."""
+    return solution_of(start) if isinstance(start, (str, os.PathLike)) else start
