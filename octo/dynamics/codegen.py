@@ -66,7 +66,8 @@ def robot_text(
     elements = elements_of(character, layout, _Links(character).of)
     functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
-    check_length("contact law, terrain and elements", length, "write them in fewer operations")
+    what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
+    check_length(what, length, "write them in fewer operations")
     sizes, tables = _tables(character, elements)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     common = [source("tree.c"), source("pairs.c")]
