@@ -8,7 +8,7 @@ contact_model.py. q (NQ) starts with one coefficient per term, then come the ref
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
@@ -50,6 +50,8 @@ class CostFunctions:
     state_sparsity: ca.Sparsity
     state_terms: tuple[int, ...]  # term of each row
     contact: ContactFunctions | None
+    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
+    between: tuple[tuple[int, ca.Function], ...]
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
@@ -69,8 +71,8 @@ class Residuals:
     Attributes
     ----------
     inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
-        indices. between: of each term over neighbouring controls c, c_next; contact: those of one
-        contact.
+        indices. between: by the index of each term over neighbouring controls c, c_next; contact:
+        those of one contact.
     """
 
     references: References
@@ -78,7 +80,7 @@ class Residuals:
     state: list[ca.SX]
     terms: list[int]
     controls: list[ca.SX]
-    between: list[ca.SX]
+    between: dict[int, ca.SX]
     contact: ContactResiduals | None
 
     @cached_property
@@ -97,7 +99,7 @@ class Residuals:
         written = [self.function.serialize()]
         if self.between:
             over = [*self.controls, *self.inputs[4:]]
-            written.append(ca.Function("between", over, self.between).serialize())
+            written.append(ca.Function("between", over, list(self.between.values())).serialize())
         own = None if self.contact is None else self.contact.structure
         return kinds, places, tuple(self.terms), *written, own
 
@@ -116,14 +118,14 @@ def residuals_of(
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     nodes, step = step_symbols(dynamics, p)
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
-    state, own, between = [], [], []
+    state, own, between = [], [], {}
     for k, term in enumerate(terms):
         if isinstance(term, ContactCost):
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
             if between_controls and isinstance(term, NeighbourCost):
-                between.append(term.shaped(term.between(controls[0], controls[1], view), view))
+                between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
             state.append(term.shaped(term.residual(step, view), view))
         own.append(k)
@@ -160,7 +162,16 @@ def derived(made: Residuals) -> CostFunctions:
         jac.sparsity(),
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
+        tuple(_over_neighbours(made)),
     )
+
+
+def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
+    both = ca.vertcat(*made.controls)
+    for number, (k, r) in enumerate(made.between.items()):
+        inputs = [*made.controls, made.inputs[-1]]
+        out = [r, ca.jacobian(r, both)]
+        yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
 def cost_functions(

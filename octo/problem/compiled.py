@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import doubles
 from octo.dynamics.evaluate import Dynamics
-from octo.problem.basis import Basis, Hermite, Stencil, node_values
+from octo.problem.basis import Basis, Stencil, node_values
 from octo.problem.codegen import CostFunctions
-from octo.problem.costs import NeighbourCost
 from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
@@ -68,9 +67,8 @@ class CompiledProblem:
         references = self.program.functions.references
         self.plan, self.data = lowered(problems, references)
         self.neighbours: NeighbourTerms | None = None if like is None else like.neighbours
-        if like is None and isinstance(self.plan.basis, Hermite):
-            between = any(isinstance(term, NeighbourCost) for term in first.costs)
-            self.neighbours = NeighbourTerms(self.plan, references) if between else None
+        if like is None and self.functions.between:
+            self.neighbours = NeighbourTerms(self.plan, self.functions)
 
     # -- what it is made of ------------------------------------------------------------------------
 

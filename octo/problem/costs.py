@@ -63,7 +63,7 @@ class Cost:
 
     @property
     def label(self) -> str:
-        """The name the term goes by in reports and in ``Problem.update``."""
+        """The name the term goes by in reports and in ``Controller.update``."""
         return self.name or type(self).__name__
 
     def references(self, setting: Setting) -> Mapping[str, Any]:

@@ -8,16 +8,13 @@ stands.
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.interrupts import postponed
 from octo.problem.basis import Hermite
-from octo.problem.costs import NeighbourCost
+from octo.problem.codegen import CostFunctions
 from octo.problem.data import Data
 from octo.problem.plan import Plan
-from octo.problem.references import References, blamed, sizes
 
 Array = NDArray[np.float64]
 
@@ -25,31 +22,17 @@ Array = NDArray[np.float64]
 class NeighbourTerms:
     """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed.
 
-    functions: each term's place in the list of terms, and (c_k, c_{k+1}, q) -> r, dr/d(c_k,
-    c_{k+1}).
+    functions: ``between`` of :class:`~octo.problem.codegen.CostFunctions`.
     """
 
-    @postponed()
-    def __init__(self, plan: Plan, references: References):
+    def __init__(self, plan: Plan, functions: CostFunctions):
         assert isinstance(plan.basis, Hermite)
         self.segment = plan.basis.steps_per_segment
         self.segments = plan.K - 1
         self.size = plan.nc
-        self.count, self.references = len(references.terms), max(references.size, 1)
-        control, following = ca.SX.sym("c", self.size), ca.SX.sym("c_next", self.size)
-        q = ca.SX.sym("q", self.references)
-        self.functions: list[tuple[int, ca.Function]] = []
-        for k, term in enumerate(references.terms):
-            if not isinstance(term, NeighbourCost):
-                continue
-            with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                view = references.view(q, k)
-                r = term.shaped(term.between(control, following, view), view)
-            jac = ca.jacobian(r, ca.vertcat(control, following))
-            name = f"octo_between_{len(self.functions)}"
-            self.functions.append(
-                (k, ca.Function(name, [control, following, q], [r, jac], {"cse": True}))
-            )
+        self.count = len(functions.references.terms)
+        self.references = max(functions.references.size, 1)
+        self.functions = functions.between
         self._over_segments = [(k, function.map(self.segments)) for k, function in self.functions]
 
     def anchors(self, data: Data) -> Array:
