@@ -12,6 +12,7 @@ from octo.gpu.device import Array, Device
 from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.neighbours import anchors
 
 BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
 
@@ -26,9 +27,9 @@ class DeviceProblem:
         self.p, self.q, self.row_scale, self.constant = (
             device.array(getattr(problem, name)) for name in BATCHED[:4]
         )
-        neighbours = problem.neighbours
+        between = bool(problem.functions.between)
         self.anchor = device.array(
-            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem.data)
+            anchors(problem.plan, problem.data) if between else np.zeros((problem.batch, 1))
         )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = (

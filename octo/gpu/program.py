@@ -64,7 +64,8 @@ class Program:
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
-        self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
+        between = problem.program.between
+        self.between = None if between is None else Between(between, device)
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
@@ -110,12 +111,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
-    if problem.neighbours is not None:
-        scratch += (
-            K
-            * sum(function.numel_out(0) for _, function in problem.neighbours.functions)
-            * (2 * nc + 1)
-        )
+    if problem.program.between is not None:
+        scratch += K * problem.program.between.rows * (2 * nc + 1)
     # poses and twists: bodies are no more than a few for each degree of freedom
     kin = N * 12 * (3 * n)
     factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))

@@ -25,7 +25,6 @@ from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
 from octo.problem.native_steps import NativeSteps
-from octo.problem.neighbours import NeighbourTerms
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
 from octo.problem.program import Program
@@ -66,9 +65,6 @@ class CompiledProblem:
         self.weight = first.weight
         references = self.program.functions.references
         self.plan, self.data = lowered(problems, references)
-        self.neighbours: NeighbourTerms | None = None if like is None else like.neighbours
-        if like is None and self.functions.between:
-            self.neighbours = NeighbourTerms(self.plan, self.functions)
 
     # -- what it is made of ------------------------------------------------------------------------
 
@@ -203,8 +199,8 @@ class CompiledProblem:
         """What evaluates and derives the steps."""
         if self.library is None:
             return Interpreted(self.program, self.plan, self.data)
-        terms = len(self.functions.references.terms)
-        return NativeSteps(self.library, terms, self.plan, self.data, self.threads)
+        between = bool(self.functions.between)
+        return NativeSteps(self.library, between, self.plan, self.data, self.threads)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
@@ -234,9 +230,7 @@ class CompiledProblem:
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         C = np.empty((self.batch, self.K, self.ma))
-        self.steps_code.evaluate(nodes, fd, terms, C)
-        if self.neighbours is not None:
-            self.neighbours.values(self.data, unknowns, terms)
+        self.steps_code.evaluate(unknowns, nodes, fd, terms, C)
         return Evaluation.of(unknowns, nodes, fd, terms, terms.sum(axis=(1, 2)), C)
 
     def reduce(self, fd: Array) -> Array:
@@ -254,8 +248,6 @@ class CompiledProblem:
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
         b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
         self.steps_code.linearize(at, lam, curved, (H, A, b, C))
-        if self.neighbours is not None:
-            self.neighbours.add(self.plan, self.data, at.unknowns, H, b)
         self.plan.fill_dummies(H)
         return Model(H, A, b, C)
 

@@ -19,6 +19,7 @@ from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
 from octo.problem.data import Data
 from octo.problem.evaluation import Evaluation
+from octo.problem.neighbours import NeighbourTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
 
@@ -136,6 +137,11 @@ class Interpreted:
         )
 
     @cached_property
+    def _between(self) -> NeighbourTerms | None:
+        functions = self.program.functions
+        return NeighbourTerms(self.plan, functions) if functions.between else None
+
+    @cached_property
     def _touches(self) -> dict[bool, ca.Function]:
         """By whether they are exact."""
         return {}
@@ -145,11 +151,13 @@ class Interpreted:
         p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
         return [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
+    def evaluate(self, unknowns: Array, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
         terms[:] = self.terms(nodes, fd)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
+        if self._between is not None:
+            self._between.values(self.data, unknowns, terms)
 
     def terms(self, nodes: Array, fd: Array) -> Array:
         """(batch, N, terms) coefficient·|r|²."""
@@ -203,6 +211,8 @@ class Interpreted:
         constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
         self._scatter(step_hess, gradient, constraints, out)
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
+        if self._between is not None:
+            self._between.add(self.data, at.unknowns, out[0], out[2])
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
         """Residuals over the state (batch, N, rows), their derivatives to (z, u), and what their

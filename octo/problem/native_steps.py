@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from octo.checks import doubles
 from octo.problem.data import Data
 from octo.problem.evaluation import Evaluation
+from octo.problem.neighbours import controls_of
 from octo.problem.plan import Plan
 
 Array = NDArray[np.float64]
@@ -20,17 +21,20 @@ Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
 
 
 class NativeSteps:
-    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads."""
+    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads.
 
-    def __init__(self, library: ctypes.CDLL, terms: int, plan: Plan, data: Data, threads: int):
-        self.library, self.terms, self.plan, self.data = library, terms, plan, data
+    between: whether there are terms over neighbouring controls.
+    """
+
+    def __init__(self, library: ctypes.CDLL, between: bool, plan: Plan, data: Data, threads: int):
+        self.library, self.between, self.plan, self.data = library, between, plan, data
         self.threads = threads
 
     def select(self, data: Data) -> NativeSteps:
         """For other numbers."""
-        return NativeSteps(self.library, self.terms, self.plan, data, self.threads)
+        return NativeSteps(self.library, self.between, self.plan, data, self.threads)
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
+    def evaluate(self, unknowns: Array, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
         own = self._own_task()
         task = own[0]
@@ -38,6 +42,10 @@ class NativeSteps:
         task.terms, task.c = terms.ctypes.data, C.ctypes.data
         if self.library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
+        if self.between:
+            controls = controls_of(self.plan, self.data, unknowns)
+            where = ctypes.c_void_p(controls.ctypes.data)
+            self.library.octo_between_values(ctypes.byref(task), where, self.threads)
         self._free_tasks.append(own)
 
     def linearize(
@@ -60,7 +68,16 @@ class NativeSteps:
         task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
         if self.library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
+        if self.between:
+            self._add_between(task, at.unknowns)
         self._free_tasks.append(own)
+
+    def _add_between(self, task: Task, unknowns: Array) -> None:
+        """What the terms over neighbouring controls add to H and b."""
+        controls = controls_of(self.plan, self.data, unknowns)
+        fixed = np.isin(np.arange(self.plan.K), self.plan.fixed).astype(np.int32)
+        where = (ctypes.c_void_p(array.ctypes.data) for array in (controls, fixed))
+        self.library.octo_between_model(ctypes.byref(task), *where, self.threads)
 
     @cached_property
     def _free_tasks(self) -> list[tuple[Task, Kept]]:
