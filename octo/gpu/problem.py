@@ -231,6 +231,11 @@ class DeviceProblem:
             together=TOGETHER,
         )
 
+    def gradient(self, at: Evaluation) -> tuple[Array, Array]:
+        """As :meth:`CompiledProblem.gradient`, out of a whole model."""
+        model = self.linearize(at, None)
+        return model.b, model.A
+
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
         return at.terms.sum(axis=1)

@@ -162,7 +162,7 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; with ``half`` nothing of use
+/* hess (W3, LD), or 0, and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; with ``half`` nothing of use
  * stands left of the nodes' diagonal blocks. */
 static void octo_gauss_newton(const octo_rows *rows, const double *curvature, const double *touched, int half, double *hess, double *gradient) {
   v8 sum[LD / 8];
@@ -170,6 +170,7 @@ static void octo_gauss_newton(const octo_rows *rows, const double *curvature, co
   for (int r = 0; r < rows->count; ++r)
     for (int j = 0; j < LD / 8; ++j) sum[j] += rows->value[r] * *(const v8 *)(rows->row[r] + 8 * j);
   for (int j = 0; j < LD / 8; ++j) ((v8 *)gradient)[j] = sum[j];
+  if (!hess) return;
   octo_square(rows, curvature, 0, hess);
   octo_square(rows, curvature, 1, hess);
   octo_square(rows, curvature, 2, hess);
@@ -246,13 +247,13 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
 #if NFC > 0
   double *past[STEPS], *slope[STEPS];
   for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX, slope[k] = s->slope[k];
-  if (!t->lam) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
-  octo_touch(&s->touched, &in, s->group.q, t->lam && (!t->curved || t->curved[member]), lanes->hess);
-  octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
+  if (!t->lam && t->h) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
+  octo_touch(&s->touched, &in, s->group.q, t->lam && (!t->curved || t->curved[member]), t->h ? lanes->hess : 0);
+  if (t->h) octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
   octo_spread(s->touched.gradient, W3, slope, STEPS);
 #endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
-  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
+  if (t->lam || (NFC > 0 && t->h)) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
   s->zeros = lanes->touching;
 }
 
@@ -264,9 +265,10 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *slope = 0;
 #endif
   octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
+  double *hess = t->h ? s->hess : 0;
+  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, hess, s->gradient);
   if (t->carry && i < 2) {
-    octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
+    octo_carry_back(t->carry + (size_t)member * NX * NX, i, hess, s->gradient, s->jac[k]);
     s->zeros = 2;
   }
   octo_find_places(t, i, &s->places);
@@ -275,7 +277,8 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
   int fresh = t->parts == 1 && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (!hess) octo_scatter_gradient(g, &s->places, s->gradient);
+  else if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
@@ -290,7 +293,7 @@ static void octo_linearize_chunk(void *shared, int item) {
   octo_scratch *s = aligned_alloc(64, (sizeof(octo_scratch) + 63) / 64 * 64);
   if (!s) { sweep->failed = 1; return; }
   double *halo = t->halo + ((size_t)member * t->chunks + chunk) * halo_size;
-  octo_target g = {t->h + unit0 * hs, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
+  octo_target g = {t->h ? t->h + unit0 * hs : 0, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
                    halo, halo + 2 * hs, halo + 2 * hs + as, halo + 2 * hs + as + 2 * nc,
                    t->chunk_unit[chunk], t->chunk_row[chunk], nc, ma, t->chunk_unit[chunk], t->chunk_row[chunk]};
   int unit_last = chunk + 1 < t->chunks ? t->chunk_unit[chunk + 1] : t->units, row_last = chunk + 1 < t->chunks ? t->chunk_row[chunk + 1] : t->units;

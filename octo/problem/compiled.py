@@ -244,12 +244,27 @@ class CompiledProblem:
         the terms over torques, and of the terms over contacts for the members ``curved`` (batch,)
         bool, all by default."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
-        shape = (self.batch, self.K)
-        H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
-        b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
+        H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
+        A, b, C = self._first_order()
         self.steps_code.linearize(at, lam, curved, (H, A, b, C))
         self.plan.fill_dummies(H)
         return Model(H, A, b, C)
+
+    def gradient(self, at: Evaluation) -> tuple[Array, Array]:
+        """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
+        second derivatives."""
+        A, b, C = self._first_order()
+        self.steps_code.linearize(at, None, None, (None, A, b, C))
+        return b, A
+
+    def _first_order(self) -> tuple[Array, Array, Array]:
+        """Room for A, b and C."""
+        shape = (self.batch, self.K)
+        return (
+            np.empty((*shape, 3, self.ma, self.nc)),
+            np.empty((*shape, self.nc)),
+            np.empty((*shape, self.ma)),
+        )
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""

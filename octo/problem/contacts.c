@@ -76,7 +76,7 @@ static void octo_touch_joint(octo_touched *s, const octo_input *in, const real *
     twist[node] = in->kin[node] + 12 * NB;
     s->gradient[node * NX + j] = octo_along(twist[node] + 6 * j, touched + 6 * node);
   }
-  for (int b = 0; b < BLOCKS; ++b) {
+  for (int b = 0; hess && b < BLOCKS; ++b) {
     const real *block = touched + 18 + 36 * b;
     real down[6] = {ZERO}, up[6] = {ZERO}; /* the row of j's ancestors in the newer node, and in the older one */
     real *at = (b < 5 ? hess + 1 + kind[b] * NRELATED : s->past + 1) + octo_path_start[j], *back = b < 5 ? at + 2 * NRELATED : at + NRELATED;
@@ -89,7 +89,7 @@ static void octo_touch_joint(octo_touched *s, const octo_input *in, const real *
   }
 }
 
-/* Adds the second derivatives of a group, ``exact`` or by Gauss and Newton, to hess, and writes block 12 and the gradient. */
+/* Adds the second derivatives of a group, ``exact`` or by Gauss and Newton, to hess, if any, and writes block 12 and the gradient. */
 static void octo_touch(octo_touched *s, const octo_input *in, const real *q, int exact, real *hess) {
   char found[NLINK];
   memset(s->past, 0, sizeof s->past);

@@ -18,7 +18,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
 from octo.problem.data import Data
-from octo.problem.evaluation import Evaluation
+from octo.problem.evaluation import Blocks, Evaluation
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
@@ -173,13 +173,9 @@ class Interpreted:
         return out
 
     def linearize(
-        self,
-        at: Evaluation,
-        lam: Array | None,
-        curved: NDArray[np.bool_] | None,
-        out: tuple[Array, Array, Array, Array],
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, A, b, C."""
+        """Fills H, if any, A, b, C."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
         r, jac, coefficient = self._rows(at)
@@ -209,10 +205,13 @@ class Interpreted:
             fd_jac = fd_jac.copy()
             self._carry_back(self.data.carry, step_hess, gradient, fd_jac)
         constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
-        self._scatter(step_hess, gradient, constraints, out)
+        H = out[0]
+        if H is None:  # it costs little beside the rest
+            H = np.empty((len(r), plan.K, 3, plan.nc, plan.nc))
+        self._scatter(step_hess, gradient, constraints, (H, out[1], out[2]))
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
         if self._between is not None:
-            self._between.add(self.data, at.unknowns, out[0], out[2])
+            self._between.add(self.data, at.unknowns, H, out[2])
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
         """Residuals over the state (batch, N, rows), their derivatives to (z, u), and what their
@@ -254,9 +253,9 @@ class Interpreted:
                 hess[:, i, own] = np.matmul(np.swapaxes(carry, 1, 2), hess[:, i, own])
 
     def _scatter(
-        self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]
+        self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array]
     ) -> None:
-        H, A, b, _ = out
+        H, A, b = out
         s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(self.plan.steps):

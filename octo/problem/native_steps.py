@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from octo.checks import doubles
 from octo.problem.data import Data
-from octo.problem.evaluation import Evaluation
+from octo.problem.evaluation import Blocks, Evaluation
 from octo.problem.neighbours import controls_of
 from octo.problem.plan import Plan
 
@@ -49,13 +49,9 @@ class NativeSteps:
         self._free_tasks.append(own)
 
     def linearize(
-        self,
-        at: Evaluation,
-        lam: Array | None,
-        curved: NDArray[np.bool_] | None,
-        out: tuple[Array, Array, Array, Array],
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, A, b, C."""
+        """Fills H, if any, A, b, C."""
         batch, steps, n = len(self.data.p), self.plan.steps, self.plan.n
         nodes = doubles("nodes", at.nodes, (batch, steps + 2, n))
         fd = doubles("fd", at.fd, (batch, steps, n))
@@ -65,7 +61,9 @@ class NativeSteps:
         task.lam = None if lam is None else lam.ctypes.data
         members = None if curved is None else np.ascontiguousarray(curved, dtype=np.int32)
         task.curved = None if members is None else members.ctypes.data
-        task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
+        task.h, task.a, task.b, task.c = (
+            None if array is None else array.ctypes.data for array in out
+        )
         if self.library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
         if self.between:

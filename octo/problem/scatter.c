@@ -26,7 +26,7 @@ typedef struct {
   double *fd;            /* (batch, steps, NX) out of octo_evaluate, in to octo_linearize */
   double *terms;         /* (batch, steps, NTERM); NULL in octo_linearize without lam: fd was not evaluated, it is written */
   const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
-  double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
+  double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) or NULL: no second derivatives; (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
   const int *curved;     /* (batch) with lam: whether the terms over contacts have all of their curvature, or Gauss and Newton's; NULL: all do */
@@ -55,7 +55,7 @@ static double *octo_c(const octo_target *g, int row) { return row < g->row ? g->
 static void octo_clear(octo_target *g, int units, int rows, int fresh) {
   size_t hs = 3 * (size_t)g->nc * g->nc, as = 3 * (size_t)g->ma * g->nc;
   for (; g->clear_unit < units; ++g->clear_unit) {
-    if (!fresh) memset(g->h + g->clear_unit * hs, 0, hs * sizeof(double));
+    if (!fresh && g->h) memset(g->h + g->clear_unit * hs, 0, hs * sizeof(double));
     memset(g->b + (size_t)g->clear_unit * g->nc, 0, g->nc * sizeof(double));
   }
   for (; g->clear_row < rows; ++g->clear_row) {
@@ -112,6 +112,7 @@ static void octo_carry_back(const double *carry, int i, double *hess, double *gr
   int node = 1 + i; /* step 0 sees both as nodes 1 and 2, step 1 sees x_0 as node 2 */
   octo_carry_line(carry, node, gradient);
   for (int r = 0; r < NX; ++r) octo_carry_line(carry, node, jac + r * W3);
+  if (!hess) return;
   for (int r = 0; r < W3; ++r) octo_carry_line(carry, node, hess + r * LD);
   for (int c = 0; c < W3; ++c) {
     double column[W3];
@@ -119,6 +120,11 @@ static void octo_carry_back(const double *carry, int i, double *hess, double *gr
     octo_carry_line(carry, node, column);
     for (int r = 0; r < W3; ++r) hess[r * LD + c] = column[r];
   }
+}
+
+/* b += Sᵀ gradient. */
+static void octo_scatter_gradient(const octo_target *g, const octo_places *s, const double *gradient) {
+  for (int a = 0; a < s->count; ++a) octo_combine(s, a, gradient, 1, octo_b(g, s->unit[a]) + s->part[a] * NX);
 }
 
 /* Nodes: a part is a whole node. The first step that sees a unit, with both units before it, writes all of its blocks. */
@@ -203,7 +209,7 @@ static void octo_add_halo(const octo_task *t, int member) {
       int unit = t->chunk_unit[chunk] - 2 + k;
       if (unit < 0) continue;
       double *h = t->h + ((size_t)member * t->units + unit) * hs, *b = t->b + ((size_t)member * t->units + unit) * nc;
-      for (size_t j = 0; j < hs; ++j) h[j] += halo[k * hs + j];
+      for (size_t j = 0; t->h && j < hs; ++j) h[j] += halo[k * hs + j];
       for (int j = 0; j < nc; ++j) b[j] += halo[2 * hs + as + k * nc + j];
     }
     int row = t->chunk_row[chunk] - 1;
