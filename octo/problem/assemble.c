@@ -14,7 +14,8 @@ typedef struct {
 
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
   octo_lanes_clear(&g->lanes);
-  octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
+  if (t->apart) octo_lanes_begin_apart(&g->lanes, t->nodes + (size_t)member * t->steps * 3 * NX, first, last - 1);
+  else octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
 }
 
 static void octo_group_arguments(octo_group *g, const octo_task *t, int member, int i, int count) {
@@ -267,6 +268,10 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
   double *hess = t->h ? s->hess : 0;
   octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, hess, s->gradient);
+  if (t->apart) {
+    octo_write_stage(t, member, i, fd, s->jac[k], hess, s->gradient);
+    return;
+  }
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, hess, s->gradient, s->jac[k]);
     s->zeros = 2;
@@ -306,7 +311,7 @@ static void octo_linearize_chunk(void *shared, int item) {
     octo_derive_group(t, s, ma, member, i, count);
     for (int k = 0; k < count; ++k) octo_linearize_step(t, &g, s, member, i + k, k);
   }
-  octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
+  if (!t->apart) octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
   free(s);
 }
 

@@ -133,6 +133,7 @@ class Task(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int) for name in SIZES),
         *((name, ctypes.c_void_p) for name in FIELDS),
+        ("apart", ctypes.c_int),
     ]
 
 

@@ -19,7 +19,7 @@ typedef struct {
   const int *chunk_step, *chunk_unit, *chunk_row;             /* (chunks+1), (chunks), (chunks): first own step, unit, row */
   const int *slot_unit, *slot_part; const double *slot_value;  /* (steps+2, slots) */
   const int *test_row, *test_part; const double *test_value;   /* (steps, tests) */
-  const double *nodes;   /* (batch, steps+2, NX) */
+  const double *nodes;   /* (batch, steps+2, NX); apart: (batch, steps, 3, NX), x_next first */
   const double *p;       /* (batch, NP) */
   const double *q;       /* (batch, steps, NQ) coefficients and references of the costs */
   const double *row_scale; /* (batch, MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
@@ -30,6 +30,7 @@ typedef struct {
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
   const int *curved;     /* (batch) with lam: whether the terms over contacts have all of their curvature, or Gauss and Newton's; NULL: all do */
+  int apart;             /* each step has its own nodes, and its own h (batch, steps, W3, W3), a (batch, steps, MU, W3), b (batch, steps, W3), c */
 } octo_task;
 
 static int octo_halo_size(const octo_task *t) {
@@ -180,6 +181,18 @@ static void octo_scatter_constraints(const octo_task *t, const octo_target *g, c
     }
   }
 #endif
+}
+
+/* Steps apart: what one makes of its own three nodes, before any stencil; of h what stands right of the nodes' diagonal blocks. */
+static void octo_write_stage(const octo_task *t, int member, int i, const double *fd, const double *jac, const double *hess, const double *gradient) {
+  size_t step = (size_t)member * t->steps + i;
+  const double *row_scale = t->row_scale + (size_t)member * MU;
+  for (int r = 0; hess && r < W3; ++r) memcpy(t->h + (step * W3 + r) * W3, hess + r * LD, W3 * sizeof(double));
+  memcpy(t->b + step * W3, gradient, W3 * sizeof(double));
+  for (int r = 0; r < MU; ++r) {
+    t->c[step * MU + r] = row_scale[r] * fd[octo_unactuated[r]];
+    for (int j = 0; j < W3; ++j) t->a[(step * MU + r) * W3 + j] = row_scale[r] * jac[octo_unactuated[r] * W3 + j];
+  }
 }
 
 /* C of one member. */
