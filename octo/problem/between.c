@@ -46,7 +46,28 @@ static void octo_between_square(const octo_between_call *call, int member, int z
   }
 }
 
-/* 2 JᵀJ and 2 Jᵀr to h, where there is one, and b. */
+#if BS > 0
+/* h of segment z += twice Σ r ∂²r of term k. */
+static void octo_between_bend(const octo_between_call *call, int member, int z, int k, double twice, const double **arg) {
+  const octo_task *t = call->task;
+  double made[BS], *h = t->h + ((size_t)member * t->units + z) * 3 * BC * BC;
+  int first = octo_between_first_curve[k], older = z == 0 || call->fixed[z - 1], newer = call->fixed[z];
+  octo_between_curve(k, arg, (double *[]){made});
+  for (int e = first; e < octo_between_first_curve[k + 1]; ++e) {
+    int a = octo_between_curve_row[e], b = octo_between_curve_column[e];
+    if ((a < BC && older) || (b >= BC && newer)) continue;
+    double value = twice * made[e - first];
+    if (a < BC && b >= BC) h[(BC + b - BC) * BC + a] += value;
+    else {
+      double *own = b < BC ? h - 3 * BC * BC : h;
+      own[a % BC * BC + b % BC] += value;
+      if (a != b) own[b % BC * BC + a % BC] += value;
+    }
+  }
+}
+#endif
+
+/* 2 JᵀJ and 2 Jᵀr to h, where there is one, and b; to JᵀJ of exact terms their residuals' curvature, as octo_linearize does. */
 static void octo_between_model_of(void *shared, int member) {
   const octo_between_call *call = shared;
   const octo_task *t = call->task;
@@ -61,6 +82,9 @@ static void octo_between_model_of(void *shared, int member) {
       octo_between(BETWEEN + k, arg, (double *[]){slopes + octo_between_first_entry[k]});
       for (int row = octo_between_first_row[k]; row < octo_between_first_row[k + 1]; ++row)
         octo_between_square(call, member, z, row, 2.0 * weight, r[row], slopes);
+#if BS > 0
+      if (t->h && octo_is_curved(t, member)) octo_between_bend(call, member, z, k, 2.0 * weight, arg);
+#endif
     }
   }
 }

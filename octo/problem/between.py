@@ -69,7 +69,7 @@ class BetweenCode:
         made: list[list[ca.Function]] = [[], []]  # values, derivatives
         for _, function in self.functions.between:
             inputs = function.sx_in()
-            r, jac = function(*inputs)
+            r, jac = function(*inputs)[:2]
             slopes = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
             for kind, name, output in zip(made, ("value", "slope"), (r, slopes), strict=True):
                 named = f"octo_between_{name}{len(kind)}"
@@ -106,13 +106,42 @@ class BetweenCode:
         }
         return [_table(name, values) for name, values in tables.items()]
 
+    @postponed()
+    def _curves(self) -> str:
+        """``octo_between_curve(k, arg, res)``: Σ r ∂²r of a term that is exact, from its diagonal
+        on; sizes and tables."""
+        functions, cases, patterns = [], [], []
+        for k, (_, function) in enumerate(self.functions.between):
+            inputs = function.sx_in()
+            made = function(*inputs)
+            upper = ca.sparsify(ca.triu(made[2])) if len(made) > 2 else ca.SX(0, 0)
+            patterns.append(upper.sparsity())
+            if upper.nnz():
+                name, value = f"octo_between_curve{k}", ca.vertcat(*upper.nonzeros())
+                functions.append(ca.Function(name, inputs, [value], {"cse": True}))
+                cases.append(f"case {k}: {name}(arg, res); break;")
+        first = _starts(pattern.nnz() for pattern in patterns)
+        return "\n".join(
+            [
+                *map(function_of_numbers, functions),
+                f"#define BS {first[-1]}",
+                _table("first_curve", first),
+                _table("curve_row", [row for p in patterns for row in p.row()]),
+                _table("curve_column", [column for p in patterns for column in p.get_col()]),
+                "static void octo_between_curve(int k, const double **arg, double **res) {",
+                f"  switch (k) {{ {' '.join(cases)} }}\n}}",
+            ]
+        )
+
     def c_text(self) -> str:
         """With between.c; stands after assemble.c."""
         rows = np.array(self._entry_rows, dtype=int)
         order = np.argsort(rows, kind="stable")
         start = np.searchsorted(rows[order], np.arange(self.rows + 1))
         own = (resources.files("octo.problem") / "between.c").read_text(encoding="utf-8")
-        return "\n".join([self.text, _table("row_start", start), _table("row_entry", order), own])
+        return "\n".join(
+            [self.text, self._curves(), _table("row_start", start), _table("row_entry", order), own]
+        )
 
 
 def _starts(counts: Iterable[int]) -> list[int]:
