@@ -14,6 +14,7 @@ from importlib import resources
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.dynamics.emit import function_of_numbers
 from octo.interrupts import postponed
@@ -59,6 +60,16 @@ class BetweenCode:
     def entries(self) -> int:
         """Their derivatives that may not be zero."""
         return sum(pattern.nnz() for pattern in self._patterns)
+
+    @property
+    def pattern(self) -> NDArray[np.bool_]:
+        """(2 size, 2 size) what their squares couple."""
+        whole = np.zeros((2 * self.size, 2 * self.size), dtype=bool)
+        for own in self._patterns:
+            rows = np.zeros(own.shape, dtype=bool)
+            rows[own.row(), own.get_col()] = True
+            whole |= rows.T @ rows
+        return whole
 
     @cached_property
     @postponed()

@@ -88,9 +88,10 @@ class NativeSteps:
         try:
             return self._free_tasks.pop()
         except IndexError:
-            return self._make_task()
+            return self.task()
 
-    def _make_task(self) -> tuple[Task, Kept]:
+    def task(self) -> tuple[Task, Kept]:
+        """One without nodes or results, and what must outlive it."""
         plan, data, s = self.plan, self.data, self.plan.stencil
         chunks = plan.chunks(self.threads)
         size = 6 * plan.nc**2 + 3 * plan.ma * plan.nc + 2 * plan.nc + plan.ma
