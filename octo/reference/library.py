@@ -10,6 +10,7 @@ import ctypes
 import hashlib
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -52,7 +53,7 @@ class Library:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
         self.layout, self.size = layout, layout.variables
         self._tables = _Tables(compiled, layout)
-        handle = native.load(_text(compiled, layout))
+        handle = native.load(_text(compiled.library, layout))
         assert handle is not None
         self.handle, self.path = handle, handle._name
         self.handle.octo_watch_set.argtypes = (ctypes.c_double, ctypes.c_double, ctypes.c_int)
@@ -215,11 +216,12 @@ def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:
     return np.concatenate([[rows, 1, 0, count], np.arange(count)]).astype(np.int64)
 
 
-def _text(c: CompiledProblem, layout: Layout) -> str:
-    """adapter.c and interface.c, marked with the structure: a library is that of one."""
+def _text(octos: ctypes.CDLL, layout: Layout) -> str:
+    """adapter.c and interface.c, marked with octo's library and the layout: a library of their own
+    keeps the last point of each structure."""
     folder = resources.files("octo.reference")
     shape = [layout.place, layout.row_place, layout.node_variable, layout.hessian, layout.jacobian]
-    marks = hashlib.sha256(c.program.c_text().encode())
+    marks = hashlib.sha256(Path(octos._name).stem.encode())
     for array in shape:
         marks.update(np.ascontiguousarray(array).tobytes())
     return "\n".join(

@@ -1,9 +1,10 @@
 """The problem as CasADi expressions: the same unknowns, rows, scales, weights and start as octo's
 own.
 
-The laws are those of ``dynamics.symbolic``, one step as an SX function that is mapped over the
-steps; every derivative is CasADi's. It shares no code with the compiled assembly but the numbers it
-starts from: that is what tests compare.
+For any solver of CasADi; IPOPT without a C compiler is one. The laws are those of
+``dynamics.symbolic``, one step as an SX function that is mapped over the steps; every derivative is
+CasADi's. It shares nothing with the compiled assembly but the residuals and the numbers: that is
+what tests compare.
 """
 
 from __future__ import annotations
