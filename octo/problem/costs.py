@@ -125,7 +125,11 @@ class SizedCost(Cost):
             else np.multiply(made.weight, self.weight)
         )
         return replace(
-            made, weight=weight, name=made.name if self.name == made.label else self.name
+            made,
+            weight=weight,
+            name=made.name if self.name == made.label else self.name,
+            loss=made.loss if self.loss is None else self.loss,
+            curvature=made.curvature if self.curvature == "gauss_newton" else self.curvature,
         )
 
 

@@ -166,3 +166,10 @@ def test_curvature_is_structure() -> None:
         OctoError, match=r"Upright\.curvature 'full' is not known; valid: exact, gauss"
     ):
         octo.Upright(curvature="full")  # type: ignore[arg-type]
+
+
+def test_terms_that_get_their_length_keep_what_they_were_given() -> None:
+    given = {"curvature": "exact", "loss": octo.Huber(0.1)}
+    terms = [replace(term, **given) for term in octo.costs.natural()]
+    plain = octo.Problem(octo.gallery.mammal(), steps=STEPS, dt=DT, costs=terms)
+    assert {(term.curvature, term.loss) for term in plain.costs} == {tuple(given.values())}
