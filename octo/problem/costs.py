@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -49,6 +49,10 @@ class Cost:
         how its residual bends, or the exact second derivative. Of terms over contacts, and of a
         residual's way through the torques, it is exact either way.
     """
+
+    # "bounded": its rows are no squares of E; a solver gives each a weight and a shift of its own
+    # at every iterate (CompiledProblem.set_row_weights)
+    kind: ClassVar[Literal["square", "bounded"]] = "square"
 
     weight: float | Array = 1.0
     steps: Steps = "all"

@@ -1,8 +1,9 @@
 """Exact second derivatives of terms over the state: what Gauss and Newton's model of E leaves out.
 
-Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev). The chain
-rule over the torques, u = U·FD, is left to those who have the slopes of FD, and FD's own curvature
-to ∂E/∂u (``octo_pull_torques`` of assemble.c).
+Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
+rows with shifts d it is Σ d ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left to
+those who have the slopes of FD, and FD's own curvature to ∂E/∂u (``octo_pull_torques`` of
+assemble.c).
 
 A centre of mass is a long expression of all coordinates: terms are differentiated to the two
 centres, whose own derivatives have a closed form.
@@ -10,7 +11,7 @@ centres, whose own derivatives have a closed form.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import casadi as ca
@@ -71,31 +72,45 @@ class CenteredStep(StepSymbols):
 class CurvedTerms:
     """The terms over a step whose curvature is exact, as expressions of a centred step.
 
-    rows: (index of the term, its residual).
+    rows: (index of the term, its residual, the place of its first row among those over the state).
     """
 
     step: CenteredStep
-    rows: list[tuple[int, ca.SX]] = field(default_factory=list)
+    rows: list[tuple[int, ca.SX, int]] = field(default_factory=list)
 
-    def add(self, k: int, term: Cost, view: Mapping[str, ca.SX]) -> None:
-        """Takes term ``k`` in, whose references are ``view``."""
-        self.rows.append((k, term.shaped(term.residual(self.step, view), view)))
+    def add(self, k: int, term: Cost, view: Mapping[str, ca.SX], first: int) -> None:
+        """Takes term ``k`` in, whose references are ``view`` and whose rows begin at ``first``."""
+        self.rows.append((k, term.shaped(term.residual(self.step, view), view), first))
 
-    def derived(self, p: ca.SX, q: ca.SX) -> StateCurvature | None:
-        """S as a function; None where it is zero whatever the numbers."""
-        step = self.step
+    def _weighted(self, q: ca.SX, own: ca.SX, squares: int) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
+        """Residuals, and what is their weight and what their second derivatives are multiplied
+        with: those of a square together, bounded ones one by one. ``own``: weights and shifts of
+        the bounded rows, which stand after ``squares`` others."""
+        bounded = own.numel() // 2
+        for k, r, first in self.rows:
+            if first < squares:
+                yield r, q[k], 2.0 * q[k] * r
+                continue
+            for i in range(r.numel()):
+                at = first - squares + i
+                yield r[i], own[at], own[bounded + at]
+
+    def derived(self, p: ca.SX, q: ca.SX, squares: int, bounded: int) -> StateCurvature | None:
+        """S as a function; None where it is zero whatever the numbers. Of the rows over the state
+        the first ``squares`` are squares, the others ``bounded``."""
+        step, own = self.step, ca.SX.sym("own", 2 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
         size, centers = state.numel(), step.centers
         whole, pull = ca.SX(size, size), ca.SX(centers.numel(), 1)
         motion = _center_slopes(step)
-        for k, r in self.rows:
-            second, mixed, own, slope = _second(r, q[k], state, centers)
+        for r, weight, shift in self._weighted(q, own, squares):
+            second, mixed, centered, slope = _second(r, weight, shift, state, centers)
             whole += second
             if mixed.nnz():
                 whole += mixed @ motion + (mixed @ motion).T
-            if own.nnz():
-                whole += motion.T @ own @ motion
+            if centered.nnz():
+                whole += motion.T @ centered @ motion
             pull += slope
         if pull.nnz():
             assert step.character is not None
@@ -112,7 +127,9 @@ class CurvedTerms:
         if step.character is not None:
             at_nodes = [symbolic.center_of_mass(step.character, node) for node in nodes[:2]]
             value = ca.substitute(value, centers, ca.vertcat(*at_nodes))
-        function = ca.Function(NAME, [*nodes, step.u, p, q], [value], {"cse": True})
+        function = ca.Function(
+            NAME, [*nodes, step.u, p, ca.vertcat(q, own)], [value], {"cse": True}
+        )
         check_length("exact terms of E", function.n_instructions(), "take Gauss and Newton's model")
         sparsity = upper.sparsity()
         return StateCurvature(
@@ -120,24 +137,24 @@ class CurvedTerms:
         )
 
 
-def _second(r: ca.SX, coefficient: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
-    """Second derivatives of 2·coefficient·rᵀr, one r held fixed: to the state, to the state and the
-    centres, to the centres; and the first one to the centres. All are zero where the coefficient
-    is: a step that a term leaves out may have no finite residual."""
+def _second(r: ca.SX, weight: ca.SX, shift: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
+    """Second derivatives of shiftᵀr, the shift held fixed: to the state, to the state and the
+    centres, to the centres; and the first one to the centres. All are zero where the weight is: a
+    step that a term leaves out may have no finite residual."""
     held = ca.SX.sym("held", r.numel())
     pulled = ca.dot(held, r)
     both = ca.vertcat(state, centers)
     whole, n = ca.hessian(pulled, both)[0], state.numel()
     made = [whole[:n, :n], whole[:n, n:], whole[n:, n:], ca.gradient(pulled, centers)]
-    return [_gated(one, held, 2.0 * coefficient * r, coefficient) for one in made]
+    return [_gated(one, held, shift, weight) for one in made]
 
 
-def _gated(value: ca.SX, held: ca.SX, given: ca.SX, coefficient: ca.SX) -> ca.SX:
+def _gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
     value = ca.sparsify(value)
     if not value.nnz():
         return ca.SX(*value.shape)
-    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, given)
-    return ca.SX(value.sparsity(), ca.if_else(coefficient != 0.0, numbers, 0.0))
+    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, shift)
+    return ca.SX(value.sparsity(), ca.if_else(weight != 0.0, numbers, 0.0))
 
 
 def _center_slopes(step: CenteredStep) -> ca.SX:

@@ -144,6 +144,32 @@ def test_a_step_without_weight_may_have_no_finite_residual() -> None:
         assert np.isfinite(model.H).all()
 
 
+class Bounded(octo.CustomCost):
+    kind = "bounded"
+
+
+def test_a_bounded_term_behind_another_one() -> None:
+    """With 2c and 2cr for its rows it is a square, whatever stands before it."""
+    made = []
+    for kind in (octo.CustomCost, Bounded):
+        terms = [
+            kind(lambda step, p: step.x_next[:3] ** 2, name="plain"),
+            octo.Effort(),
+            kind(lambda step, p: step.com * step.u[0], name="bent", curvature="exact"),
+        ]
+        problem = octo.Problem(walker(), steps=STEPS, dt=DT, costs=terms, x0=START)
+        compiled = CompiledProblem([problem])
+        at = compiled.evaluate(wiggle_near_ground(compiled))
+        if kind is Bounded:
+            weights = np.full(at.rows.shape, 2.0 / STEPS)
+            compiled.set_row_weights(weights, weights * at.rows)
+        lam = np.zeros((1, compiled.K, compiled.ma))
+        ways = [compiled.linearize(at, lam, np.array([value])).H for value in (True, False)]
+        made.append(ways[0] - ways[1])
+    assert np.abs(made[0]).max() > 1e-4
+    close(made[1], made[0], 1e-11, np.abs(made[0]).max())
+
+
 def test_problems_without_exact_terms_have_no_text_for_them() -> None:
     terms: list[octo.Cost] = [octo.Posture(), octo.Upright()]
     plain = octo.Problem(walker(), steps=STEPS, dt=DT, costs=terms, x0=START)
