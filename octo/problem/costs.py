@@ -45,9 +45,9 @@ class Cost:
     steps: "all", or "last" for the last step alone.
     name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
-    curvature: what the solver's model of E has of the term: Gauss and Newton's, which leaves out
-        how its residual bends, or the exact second derivative. Of terms over contacts, and of a
-        residual's way through the torques, it is exact either way.
+    curvature: what the solver's model of E has of the term once E has settled: Gauss and
+        Newton's, which leaves out how its residual bends, or the exact second derivative. Of terms
+        over contacts, and of a residual's way through the torques, it is exact either way.
     """
 
     # "bounded": its rows are no squares of E; a solver gives each a weight and a shift of its own

@@ -199,3 +199,19 @@ def test_terms_that_get_their_length_keep_what_they_were_given() -> None:
     terms = [replace(term, **given) for term in octo.costs.natural()]
     plain = octo.Problem(octo.gallery.mammal(), steps=STEPS, dt=DT, costs=terms)
     assert {(term.curvature, term.loss) for term in plain.costs} == {tuple(given.values())}
+
+
+def test_a_solve_finds_the_same_motion_in_fewer_iterations() -> None:
+    found = {}
+    for curvature in ("gauss_newton", "exact"):
+        terms = [
+            octo.CenterOfMassVelocity((0.4, 0.0, 0.0)),
+            octo.Effort(),
+            octo.JointVelocity(loss=octo.Huber(0.5), weight=0.1, curvature=curvature),
+        ]
+        problem = octo.Problem(octo.gallery.mammal(), steps=30, dt=0.03, costs=terms)
+        found[curvature] = octo.solve(problem, passes=1, device="cpu")
+    plain, exact = found["gauss_newton"], found["exact"]
+    assert plain.status.converged and exact.status.converged
+    assert exact.energy == pytest.approx(plain.energy, rel=1e-3)
+    assert exact.iterations < plain.iterations
