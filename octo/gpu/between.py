@@ -14,7 +14,10 @@ class Between:
 
     def __init__(self, code: BetweenCode, device: Device):
         self.device, self.size, self.rows, self.entries = device, code.size, code.rows, code.entries
+        self.bends = code.bends.size
         text = [source("common.cuh"), code.text, source("between.cu")]
+        if self.bends:
+            text.append(source("between_curvature.cu"))
         self.kernel = device.module("\n".join(text)).kernel
 
     def values(self, anchor: Array, unknowns: Array, q: Array, terms: Array) -> None:
@@ -40,6 +43,27 @@ class Between:
         )
         self.kernel("octo_between_add")(
             (units - 1, 2, batch), self.device.threads(WIDE), dummy, rows, H, b
+        )
+
+    def bend(
+        self, anchor: Array, unknowns: Array, q: Array, dummy: Array, curved: Array | None, H: Array
+    ) -> None:
+        """Adds the curvature of exact terms to H of the members ``curved``."""
+        if not self.bends:
+            return
+        batch, units = unknowns.shape[:2]
+        controls, length = self._controls(anchor, unknowns), q.shape[1] // (units - 1)
+        threads = self.device.threads(SMALL)
+        self.kernel("octo_between_bend")(
+            (units - 1, batch),
+            threads,
+            length,
+            curved,
+            dummy,
+            controls,
+            q,
+            H,
+            shared=8 * self.bends,
         )
 
     def _controls(self, anchor: Array, unknowns: Array) -> Array:

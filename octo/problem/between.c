@@ -4,10 +4,10 @@
 /* One call: unit k of the task is c_{k+1}; controls (batch, units, BC) are c_0 … c_Z, what is pinned included. */
 typedef struct { const octo_task *task; const double *controls; const int *fixed; } octo_between_call;
 
-/* What a term's square is multiplied with in E: the sum over the steps of a segment, whose last row of q is given. */
-static double octo_between_weight(int length, const double *q, int k) {
+/* What the square of a term of E is multiplied with: the sum over the steps of a segment, whose last row of q is given. */
+static double octo_between_weight(int length, const double *q, int term) {
   double sum = 0.0;
-  for (int step = length - 1; step >= 0; --step) sum += q[octo_between_term[k] - step * BQ];
+  for (int step = length - 1; step >= 0; --step) sum += q[term - step * BQ];
   return sum;
 }
 
@@ -20,7 +20,7 @@ static void octo_between_values_of(void *shared, int member) {
     size_t last = (size_t)member * t->steps + (z + 1) * length - 1;
     const double *c = call->controls + ((size_t)member * t->units + z) * BC, *q = t->q + last * BQ;
     for (int k = 0; k < BETWEEN; ++k) {
-      double r[BR + 1], sum = 0.0, weight = octo_between_weight(length, q, k);
+      double r[BR + 1], sum = 0.0, weight = octo_between_weight(length, q, octo_between_term[k]);
       octo_between(k, (const double *[]){c, c + BC, q}, (double *[]){r});
       for (int row = 0; weight != 0.0 && row < octo_between_first_row[k + 1] - octo_between_first_row[k]; ++row) sum += r[row] * r[row];
       t->terms[last * BTERM + octo_between_term[k]] = weight * sum;
@@ -46,22 +46,25 @@ static void octo_between_square(const octo_between_call *call, int member, int z
   }
 }
 
-#if BS > 0
-/* h of segment z += twice Σ r ∂²r of term k. */
-static void octo_between_bend(const octo_between_call *call, int member, int z, int k, double twice, const double **arg) {
+#ifdef BENT
+/* h of segment z += 2 Σ r ∂²r of the exact terms. */
+static void octo_between_bend(const octo_between_call *call, int member, int z, int length, const double **arg) {
   const octo_task *t = call->task;
   double made[BS], *h = t->h + ((size_t)member * t->units + z) * 3 * BC * BC;
-  int first = octo_between_first_curve[k], older = z == 0 || call->fixed[z - 1], newer = call->fixed[z];
-  octo_between_curve(k, arg, (double *[]){made});
-  for (int e = first; e < octo_between_first_curve[k + 1]; ++e) {
-    int a = octo_between_curve_row[e], b = octo_between_curve_column[e];
-    if ((a < BC && older) || (b >= BC && newer)) continue;
-    double value = twice * made[e - first];
-    if (a < BC && b >= BC) h[(BC + b - BC) * BC + a] += value;
-    else {
-      double *own = b < BC ? h - 3 * BC * BC : h;
-      own[a % BC * BC + b % BC] += value;
-      if (a != b) own[b % BC * BC + a % BC] += value;
+  int older = z == 0 || call->fixed[z - 1], newer = call->fixed[z];
+  for (int k = 0; k < BENT; ++k) {
+    double weight = octo_between_weight(length, arg[2], octo_between_bend_term[k]);
+    if (weight == 0.0) continue;
+    octo_between_second(k, arg, (double *[]){made + octo_between_bend_first[k]});
+    for (int e = octo_between_bend_first[k]; e < octo_between_bend_first[k + 1]; ++e) {
+      int a = octo_between_bend_row[e], b = octo_between_bend_column[e]; /* a <= b */
+      if ((a < BC && older) || (b >= BC && newer)) continue;
+      double value = 2.0 * weight * made[e], *own = b < BC ? h - 3 * BC * BC : h;
+      if (a < BC && b >= BC) own[(BC + b - BC) * BC + a] += value;
+      else {
+        own[a % BC * BC + b % BC] += value;
+        if (a != b) own[b % BC * BC + a % BC] += value;
+      }
     }
   }
 }
@@ -76,16 +79,16 @@ static void octo_between_model_of(void *shared, int member) {
     const double *c = call->controls + ((size_t)member * t->units + z) * BC;
     const double *q = t->q + ((size_t)member * t->steps + (z + 1) * length - 1) * BQ, *arg[3] = {c, c + BC, q};
     for (int k = 0; k < BETWEEN; ++k) {
-      double r[BR + 1], slopes[BZ + 1], weight = octo_between_weight(length, q, k);
+      double r[BR + 1], slopes[BZ + 1], weight = octo_between_weight(length, q, octo_between_term[k]);
       if (weight == 0.0) continue; /* it may not be finite there */
       octo_between(k, arg, (double *[]){r + octo_between_first_row[k]});
       octo_between(BETWEEN + k, arg, (double *[]){slopes + octo_between_first_entry[k]});
       for (int row = octo_between_first_row[k]; row < octo_between_first_row[k + 1]; ++row)
         octo_between_square(call, member, z, row, 2.0 * weight, r[row], slopes);
-#if BS > 0
-      if (t->h && octo_is_curved(t, member)) octo_between_bend(call, member, z, k, 2.0 * weight, arg);
-#endif
     }
+#ifdef BENT
+    if (t->h && octo_is_curved(t, member)) octo_between_bend(call, member, z, length, arg);
+#endif
   }
 }
 

@@ -73,9 +73,15 @@ class BetweenCode:
 
     @cached_property
     @postponed()
+    def bends(self) -> Bends:
+        """Of the terms that are exact."""
+        return Bends.of(self.functions)
+
+    @cached_property
+    @postponed()
     def text(self) -> str:
         """``octo_between(k, arg, res)``: the values of term k, or derivatives of term k −
-        BETWEEN; sizes and tables."""
+        BETWEEN; sizes and tables; those of ``bends``."""
         references = self.functions.references
         made: list[list[ca.Function]] = [[], []]  # values, derivatives
         for _, function in self.functions.between:
@@ -91,7 +97,7 @@ class BetweenCode:
             "BZ": self.entries,
             "BC": self.size,
             "BTERM": len(references.terms),
-            "BQ": max(references.size, 1),
+            "BQ": self.functions.numbers,
         }
         functions = [*made[0], *made[1]]
         cases = " ".join(
@@ -100,6 +106,7 @@ class BetweenCode:
         return "\n".join(
             [
                 *map(function_of_numbers, functions),
+                *self.bends.text(),
                 *(f"#define {name} {value}" for name, value in sizes.items()),
                 *self._tables(),
                 "static void octo_between(int k, const double **arg, double **res) {",
@@ -117,42 +124,71 @@ class BetweenCode:
         }
         return [_table(name, values) for name, values in tables.items()]
 
-    @postponed()
-    def _curves(self) -> str:
-        """``octo_between_curve(k, arg, res)``: Σ r ∂²r of a term that is exact, from its diagonal
-        on; sizes and tables."""
-        functions, cases, patterns = [], [], []
-        for k, (_, function) in enumerate(self.functions.between):
-            inputs = function.sx_in()
-            made = function(*inputs)
-            upper = ca.sparsify(ca.triu(made[2])) if len(made) > 2 else ca.SX(0, 0)
-            patterns.append(upper.sparsity())
-            if upper.nnz():
-                name, value = f"octo_between_curve{k}", ca.vertcat(*upper.nonzeros())
-                functions.append(ca.Function(name, inputs, [value], {"cse": True}))
-                cases.append(f"case {k}: {name}(arg, res); break;")
-        first = _starts(pattern.nnz() for pattern in patterns)
-        return "\n".join(
-            [
-                *map(function_of_numbers, functions),
-                f"#define BS {first[-1]}",
-                _table("first_curve", first),
-                _table("curve_row", [row for p in patterns for row in p.row()]),
-                _table("curve_column", [column for p in patterns for column in p.get_col()]),
-                "static void octo_between_curve(int k, const double **arg, double **res) {",
-                f"  switch (k) {{ {' '.join(cases)} }}\n}}",
-            ]
-        )
-
     def c_text(self) -> str:
         """With between.c; stands after assemble.c."""
         rows = np.array(self._entry_rows, dtype=int)
         order = np.argsort(rows, kind="stable")
         start = np.searchsorted(rows[order], np.arange(self.rows + 1))
         own = (resources.files("octo.problem") / "between.c").read_text(encoding="utf-8")
-        return "\n".join(
-            [self.text, self._curves(), _table("row_start", start), _table("row_entry", order), own]
+        return "\n".join([self.text, _table("row_start", start), _table("row_entry", order), own])
+
+
+@dataclass(frozen=True)
+class Bends:
+    """The second derivatives of the exact ones of a list of terms.
+
+    functions: (c_k, c_{k+1}, q) -> the upper triangle of Σ r ∂²r of each; terms: their indices.
+    first: where each begins among the numbers, of ``rows`` and ``columns``.
+    """
+
+    functions: list[ca.Function]
+    terms: list[int]
+    first: list[int]
+    rows: list[int]
+    columns: list[int]
+
+    @classmethod
+    def of(cls, functions: CostFunctions) -> Bends:
+        made = cls([], [], [0], [], [])
+        for term, function in functions.between:
+            inputs = function.sx_in()
+            upper = ca.triu(function(*inputs)[2]) if function.n_out() > 2 else ca.SX(1, 1)
+            if not upper.nnz():
+                continue
+            name, numbers = f"octo_between_bend_{term}", ca.vertcat(*upper.nonzeros())
+            made.functions.append(ca.Function(name, inputs, [numbers], {"cse": True}))
+            made.terms.append(term)
+            made.rows.extend(upper.sparsity().row())
+            made.columns.extend(upper.sparsity().get_col())
+            made.first.append(len(made.rows))
+        return made
+
+    @property
+    def size(self) -> int:
+        """Of a segment."""
+        return len(self.rows)
+
+    def text(self) -> list[str]:
+        """C text of the functions, their sizes and places; nothing where there are none."""
+        if not self.size:
+            return []
+        tables = {
+            "bend_term": self.terms,
+            "bend_first": self.first,
+            "bend_row": self.rows,
+            "bend_column": self.columns,
+        }
+        cases = " ".join(
+            f"case {k}: {function.name()}(arg, res); break;"
+            for k, function in enumerate(self.functions)
         )
+        return [
+            *map(function_of_numbers, self.functions),
+            f"#define BENT {len(self.functions)}\n#define BS {self.size}",
+            *(_table(name, values) for name, values in tables.items()),
+            "static void octo_between_second(int k, const double **arg, double **res) {",
+            f"  switch (k) {{ {cases} }}\n}}",
+        ]
 
 
 def _starts(counts: Iterable[int]) -> list[int]:

@@ -49,7 +49,7 @@ class CostFunctions:
     state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
     state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
     state_sparsity: ca.Sparsity
-    state_terms: tuple[int, ...]  # term of each row
+    state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
     contact: ContactFunctions | None
     # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}),
     # and of one that is exact Σ r d²r/d(c_k, c_{k+1})²
@@ -60,6 +60,18 @@ class CostFunctions:
     def contact_spheres(self) -> tuple[int, ...]:
         """Indices into the character's contacts."""
         return () if self.contact is None else self.contact.spheres
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """The term of each bounded row, the last ones over the state."""
+        terms = self.references.terms
+        return tuple(k for k in self.state_terms if terms[k].kind == "bounded")
+
+    @property
+    def numbers(self) -> int:
+        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
+        row."""
+        return max(self.references.size, 1) + 2 * len(self.bounded)
 
     @property
     def rows(self) -> int:
@@ -132,7 +144,8 @@ def residuals_of(
     state, own, between = [], [], {}
     bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
     curved = CurvedTerms(CenteredStep.of(step))
-    for k, term in enumerate(terms):
+    # bounded rows stand last
+    for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
         if isinstance(term, ContactCost):
             continue
         view = references.view(q, k)
@@ -142,7 +155,7 @@ def residuals_of(
                 continue
             state.append(term.shaped(term.residual(step, view), view))
             if k in bent:
-                curved.add(k, term, view)
+                curved.add(k, term, view, sum(r.numel() for r in state[:-1]))
         own.append(k)
     over = [term for term in terms if isinstance(term, ContactCost)]
     if over and not isinstance(dynamics, RobotDynamics):
@@ -162,6 +175,7 @@ def derived(made: Residuals) -> CostFunctions:
     too."""
     inputs = made.inputs
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
+    bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
@@ -179,7 +193,7 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
-        made.curved.derived(*inputs[4:]),
+        made.curved.derived(inputs[4], inputs[5], len(terms) - bounded, bounded),
     )
 
 
@@ -312,7 +326,8 @@ def _tables(
     sizes = {
         "MU": len(dynamics.unactuated),
         "NU": dynamics.nu,
-        "NQ": max(functions.references.size, 1),
+        "NQ": functions.numbers,
+        "NBOUNDED": len(functions.bounded),
         "NTERM": len(functions.references.terms),
         "NR": len(functions.state_terms),
         "NZ": len(rows),

@@ -1,8 +1,9 @@
 """Exact second derivatives of terms over the state: what Gauss and Newton's model of E leaves out.
 
-Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev). The chain
-rule over the torques, u = U·FD, is left to those who have the slopes of FD, and FD's own curvature
-to ∂E/∂u (``octo_pull_torques`` of assemble.c).
+Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
+rows with shifts d it is Σ d ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left to
+those who have the slopes of FD, and FD's own curvature to ∂E/∂u (``octo_pull_torques`` of
+assemble.c).
 
 A centre of mass is a long expression of all coordinates: terms are differentiated to the two
 centres, whose own derivatives have a closed form.
@@ -10,7 +11,7 @@ centres, whose own derivatives have a closed form.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import casadi as ca
@@ -18,13 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import slots, symbolic
-from octo.dynamics.codegen import integers
+from octo.dynamics.codegen import check_curvature, integers
 from octo.dynamics.long import check_length
 from octo.model.character import Character
 from octo.problem.costs import Cost
 from octo.problem.symbols import StepSymbols
 
 NAME = "octo_state_curvature"
+HINT = 'leave it at curvature="gauss_newton", or write it in fewer operations'
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,34 +70,72 @@ class CenteredStep(StepSymbols):
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedTerms:
-    """The terms over a step whose curvature is exact, as expressions of a centred step.
+class CurvedTerm:
+    """One term over a step, the residual ``r`` as an expression of a centred step.
 
-    rows: (index of the term, its residual).
+    place: in the list of terms. first: the place of its first row among those over the state.
     """
 
+    place: int
+    label: str
+    r: ca.SX
+    first: int
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedTerms:
+    """The terms over a step whose curvature is exact."""
+
     step: CenteredStep
-    rows: list[tuple[int, ca.SX]] = field(default_factory=list)
+    terms: list[CurvedTerm] = field(default_factory=list)
 
-    def add(self, k: int, term: Cost, view: Mapping[str, ca.SX]) -> None:
-        """Takes term ``k`` in, whose references are ``view``."""
-        self.rows.append((k, term.shaped(term.residual(self.step, view), view)))
+    def add(self, place: int, term: Cost, view: Mapping[str, ca.SX], first: int) -> None:
+        """Takes a term in, whose references are ``view``, see :class:`CurvedTerm`."""
+        r = term.shaped(term.residual(self.step, view), view)
+        self.terms.append(CurvedTerm(place, term.label, r, first))
 
-    def derived(self, p: ca.SX, q: ca.SX) -> StateCurvature | None:
-        """S as a function; None where it is zero whatever the numbers."""
-        step = self.step
+    def _weighted(
+        self, q: ca.SX, own: ca.SX, squares: int
+    ) -> Iterator[tuple[str, ca.SX, ca.SX, ca.SX]]:
+        """Labels, residuals, and what is their weight and what their second derivatives are
+        multiplied with: those of a square together, bounded ones one by one. ``own``: weights and
+        shifts of the bounded rows, which stand after ``squares`` others."""
+        bounded = own.numel() // 2
+        for term in self.terms:
+            if term.first < squares:
+                yield term.label, term.r, q[term.place], 2.0 * q[term.place] * term.r
+                continue
+            for i in range(term.r.numel()):
+                at = term.first - squares + i
+                yield term.label, term.r[i], own[at], own[bounded + at]
+
+    def derived(self, p: ca.SX, q: ca.SX, squares: int, bounded: int) -> StateCurvature | None:
+        """S as a function; None where it is zero whatever the numbers. Of the rows over the state
+        the first ``squares`` are squares, the others ``bounded``.
+
+        Raises
+        ------
+        ModelError: it is too long.
+        """
+        step, own = self.step, ca.SX.sym("own", 2 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
         size, centers = state.numel(), step.centers
         whole, pull = ca.SX(size, size), ca.SX(centers.numel(), 1)
         motion = _center_slopes(step)
-        for k, r in self.rows:
-            second, mixed, own, slope = _second(r, q[k], state, centers)
+        for label, r, weight, shift in self._weighted(q, own, squares):
+            held = ca.SX.sym("held", r.numel())
+            pulled, both = ca.dot(held, r), ca.vertcat(state, centers)
+            what = f"second derivatives of {label}"
+            check_curvature(what, [both, held, p, q], ca.gradient(pulled, both), HINT)
+            second, mixed, centered, slope = (
+                _gated(value, held, shift, weight) for value in _second(pulled, state, centers)
+            )
             whole += second
             if mixed.nnz():
                 whole += mixed @ motion + (mixed @ motion).T
-            if own.nnz():
-                whole += motion.T @ own @ motion
+            if centered.nnz():
+                whole += motion.T @ centered @ motion
             pull += slope
         if pull.nnz():
             assert step.character is not None
@@ -112,32 +152,31 @@ class CurvedTerms:
         if step.character is not None:
             at_nodes = [symbolic.center_of_mass(step.character, node) for node in nodes[:2]]
             value = ca.substitute(value, centers, ca.vertcat(*at_nodes))
-        function = ca.Function(NAME, [*nodes, step.u, p, q], [value], {"cse": True})
-        check_length("exact terms of E", function.n_instructions(), "take Gauss and Newton's model")
+        function = ca.Function(
+            NAME, [*nodes, step.u, p, ca.vertcat(q, own)], [value], {"cse": True}
+        )
+        check_length("second derivatives of terms", function.n_instructions(), HINT)
         sparsity = upper.sparsity()
         return StateCurvature(
             function, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
         )
 
 
-def _second(r: ca.SX, coefficient: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
-    """Second derivatives of 2·coefficient·rᵀr, one r held fixed: to the state, to the state and the
-    centres, to the centres; and the first one to the centres. All are zero where the coefficient
-    is: a step that a term leaves out may have no finite residual."""
-    held = ca.SX.sym("held", r.numel())
-    pulled = ca.dot(held, r)
-    both = ca.vertcat(state, centers)
-    whole, n = ca.hessian(pulled, both)[0], state.numel()
-    made = [whole[:n, :n], whole[:n, n:], whole[n:, n:], ca.gradient(pulled, centers)]
-    return [_gated(one, held, 2.0 * coefficient * r, coefficient) for one in made]
+def _second(pulled: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
+    """Second derivatives to the state, to the state and the centres, to the centres; and the first
+    one to the centres."""
+    whole, n = ca.hessian(pulled, ca.vertcat(state, centers))[0], state.numel()
+    return whole[:n, :n], whole[:n, n:], whole[n:, n:], ca.gradient(pulled, centers)
 
 
-def _gated(value: ca.SX, held: ca.SX, given: ca.SX, coefficient: ca.SX) -> ca.SX:
+def _gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
+    """With ``shift`` for ``held``, and zero where the weight is: a step that a term leaves out may
+    have no finite residual."""
     value = ca.sparsify(value)
     if not value.nnz():
         return ca.SX(*value.shape)
-    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, given)
-    return ca.SX(value.sparsity(), ca.if_else(coefficient != 0.0, numbers, 0.0))
+    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, shift)
+    return ca.SX(value.sparsity(), ca.if_else(weight != 0.0, numbers, 0.0))
 
 
 def _center_slopes(step: CenteredStep) -> ca.SX:

@@ -46,16 +46,16 @@ class NeighbourTerms:
         self.segment = plan.basis.steps_per_segment
         self.segments = plan.K - 1
         self.plan, self.size = plan, plan.nc
+        self.references = max(functions.references.size, 1)
         self._over_segments = [
             (k, function.map(self.segments)) for k, function in functions.between
         ]
 
     def _parts(self, data: Data, k: int, member: int) -> tuple[Array, Array]:
-        """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
+        """Coefficient of each segment (Z,), and its references at its last step (numbers, Z)."""
         q = data.q[member]
-        return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[
-            self.segment - 1 :: self.segment
-        ].T
+        weight = q[:, k].reshape(self.segments, self.segment).sum(axis=1)
+        return weight, q[self.segment - 1 :: self.segment, : self.references].T
 
     def values(self, data: Data, unknowns: Array, terms: Array) -> None:
         """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each

@@ -127,6 +127,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
         along.
     """
     compiled = CompiledProblem([problem])
+    compiled.check_squares("a reference solver")
     n, numbers = compiled.n, parameter_vector(compiled)
     x, p = ca.MX.sym("x", len(free_places(compiled))), ca.MX.sym("p", len(numbers))
     constant = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2)

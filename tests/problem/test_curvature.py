@@ -10,9 +10,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 import pytest
-from extending.contact_pair import EqualLoads
-from extending.pseudo_huber import PseudoHuber
-from walker import BASES, START, walker, wiggle_near_ground
+from curved import DT, NAMES, STEPS, described
+from walker import START, walker, wiggle_near_ground
 
 import octo
 from octo import native
@@ -20,83 +19,14 @@ from octo.errors import OctoError, ProblemError
 from octo.problem.codegen import cost_text
 from octo.problem.compiled import CompiledProblem
 from octo.problem.curvature import NAME
-from octo.reference.program import free_blocks, nlp, point_of, rows_of
+from octo.reference.program import free_places, nlp, point_of, rows_of
 
-STEPS, DT = 12, 0.05
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
-
-
-def _swing(x_next: ca.SX, x: ca.SX, x_prev: ca.SX, p: dict[str, ca.SX]) -> ca.SX:
-    """(2,) N and N m of a cart's place and its pole's angle."""
-
-    def places(q: ca.SX) -> ca.SX:
-        return ca.vertcat(q[0], q[0] + ca.sin(q[1]), ca.cos(q[1]))
-
-    force = (places(x_next) - 2 * places(x) + places(x_prev)) / p["dt"] ** 2 + ca.DM([0, 0, 9.81])
-    return ca.jtimes(places(x_next), x_next, force, True)
-
-
-def _coupled(step: octo.costs.StepSymbols, p: dict[str, ca.SX]) -> ca.SX:
-    """The centre of mass, torques and coordinates in one product."""
-    return ca.vertcat(
-        step.com[0] * step.u[0] * step.com_velocity[1],
-        step.com_velocity[2] ** 2 + step.u[0] * step.u[1] + step.x_prev[6] * step.u[0],
-    )
-
-
-def _bent(control: ca.SX, following: ca.SX, p: dict[str, ca.SX]) -> ca.SX:
-    return ca.vertcat(ca.sin(following[0]) * control[1], following[1] ** 2 - control[0])
-
-
-LOSSES = [
-    octo.JointVelocity(0.4, loss=PseudoHuber(0.2)),
-    octo.JointAcceleration(loss=octo.Huber(3.0)),
-    octo.Effort(loss=PseudoHuber(0.05)),
-    octo.Slip(length=0.03, loss=PseudoHuber(0.02)),
-    EqualLoads(pair=("foot", "front"), weight=2.0, loss=PseudoHuber(0.1)),
-    octo.NeighbourCost(_bent, loss=PseudoHuber(0.1)),
-    octo.CustomCost(_coupled),
-]
-CYCLES = {
-    "mirrored": octo.Cycle(speed=0.4, period=0.4),
-    "turning": octo.Cycle(speed=0.4, period=0.4, mirror=False, turn=0.4),
-}
-NAMES = [
-    *("nodes", "hermite", "pinned", "losses, nodes", "losses, hermite"),
-    *("biped, mirrored", "biped, turning", "cart-pole, nodes", "cart-pole, hermite"),
-]
-
-
-def described(name: str, every_cost: Callable[..., list[octo.Cost]]) -> octo.Problem:
-    """Every term and loss, bases, fixed ends, cycles, user-written dynamics."""
-    kind, basis = name.split(", ") if ", " in name else ("terms", name)
-    if kind == "biped":
-        terms = [octo.CenterOfMassVelocity((0.4, 0.0, 0.1)), octo.BaseOrientation(), octo.Slip()]
-        return octo.Problem(octo.gallery.biped(), steps=8, costs=terms, cycle=CYCLES[basis])
-    if kind == "cart-pole":
-        dynamics = octo.CustomDynamics(_swing, nx=2, actuated=[0], parameters={})
-        bent = octo.CustomCost(lambda s, p: ca.vertcat(ca.sin(s.x_next[1]), s.u * s.x[0]))
-        terms = [bent, octo.Effort(loss=octo.Huber()), octo.NeighbourCost(_bent)]
-        start = np.array([0.1, 0.3])
-        return octo.Problem(dynamics, steps=20, dt=DT, costs=terms, x0=start, basis=basis)
-    terms = LOSSES if kind == "losses" else every_cost(STEPS)
-    ends = {"x_end": START + 0.01, "v_end": 0.1 * np.ones(9)} if basis == "pinned" else {}
-    return octo.Problem(
-        walker(),
-        steps=STEPS,
-        dt=DT,
-        costs=terms,
-        basis=BASES["hermite" if basis == "pinned" else basis],
-        x0=START,
-        v0=0.2 * np.ones(9),
-        parameters={"contact.onset": 0.004},
-        **ends,
-    )
 
 
 @pytest.fixture(params=NAMES)
 def problem(request: pytest.FixtureRequest, every_cost: Callable) -> octo.Problem:
-    return described(request.param, every_cost)
+    return described(request.param, every_cost(STEPS))
 
 
 @lru_cache
@@ -114,8 +44,7 @@ def dense(compiled: CompiledProblem, H: np.ndarray) -> np.ndarray:
     for k in range(compiled.K):
         for lag in range(min(k, 2) + 1):
             whole[k, :, k - lag], whole[k - lag, :, k] = H[0, k, lag], H[0, k, lag].T
-    n, free = compiled.n, free_blocks(compiled)
-    at = (free[:, None] * n + np.arange(n)).ravel()
+    at = free_places(compiled)
     return whole.reshape(compiled.K * compiled.nc, -1)[np.ix_(at, at)]
 
 
@@ -154,9 +83,8 @@ def test_remainder_of_the_gradient(
     """Falls with the square of the step, of E alone."""
     compiled = exact(problem)
     unknowns = wiggle_near_ground(compiled)
-    d = np.zeros((compiled.K * compiled.stencil.parts, compiled.n))
-    free = free_blocks(compiled)
-    d[free] = np.random.default_rng(2).standard_normal((len(free), compiled.n))
+    d, free = np.zeros(compiled.K * compiled.nc), free_places(compiled)
+    d[free] = np.random.default_rng(2).standard_normal(len(free))
     d /= np.linalg.norm(d)
     lam = np.zeros((1, compiled.K, compiled.ma))
     H = dense(compiled, compiled.linearize(compiled.evaluate(unknowns), lam).H)
@@ -170,7 +98,7 @@ def test_remainder_of_the_gradient(
 
 def test_members_of_a_batch(every_cost: Callable) -> None:
     """Of each member, with lam, as if it were alone."""
-    one = described("hermite", every_cost)
+    one = described("hermite", every_cost(STEPS))
     pair = CompiledProblem([one, one.replace(x0=START + 0.01)], like=exact(one))
     at, lam = pair.evaluate(wiggle_near_ground(pair)), multipliers(pair)
     whole, none = (pair.linearize(at, lam, np.full(2, value)).H for value in (True, False))
@@ -207,11 +135,37 @@ def test_a_step_without_weight_may_have_no_finite_residual() -> None:
         {"room": np.repeat([2.0, -2.0], STEPS // 2)[:, None]},
         weight=np.repeat([1.0, 0.0], STEPS // 2),
     )
-    described = octo.Problem(walker(), steps=STEPS, dt=DT, costs=[root], x0=START)
-    compiled = CompiledProblem([described], exact=True)
+    problem = octo.Problem(walker(), steps=STEPS, dt=DT, costs=[root], x0=START)
+    compiled = CompiledProblem([problem], exact=True)
     for each in (compiled, compiled.interpreted()):
         model = each.linearize(each.evaluate(wiggle_near_ground(each)), multipliers(each))
         assert np.isfinite(model.H).all()
+
+
+class Bounded(octo.CustomCost):
+    kind = "bounded"
+
+
+def test_a_bounded_term_behind_another_one() -> None:
+    """With 2c and 2cr for its rows it is a square, whatever stands before it."""
+    made = []
+    for kind in (octo.CustomCost, Bounded):
+        terms = [
+            kind(lambda step, p: step.x_next[:3] ** 2, name="plain"),
+            octo.Effort(),
+            kind(lambda step, p: step.com * step.u[0], name="bent", curvature="exact"),
+        ]
+        problem = octo.Problem(walker(), steps=STEPS, dt=DT, costs=terms, x0=START)
+        compiled = CompiledProblem([problem])
+        at = compiled.evaluate(wiggle_near_ground(compiled))
+        if kind is Bounded:
+            weights = np.full(at.rows.shape, 2.0 / STEPS)
+            compiled.set_row_weights(weights, weights * at.rows)
+        lam = np.zeros((1, compiled.K, compiled.ma))
+        ways = [compiled.linearize(at, lam, np.array([value])).H for value in (True, False)]
+        made.append(ways[0] - ways[1])
+    assert np.abs(made[0]).max() > 1e-4
+    close(made[1], made[0], 1e-11, np.abs(made[0]).max())
 
 
 def test_problems_without_exact_terms_have_no_text_for_them() -> None:
@@ -236,3 +190,26 @@ def test_curvature_is_structure() -> None:
         OctoError, match=r"Upright\.curvature 'full' is not known; valid: exact, gauss"
     ):
         octo.Upright(curvature="full")  # type: ignore[arg-type]
+
+
+def test_terms_that_get_their_length_keep_what_they_were_given() -> None:
+    given = {"curvature": "exact", "loss": octo.Huber(0.1)}
+    terms = [replace(term, **given) for term in octo.costs.natural()]
+    plain = octo.Problem(octo.gallery.mammal(), steps=STEPS, dt=DT, costs=terms)
+    assert {(term.curvature, term.loss) for term in plain.costs} == {tuple(given.values())}
+
+
+def test_a_solve_finds_the_same_motion_in_fewer_iterations() -> None:
+    found = {}
+    for curvature in ("gauss_newton", "exact"):
+        terms = [
+            octo.CenterOfMassVelocity((0.4, 0.0, 0.0)),
+            octo.Effort(),
+            octo.JointVelocity(loss=octo.Huber(0.5), weight=0.1, curvature=curvature),
+        ]
+        problem = octo.Problem(octo.gallery.mammal(), steps=30, dt=0.03, costs=terms)
+        found[curvature] = octo.solve(problem, passes=1, device="cpu")
+    plain, exact = found["gauss_newton"], found["exact"]
+    assert plain.status.converged and exact.status.converged
+    assert exact.energy == pytest.approx(plain.energy, rel=1e-3)
+    assert exact.iterations < plain.iterations
