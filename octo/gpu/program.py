@@ -46,7 +46,7 @@ class Program:
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        pieces = Pieces.of(functions)
+        pieces, stages = Pieces.of(functions), functions.calls.stages_text
         costs = [
             codegen.residual_text(
                 functions, dynamics, pieces.functions, pieces.rows, pieces.columns
@@ -59,7 +59,7 @@ class Program:
         ]
         parts = [
             [text, *common, source("dynamics.cu")],
-            [text, *costs, *common, source("model.cu"), source("gather.cu")],
+            [stages + text, *costs, *common, source("model.cu"), source("gather.cu")],
         ]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
@@ -70,7 +70,7 @@ class Program:
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
         self.rows = functions.rows
         # doubles that the costs of a step share
-        self.arguments = dynamics.nu + 2 * len(pieces.angles)
+        self.arguments = dynamics.nu + 2 * len(pieces.angles) + functions.calls.size
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
         self.touching = 8 * (

@@ -27,6 +27,7 @@ from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
+from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost
@@ -45,13 +46,14 @@ class CostFunctions:
     """The residuals of a list of terms, ready to be evaluated, differentiated and written as C."""
 
     references: References
-    state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
+    state: ca.Function  # (x_next, x, x_prev, u, p, q, v if there are calls) -> r (NR,)
     state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
     state_sparsity: ca.Sparsity
     state_terms: tuple[int, ...]  # term of each row
     contact: ContactFunctions | None
     # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
     between: tuple[tuple[int, ca.Function], ...]
+    calls: Calls  # of stages of code
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
@@ -70,9 +72,9 @@ class Residuals:
 
     Attributes
     ----------
-    inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
-        indices. between: by the index of each term over neighbouring controls c, c_next; contact:
-        those of one contact.
+    inputs: x_next, x, x_prev, u, p, q, and v where stages of code are called; calls: these.
+    state: (rows,) of each term over a step; terms: their indices. between: by the index of each
+        term over neighbouring controls c, c_next; contact: those of one contact.
     """
 
     references: References
@@ -82,6 +84,7 @@ class Residuals:
     controls: list[ca.SX]
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
+    calls: Calls
 
     @cached_property
     def function(self) -> ca.Function:
@@ -98,10 +101,10 @@ class Residuals:
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
         written = [self.function.serialize()]
         if self.between:
-            over = [*self.controls, *self.inputs[4:]]
+            over = [*self.controls, *self.inputs[4:6]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
         own = None if self.contact is None else self.contact.structure
-        return kinds, places, tuple(self.terms), *written, own
+        return kinds, places, tuple(self.terms), *written, own, self.calls.structure
 
 
 @postponed()
@@ -137,7 +140,10 @@ def residuals_of(
     contact = None
     if over and isinstance(dynamics, RobotDynamics):
         contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
-    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact)
+    inputs = [*nodes, p, q]
+    calls = Calls.of(step.calls, inputs)
+    inputs += [ca.vertcat(*[call.given for call in step.calls])] if calls else []
+    return Residuals(references, inputs, state, own, controls, between, contact, calls)
 
 
 @postponed()
@@ -147,7 +153,7 @@ def derived(made: Residuals) -> CostFunctions:
     inputs = made.inputs
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
-    jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
+    jac = made.calls.jacobian(r, inputs, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
     jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
     length = jacobian.n_instructions()
@@ -163,13 +169,14 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
+        made.calls,
     )
 
 
 def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
     both = ca.vertcat(*made.controls)
     for number, (k, r) in enumerate(made.between.items()):
-        inputs = [*made.controls, made.inputs[-1]]
+        inputs = [*made.controls, made.inputs[5]]
         out = [r, ca.jacobian(r, both)]
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
@@ -217,7 +224,9 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the
     dynamics' text in lanes."""
     # shared: p
-    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]
+    calls = functions.calls
+    text = [calls.lanes_text] if calls else []
+    text += [calls.in_lanes(functions.state, 0), calls.in_lanes(functions.state_jac, 1)]
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
@@ -256,7 +265,8 @@ def residual_text(
 
     rows, columns (NZ,): of the derivatives over the state, in the order that ``made`` writes them.
     """
-    written = [function_of_numbers(function) for function in made]
+    called = [functions.calls.numbers_text] if functions.calls else []
+    written = [*called, *(function_of_numbers(function) for function in made)]
     rows_text = (resources.files("octo.problem") / "rows.c").read_text(encoding="utf-8")
     tables = [
         _tables(functions, dynamics, rows, columns),

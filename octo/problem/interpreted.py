@@ -39,8 +39,8 @@ class Interpreted:
 
     @cached_property
     @postponed()
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
+    def _symbols(self) -> list[ca.SX]:
+        """z (3n,) of (x_next, x, x_prev), u, p, q of one step, and v where stages are called."""
         dynamics = self.program.dynamics
         sizes = {
             "z": 3 * dynamics.nx,
@@ -48,8 +48,14 @@ class Interpreted:
             "p": dynamics.layout.size,
             "q": self.data.q.shape[-1],
         }
-        z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
-        return z, u, p, q
+        if self.program.functions.calls:
+            sizes["v"] = self.program.functions.calls.size
+        return [ca.SX.sym(name, size) for name, size in sizes.items()]
+
+    @property
+    def _inputs(self) -> list[ca.SX]:
+        """The same as the functions of a step have them: x_next, x, x_prev, u, …"""
+        return [*self._nodes, *self._symbols[1:]]
 
     @property
     def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -62,7 +68,7 @@ class Interpreted:
         """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
         functions, and ``use``."""
         dynamics, functions = self.program.dynamics, self.program.functions
-        _, _, p, q = self._symbols
+        p, q = self._symbols[2:4]
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
             return []
         robot, made = dynamics.character, []
@@ -80,8 +86,7 @@ class Interpreted:
     def _values(self) -> tuple[ca.Function, NDArray[np.intp], Array]:
         """All residuals of one step, with the term of each and its mask."""
         functions = self.program.functions
-        z, u, p, q = self._symbols
-        parts, terms = [functions.state(*self._nodes, u, p, q)], [*functions.state_terms]
+        parts, terms = [functions.state(*self._inputs)], [*functions.state_terms]
         mask = [1.0] * len(terms)
         for _, _, inputs, use in self._contacts:
             assert functions.contact is not None
@@ -90,7 +95,7 @@ class Interpreted:
             mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
         return (
-            ca.Function("residuals", [z, u, p, q], [r], {"cse": True}),
+            ca.Function("residuals", self._symbols, [r], {"cse": True}),
             np.array(terms, dtype=np.intp),
             np.array(mask),
         )
@@ -99,11 +104,10 @@ class Interpreted:
     @postponed()
     def _slopes(self) -> ca.Function:
         """Residuals over the state and their derivatives to (z, u)."""
-        z, u, p, q = self._symbols
-        r = self.program.functions.state(*self._nodes, u, p, q)
-        return ca.Function(
-            "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
-        )
+        functions, inputs = self.program.functions, self._inputs
+        r = functions.state(*inputs)
+        jac = functions.calls.jacobian(r, inputs, ca.vertcat(*self._symbols[:2]))
+        return ca.Function("slopes", self._symbols, [r, ca.densify(jac)], {"cse": True})
 
     @postponed()
     def _touch(self, exact: bool) -> ca.Function:
@@ -132,7 +136,7 @@ class Interpreted:
                 if a != b:
                     hess[places[b], places[a]] += block.T
         return ca.Function(
-            "touch", list(self._symbols), [ca.densify(gradient), ca.densify(hess)], {"cse": True}
+            "touch", self._symbols, [ca.densify(gradient), ca.densify(hess)], {"cse": True}
         )
 
     @cached_property
@@ -143,7 +147,28 @@ class Interpreted:
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
         p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
-        return [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
+        given = [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
+        return [*given, *self._called(given)]
+
+    def _called(self, given: list[Array]) -> list[Array]:
+        """v (size, N) of all steps, where stages of code are called."""
+        calls, steps = self.program.functions.calls, self.plan.steps
+        v = np.zeros((calls.size, steps))
+        for stage, argument, at in zip(calls.stages, self._called_with, calls.at, strict=False):
+            a = np.asarray(argument.map(steps)(*given, v)).T
+            made = [part.reshape(steps, -1) for part in stage.evaluate(a)]
+            v[at : at + stage.size] = np.concatenate(made, axis=1).T
+        return [v] if calls else []
+
+    @cached_property
+    @postponed()
+    def _called_with(self) -> list[ca.Function]:
+        """The argument of each call."""
+        calls = self.program.functions.calls
+        return [
+            ca.Function("argument", self._symbols, [argument(*self._inputs)])
+            for argument in calls.arguments
+        ]
 
     def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
