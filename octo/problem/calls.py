@@ -56,6 +56,40 @@ class Call:
         """(outputs,) symbols."""
         return self.given[: self.stage.outputs]
 
+    @property
+    def slopes(self) -> ca.SX:
+        """(outputs, inputs) symbols."""
+        n, m = self.stage.outputs, self.stage.inputs
+        return ca.reshape(self.given[n : n + n * m], m, n).T
+
+    @property
+    def second(self) -> ca.SX:
+        """(outputs·inputs, inputs) symbols, of a stage that has second derivatives."""
+        n, m = self.stage.outputs, self.stage.inputs
+        return ca.reshape(self.given[n + n * m :], m, n * m).T
+
+
+def jacobian(calls: Sequence[Call], expression: ca.SX, over: ca.SX) -> ca.SX:
+    """d expression / d over, where both the expression and the arguments may depend on ``over`` and
+    on what calls before gave."""
+    moved: list[ca.SX] = []  # d argument / d over of each call
+    for call in calls:
+        moved.append(_through(calls, call.argument, over, moved))
+    return _through(calls, expression, over, moved)
+
+
+def _through(
+    calls: Sequence[Call], expression: ca.SX, over: ca.SX, moved: Sequence[ca.SX]
+) -> ca.SX:
+    """The same where d argument / d over is known of the calls that the expression depends on."""
+    whole = ca.jacobian(expression, over)
+    for call, a in zip(calls, moved, strict=False):
+        whole += ca.jacobian(expression, call.value) @ (call.slopes @ a)
+        if call.stage.second:
+            entries = ca.vec(call.slopes.T)
+            whole += ca.jacobian(expression, entries) @ (call.second @ a)
+    return whole
+
 
 @dataclass(frozen=True, eq=False)
 class Calls:
@@ -143,25 +177,9 @@ class Calls:
         ----------
         expression: of ``inputs``: x_next, x, x_prev, u, p, q, v. over: symbols of those but v.
         """
-        moved: list[ca.SX] = []  # d argument / d over of each call
-        for argument in self.arguments:
-            moved.append(self._through(argument(*inputs), inputs, over, moved))
-        return self._through(expression, inputs, over, moved)
-
-    def _through(
-        self, expression: ca.SX, inputs: Sequence[ca.SX], over: ca.SX, moved: Sequence[ca.SX]
-    ) -> ca.SX:
-        """The same where d argument / d over is known of the calls that it may depend on."""
-        whole = ca.jacobian(expression, over)
-        for stage, at, a in zip(self.stages, self.at, moved, strict=False):
-            v = inputs[GIVEN]
-            n, m = stage.outputs, stage.inputs
-            value, slopes = v[at : at + n], v[at + n : at + n + n * m]
-            whole += ca.jacobian(expression, value) @ (ca.reshape(slopes, m, n).T @ a)
-            if stage.second:
-                bend = ca.reshape(v[at + n + n * m : at + stage.size], m, n * m).T
-                whole += ca.jacobian(expression, slopes) @ (bend @ a)
-        return whole
+        ends = zip(self.stages, self.arguments, self.at, self.at[1:], strict=False)
+        made = [Call(stage, f(*inputs), inputs[GIVEN][i:j]) for stage, f, i, j in ends]
+        return jacobian(made, expression, over)
 
     # -- text --------------------------------------------------------------------------------------
 

@@ -32,6 +32,7 @@ POINTS = 8  # at which the two are compared
 STEP = 1e-5  # of differences
 SAME = 1e-9  # relative difference of C and Python
 CLOSE = 1e-4  # the same of derivatives and of differences of values
+STRICT = ("-Wl,-z,defs",)  # an unknown function is an error of the compiler, not of the loader
 ORDERS = ("value", "slopes", "second")
 
 
@@ -208,15 +209,15 @@ class CodeStage:
 
     def _compiled(self, a: Array) -> tuple[Array, ...]:
         """What C gives; nothing without a compiler."""
+        text = f'{HEAD}#line 1 "{self.name}"\n{self.c_text}\n{self._caller}'
         try:
-            library = native.load(f'{HEAD}#line 1 "{self.name}"\n{self.c_text}\n{self._caller}')
+            library = native.load(text, STRICT)
         except DeviceError as error:
-            said = str(error)
-            if "could not compile" not in said and "cannot be loaded" not in said:
+            _, failed, said = str(error).partition("could not compile octo's text (")
+            if not failed:
                 raise
-            raise ProblemError(
-                f"{self.label}.text does not compile: {said.partition('): ')[2] or said}"
-            ) from error
+            said = said.partition("): ")[2]
+            raise ProblemError(f"{self.label}.text does not compile: {said}") from error
         if library is None:
             return ()
         given = doubles("points", a, a.shape)
