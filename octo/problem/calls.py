@@ -181,6 +181,24 @@ class Calls:
         made = [Call(stage, f(*inputs), inputs[GIVEN][i:j]) for stage, f, i, j in ends]
         return jacobian(made, expression, over)
 
+    # -- numbers -----------------------------------------------------------------------------------
+
+    def evaluate(self, arguments: Sequence[ca.Function], given: Sequence[Array]) -> list[Array]:
+        """v (size, N) where there are calls, by the stages' Python.
+
+        Parameters
+        ----------
+        arguments: as functions of the inputs ``given`` (…, N) and v, over N steps.
+        """
+        if not self:
+            return []
+        steps = given[0].shape[-1]
+        v = np.zeros((self.size, steps))
+        for stage, argument, at in zip(self.stages, arguments, self.at, strict=False):
+            made = stage.evaluate(np.asarray(argument(*given, v)).T)
+            v[at : at + stage.size] = np.concatenate([p.reshape(steps, -1) for p in made], axis=1).T
+        return [v]
+
     # -- text --------------------------------------------------------------------------------------
 
     @property

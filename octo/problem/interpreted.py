@@ -46,7 +46,7 @@ class Interpreted:
             "z": 3 * dynamics.nx,
             "u": dynamics.nu,
             "p": dynamics.layout.size,
-            "q": self.data.q.shape[-1],
+            "q": self._numbers,
         }
         if self.program.functions.calls:
             sizes["v"] = self.program.functions.calls.size
@@ -56,6 +56,12 @@ class Interpreted:
     def _inputs(self) -> list[ca.SX]:
         """The same as the functions of a step have them: x_next, x, x_prev, u, …"""
         return [*self._nodes, *self._symbols[1:]]
+
+    @property
+    def _numbers(self) -> int:
+        """Of q, that the terms see: all but weights and shifts of bounded rows."""
+        functions = self.program.functions
+        return functions.numbers - 2 * len(functions.bounded)
 
     @property
     def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -87,7 +93,7 @@ class Interpreted:
         """All residuals of one step, with the term of each and its mask."""
         functions = self.program.functions
         parts, terms = [functions.state(*self._inputs)], [*functions.state_terms]
-        mask = [1.0] * len(terms)
+        mask = [1.0] * self._squares + [0.0] * len(functions.bounded)
         for _, _, inputs, use in self._contacts:
             assert functions.contact is not None
             parts.append(functions.contact.value(*inputs))
@@ -147,47 +153,43 @@ class Interpreted:
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
         p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
-        given = [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
-        return [*given, *self._called(given)]
-
-    def _called(self, given: list[Array]) -> list[Array]:
-        """v (size, N) of all steps, where stages of code are called."""
-        calls, steps = self.program.functions.calls, self.plan.steps
-        v = np.zeros((calls.size, steps))
-        for stage, argument, at in zip(calls.stages, self._called_with, calls.at, strict=False):
-            a = np.asarray(argument.map(steps)(*given, v)).T
-            made = [part.reshape(steps, -1) for part in stage.evaluate(a)]
-            v[at : at + stage.size] = np.concatenate(made, axis=1).T
-        return [v] if calls else []
+        q = self.data.q[k][:, : self._numbers]
+        given = [z, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
+        return [*given, *self.program.functions.calls.evaluate(self._called_with, given)]
 
     @cached_property
     @postponed()
     def _called_with(self) -> list[ca.Function]:
-        """The argument of each call."""
-        calls = self.program.functions.calls
+        """The argument of each call, of all steps."""
         return [
-            ca.Function("argument", self._symbols, [argument(*self._inputs)])
-            for argument in calls.arguments
+            ca.Function("argument", self._symbols, [argument(*self._inputs)]).map(self.plan.steps)
+            for argument in self.program.functions.calls.arguments
         ]
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
-        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
+    def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
+        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
+        the bounded rows (batch, N, rows) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
-        terms[:] = self.terms(nodes, fd)
+        self.fill_terms(nodes, fd, terms, rows)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
 
-    def terms(self, nodes: Array, fd: Array) -> Array:
-        """(batch, N, terms) coefficient·|r|²."""
+    def fill_terms(self, nodes: Array, fd: Array, out: Array, rows: Array) -> None:
+        """coefficient·|r|² of each term, and r of the bounded rows."""
         value, terms, mask = self._values
-        batch, steps = len(nodes), self.plan.steps
-        out = np.zeros((batch, steps, len(self.program.functions.references.terms)))
-        for k in range(batch):
-            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T
+        steps, squares = self.plan.steps, self._squares
+        for k in range(len(nodes)):
+            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T.reshape(steps, -1)
+            rows[k] = r[:, squares : squares + rows.shape[-1]]
             coefficient = self.data.q[k][:, terms] * mask
-            weighted = coefficient * np.where(coefficient != 0.0, r.reshape(steps, -1), 0.0) ** 2
+            weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
             for t in range(out.shape[-1]):
                 out[k, :, t] = weighted[:, terms == t].sum(axis=1)
-        return out
+
+    @property
+    def _squares(self) -> int:
+        """How many rows over the state are squares of E: the first ones."""
+        functions = self.program.functions
+        return len(functions.state_terms) - len(functions.bounded)
 
     def linearize(
         self,
@@ -199,11 +201,9 @@ class Interpreted:
         """Fills H, A, b, C."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
-        r, jac, coefficient = self._rows(at)
+        weight, shift, jac = self._rows(at)
         pull = np.zeros_like(at.fd)
-        pull[..., dynamics.actuated] = np.einsum(
-            "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
-        )
+        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
         if lam is not None:
             rows = np.matmul(
                 plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
@@ -213,12 +213,12 @@ class Interpreted:
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
-        step_hess = np.einsum("kir,kira,kirb->kiab", coefficient, chained, chained)
+        step_hess = np.einsum("kir,kira,kirb->kiab", weight, chained, chained)
         if hess is not None:
             step_hess += hess
-        gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
+        gradient = np.einsum("kir,kira->kia", shift, chained)
         if self._contacts:
-            whole = np.full(len(r), lam is not None)
+            whole = np.full(len(shift), lam is not None)
             if curved is not None:
                 whole &= np.asarray(curved, dtype=bool)
             self._add_contacts(at, whole, gradient, step_hess)
@@ -230,8 +230,8 @@ class Interpreted:
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
-        """Residuals over the state (batch, N, rows), their derivatives to (z, u), and what their
-        squares are multiplied with in 2E."""
+        """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
+        rows), 2c and 2cr of squares, and r' to (z, u)."""
         terms = np.array(self.program.functions.state_terms, dtype=np.intp)
         batch, steps, width = len(at.nodes), self.plan.steps, 3 * self.plan.n
         width += self.program.dynamics.nu
@@ -241,9 +241,14 @@ class Interpreted:
             value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
             r[k] = np.asarray(value).T.reshape(steps, len(terms))
             jac[k] = np.asarray(flat).reshape(len(terms), steps, width).transpose(1, 0, 2)
-        coefficient = 2.0 * self.data.q[:, :, terms]
-        live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
-        return np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0), coefficient
+        weight, squares = 2.0 * self.data.q[:, :, terms], self._squares
+        bounded = len(terms) - squares
+        own = self.data.q[:, :, self._numbers :]
+        weight[..., squares:] = own[..., :bounded]
+        live = weight != 0.0  # a step that a term leaves out may have no finite residual
+        shift = weight * np.where(live, r, 0.0)
+        shift[..., squares:] = np.where(live[..., squares:], own[..., bounded:], 0.0)
+        return weight, shift, np.where(live[..., None], jac, 0.0)
 
     def _add_contacts(
         self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array
