@@ -78,6 +78,24 @@ def jacobian(calls: Sequence[Call], expression: ca.SX, over: ca.SX) -> ca.SX:
     return _through(calls, expression, over, moved)
 
 
+def gradient(calls: Sequence[Call], expression: ca.SX, over: ca.SX) -> ca.SX:
+    """The same of one number, as a column."""
+    return jacobian(calls, expression, over).T if calls else ca.gradient(expression, over)
+
+
+def with_numbers_of(
+    others: Sequence[Call], calls: Sequence[Call], expression: ca.SX
+) -> tuple[ca.SX, list[Call]]:
+    """An expression and its calls with what ``others``, the same calls made of other symbols, are
+    given."""
+    if not calls:
+        return expression, []
+    own, new = (ca.vertcat(*[call.given for call in some]) for some in (calls, others))
+    made = ca.substitute([expression, *[call.argument for call in calls]], [own], [new])
+    pairs = zip(others, made[1:], strict=True)
+    return made[0], [Call(other.stage, a, other.given) for other, a in pairs]
+
+
 def _through(
     calls: Sequence[Call], expression: ca.SX, over: ca.SX, moved: Sequence[ca.SX]
 ) -> ca.SX:

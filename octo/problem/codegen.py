@@ -31,6 +31,7 @@ from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import Setting, StepSymbols
 
@@ -51,9 +52,11 @@ class CostFunctions:
     state_sparsity: ca.Sparsity
     state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
     contact: ContactFunctions | None
-    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
+    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}),
+    # and of one that is exact Σ r d²r/d(c_k, c_{k+1})²
     between: tuple[tuple[int, ca.Function], ...]
     calls: Calls  # of stages of code
+    curvature: StateCurvature | None  # of the exact terms over the state
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
@@ -86,7 +89,8 @@ class Residuals:
     ----------
     inputs: x_next, x, x_prev, u, p, q, and v where stages of code are called; calls: these.
     state: (rows,) of each term over a step; terms: their indices. between: by the index of each
-        term over neighbouring controls c, c_next; contact: those of one contact.
+        term over neighbouring controls c, c_next; contact: those of one contact. exact: indices of
+        the terms whose second derivatives are; curved: those of them over a step.
     """
 
     references: References
@@ -97,6 +101,8 @@ class Residuals:
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
     calls: Calls
+    exact: tuple[int, ...]
+    curved: CurvedTerms
 
     @cached_property
     def function(self) -> ca.Function:
@@ -116,14 +122,20 @@ class Residuals:
             over = [*self.controls, *self.inputs[4:6]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
         own = None if self.contact is None else self.contact.structure
-        return kinds, places, tuple(self.terms), *written, own, self.calls.structure
+        whole = kinds, places, tuple(self.terms), self.exact
+        return *whole, *written, own, self.calls.structure
 
 
 @postponed()
 def residuals_of(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+    dynamics: Dynamics,
+    terms: Sequence[Cost],
+    setting: Setting,
+    between_controls: bool,
+    exact: bool = False,
 ) -> Residuals:
-    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls.
+    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
+    ``exact``: all have exact second derivatives, whatever their ``curvature``.
 
     Raises
     ------
@@ -133,7 +145,10 @@ def residuals_of(
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     nodes, step = step_symbols(dynamics, p)
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
-    state, own, between = [], [], {}
+    state: list[ca.SX] = []
+    own, between = [], {}
+    bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
+    curved = CurvedTerms(CenteredStep.of(step))
     # bounded rows stand last
     for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
         if isinstance(term, ContactCost):
@@ -143,7 +158,10 @@ def residuals_of(
             if between_controls and isinstance(term, NeighbourCost):
                 between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
+            first, called = sum(r.numel() for r in state), len(step.calls)
             state.append(term.shaped(term.residual(step, view), view))
+            if k in bent:
+                curved.add(k, term, view, first, step.calls[called:])
         own.append(k)
     over = [term for term in terms if isinstance(term, ContactCost)]
     if over and not isinstance(dynamics, RobotDynamics):
@@ -156,7 +174,10 @@ def residuals_of(
     inputs = [*nodes, p, q]
     calls = Calls.of(step.calls, inputs)
     inputs += [ca.vertcat(*[call.given for call in step.calls])] if calls else []
-    return Residuals(references, inputs, state, own, controls, between, contact, calls)
+    exact_terms = bent, curved
+    return Residuals(
+        references, inputs, state, own, controls, between, contact, calls, *exact_terms
+    )
 
 
 @postponed()
@@ -165,6 +186,7 @@ def derived(made: Residuals) -> CostFunctions:
     too."""
     inputs = made.inputs
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
+    bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = made.calls.jacobian(r, inputs, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
@@ -183,6 +205,7 @@ def derived(made: Residuals) -> CostFunctions:
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
         made.calls,
+        made.curved.derived(inputs[4:], len(terms) - bounded, bounded),
     )
 
 
@@ -191,6 +214,9 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
     for number, (k, r) in enumerate(made.between.items()):
         inputs = [*made.controls, made.inputs[5]]
         out = [r, ca.jacobian(r, both)]
+        if k in made.exact:
+            held = ca.SX.sym("held", r.numel())
+            out.append(ca.substitute(ca.hessian(ca.dot(held, r), both)[0], held, r))
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
@@ -240,6 +266,11 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     calls = functions.calls
     text = [calls.lanes_text] if calls else []
     text += [calls.in_lanes(functions.state, 0), calls.in_lanes(functions.state_jac, 1)]
+    own_parts: tuple[str, ...] = ()
+    if functions.curvature is not None:
+        text.append(calls.in_lanes(functions.curvature.function, 2))
+        text.append(functions.curvature.tables())
+        own_parts = ("curvature.c",)
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
@@ -252,7 +283,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
+    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", *own_parts, "assemble.c")
     return "\n".join(
         [
             *text,

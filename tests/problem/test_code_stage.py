@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -20,6 +21,9 @@ from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.problem.structure import check_alike
 
+needs_compilers = pytest.mark.skipif(
+    native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
+)
 RANDOM = np.random.default_rng(5)
 INPUTS, HIDDEN, OUTPUTS = 3, 8, 2
 FIRST = RANDOM.standard_normal((HIDDEN, INPUTS + 1))  # weights, and what is added, last
@@ -91,9 +95,7 @@ def close(found: Any, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("basis", sorted(BASES))
-@pytest.mark.skipif(
-    native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
-)
+@needs_compilers
 def test_a_learned_map_is_the_same_as_its_expression(basis: str) -> None:
     """E, C and the model in C, without a compiler, and in CUDA's text."""
     code, symbols = (CompiledProblem([problem(f, BASES[basis])] * 2) for f in (by_code, by_symbols))
@@ -110,6 +112,54 @@ def test_a_learned_map_is_the_same_as_its_expression(basis: str) -> None:
             wanted = symbols.linearize(expected, multipliers)
             for name in ("H", "A", "b"):
                 close(getattr(model, name), getattr(wanted, name))
+
+
+LINEAR = (
+    octo.CodeStage.table("linear_slopes", FIRST[:OUTPUTS, :INPUTS])
+    + f"""
+static void linear(const double *a, double *value, double *slopes) {{
+  for (int o = 0; o < {OUTPUTS}; ++o) value[o] = 0.0;
+  for (int k = 0; k < {OUTPUTS * INPUTS}; ++k) {{
+    value[k / {INPUTS}] += linear_slopes[k] * a[k % {INPUTS}];
+    if (slopes) slopes[k] = linear_slopes[k];
+  }}
+}}
+"""
+)
+
+
+def linear(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    slopes = FIRST[:OUTPUTS, :INPUTS]
+    return a @ slopes.T, np.broadcast_to(slopes, (*a.shape[:-1], *slopes.shape))
+
+
+STRAIGHT = octo.CodeStage("linear", INPUTS, OUTPUTS, LINEAR, linear)
+STAGES = {"its own": (NETWORK, written), "none": (STRAIGHT, lambda a: FIRST[:OUTPUTS, :INPUTS] @ a)}
+
+
+@needs_compilers
+@pytest.mark.parametrize("second", sorted(STAGES))
+@pytest.mark.parametrize("basis", sorted(BASES))
+def test_exact_second_derivatives_pass_through(basis: str, second: str) -> None:
+    """With the stage's own; without them a stage counts as linear where it is called."""
+    stage, expression = STAGES[second]
+    code, symbols = (
+        CompiledProblem(
+            [problem(lambda step, p, f=f: residual(step, partial(f, step)), BASES[basis])],
+            exact=True,
+        )
+        for f in (lambda step, a: step.call(stage, a), lambda step, a: expression(a))
+    )
+    unknowns = wiggle_near_ground(code)
+    lam = np.random.default_rng(0).standard_normal((1, code.K, code.ma))
+    expected = symbols.linearize(symbols.evaluate(unknowns), lam).H
+    device = DeviceProblem(code, EmulatedDevice(32, 1))
+    for backend in (code, code.interpreted(), device):
+        at = backend.evaluate(device.device.array(unknowns) if backend is device else unknowns)
+        close(backend.linearize(at, lam).H, expected)
+    plain = CompiledProblem(code.problems)
+    gauss_newton = plain.linearize(plain.evaluate(unknowns), lam).H
+    assert np.abs(gauss_newton - expected).max() > 1e-6 * np.abs(expected).max()
 
 
 def test_the_reference_finds_the_same_motion() -> None:
