@@ -67,6 +67,11 @@ static void octo_evaluate_chunk(void *shared, int item) {
     for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; terms[k] = t->terms + (step + k) * NTERM; }
     octo_spread(g->lanes.fd, NX, fd, count);
     octo_spread(shares, NTERM, terms, count);
+#if NBOUNDED > 0
+    double *bounded[STEPS];
+    for (int k = 0; k < count; ++k) bounded[k] = t->rows + (step + k) * NBOUNDED;
+    if (t->rows) octo_spread(g->r + SQUARES, NBOUNDED, bounded, count);
+#endif
   }
   free(g);
 }

@@ -14,14 +14,10 @@ typedef struct { ROW_SUMS(double); } octo_step_sums;
 /* rows (count, LD) of d residual / d (x_next, x, x_prev), scaled; value of each row. */
 typedef struct { double row[NDENSE + NU + 1][LD] __attribute__((aligned(64))); double value[NDENSE + NU + 1]; int count; } octo_rows;
 
-/* What a row's square is multiplied with in 2E; and half of the derivative of that product with respect to r. */
-static inline real octo_lanes_weight(const real *q, int row) { return 2.0 * q[octo_state_row_term[row]]; }
-static inline real octo_lanes_shift(const real *q, int row, real r) { return octo_lanes_weight(q, row) * r; }
-
 /* Each term's share of E but for terms over contacts: terms (NTERM). */
 static void octo_sum_rows(const real *q, const real *r, real *terms) {
   for (int k = 0; k < NTERM; ++k) terms[k] = ZERO;
-  for (int row = 0; row < NR; ++row) {
+  for (int row = 0; row < SQUARES; ++row) {
     real c = q[octo_state_row_term[row]], own = WHERE(c != 0.0, r[row]); /* a step that a term leaves out may have no finite residual */
     terms[octo_state_row_term[row]] += c * own * own;
   }
@@ -31,8 +27,8 @@ static void octo_sum_rows(const real *q, const real *r, real *terms) {
 static void octo_derive_rows(const real *q, const real *r, real *slopes, octo_row_sums *out, real *pull, real *gradient) {
   real weight[NR + 1], shift[NR + 1], single[NU + 1];
   for (int row = 0; row < NR; ++row) {
-    weight[row] = octo_lanes_weight(q, row);
-    shift[row] = WHERE(weight[row] != 0.0, octo_lanes_shift(q, row, r[row]));
+    weight[row] = octo_row_weight(q, row);
+    shift[row] = WHERE(weight[row] != 0.0, octo_row_shift(q, row, r[row]));
   }
   for (int j = 0; j < NU; ++j) pull[j] = single[j] = out->single_value[j] = ZERO;
   for (int k = 0; k < NSQUARE; ++k) out->square[k] = ZERO;
