@@ -3,6 +3,8 @@ those of evaluating them everywhere."""
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 import pytest
 from walker import START, walker
@@ -12,6 +14,7 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 
 STEPS = 90
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
 def bouncing(threads: int) -> CompiledProblem:
@@ -26,7 +29,6 @@ def bouncing(threads: int) -> CompiledProblem:
     )
 
 
-@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_contacts_that_come_and_go(threads, exact):
@@ -49,3 +51,27 @@ def test_contacts_that_come_and_go(threads, exact):
         np.testing.assert_allclose(
             getattr(found, name), whole, rtol=0.0, atol=1e-11 * np.abs(whole).max()
         )
+
+
+def test_what_rests_is_not_evaluated():
+    """In the air the one contact that has a term there, under the ground all three."""
+    problem = bouncing(1)
+    source = problem.program.c_text()
+    for name in ("cost", "exact", "model"):
+        call = f"octo_contact_{name}(arg, res);"
+        assert source.count(call) == 1
+        source = source.replace(call, f"(++octo_evaluated, octo_contact_{name}(arg, res));")
+    library = native.load(f"int octo_evaluated;\n{source}")
+    assert library is not None
+    problem.__dict__["library"] = library
+    evaluated = ctypes.c_int.in_dll(library, "octo_evaluated")
+    counts = []
+    for height in (2.0, -2.0):
+        nodes = np.repeat(START[None, None], STEPS + 2, axis=1)
+        nodes[..., 2] += height
+        for lam in (None, np.ones((1, problem.K, problem.ma))):
+            evaluated.value = 0
+            problem.linearize(problem.evaluate_nodes(problem.unknowns(nodes), nodes), lam)
+            counts.append(evaluated.value)
+    air, *others = counts
+    assert air > 0 and others == [air, 3 * air, 3 * air]
