@@ -5,7 +5,7 @@
  * then what the pairs alone couple. */
 
 #define JAC_SLOTS (1 + 6 * NRELATED + NCOUPLED)
-#define HESS_SLOTS (1 + 7 * NRELATED + NCOUPLED)
+#define HESS_SLOTS (1 + 9 * NRELATED + NCOUPLED) /* the last two runs are of block 12, which is not written here */
 
 /* Adds more to a link's composite: to the blocks of its curvature, order 2. */
 typedef void octo_adder(void *from, const octo_input *in, int link, octo_link_blocks *to);
@@ -155,7 +155,7 @@ static inline void octo_couple_jacobian(int i, int j, real value, real *jac) {
 }
 static inline void octo_couple_curvature(int i, int j, real value, real *hess) {
   int at = octo_coupled[i * NX + j];
-  hess[1 + (at < NRELATED ? 0 : 6 * NRELATED) + at] += value;
+  hess[1 + (at < NRELATED ? 0 : 8 * NRELATED) + at] += value;
 }
 #endif
 

@@ -83,17 +83,17 @@ int octo_evaluate(octo_task *t, int threads) {
   return sweep.failed;
 }
 
-/* Columns 8j … 8j+7 of row r of a node's row of blocks of the curvature (HESS in phases.c), from its diagonal block on. */
-static inline __attribute__((always_inline)) v8 octo_curved(const double *curvature, const int node, int r, int j) {
-  v8 line = {0};
-  for (int other = node; other < 3; ++other) {
-    int block = node == 0 ? other : node == other ? 2 + node : 5, column = 8 * j - other * NX;
-    if (block >= BLOCKS || column <= -8 || column >= NX) continue;
-    v8_integers at = column + (v8_integers){0, 1, 2, 3, 4, 5, 6, 7};
-    v8 part = *(const v8_anywhere *)(curvature + (block * NX + r) * NX + column);
-    line = (v8)((v8_integers)line | ((v8_integers)part & (at >= 0) & (at < NX)));
-  }
-  return line;
+/* What of the curvature (HESS in phases.c) stands in the rows of hess (W3, LD), from the nodes' diagonal blocks on. */
+static octo_slot octo_line_slot[W3 * LD];
+static char octo_line_use[W3 * LD / STEPS];
+
+__attribute__((constructor)) static void octo_find_lines(void) {
+  static const int block[3][3] = {{0, 1, 2}, {0, 3, 5}, {0, 0, 4}};
+  for (int node = 0; node < 3; ++node)
+    for (int other = node; other < 3; ++other)
+      for (int e = 0; e < NX * NX && block[node][other] < (NFC > 0 ? 6 : CURVATURE); ++e)
+        octo_line_slot[(node * NX + e / NX) * LD + other * NX + e % NX] = octo_hess_slot[block[node][other] * NX * NX + e];
+  octo_find_use(octo_line_slot, W3 * LD, HESS_SLOTS - NCOUPLED, octo_line_use);
 }
 
 /* A node's rows of hess = curvature (or 0) + rowsᵀ rows, from its diagonal block on and two at a time; what stands left of
@@ -104,8 +104,8 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
     int i = node * NX + r;
     v8 one[LD / 8], two[LD / 8];
     for (int j = first; j < LD / 8; ++j) {
-      one[j] = curvature ? octo_curved(curvature, node, r, j) : (v8){0};
-      two[j] = curvature ? octo_curved(curvature, node, r + 1, j) : (v8){0};
+      one[j] = curvature ? *(const v8 *)(curvature + i * LD + 8 * j) : (v8){0};
+      two[j] = curvature ? *(const v8 *)(curvature + (i + 1) * LD + 8 * j) : (v8){0};
     }
     for (int k = 0; k < rows->count; ++k) {
       const double *row = rows->row[k], f = row[i], g = row[i + 1];
@@ -146,7 +146,7 @@ typedef struct {
   octo_group group;
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
   double jac[STEPS][(NX * W3 + 7) / 8 * 8] __attribute__((aligned(64)));
-  double curvature[STEPS][((BLOCKS * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
+  double curvature[STEPS][(W3 + 1) * LD] __attribute__((aligned(64)));
   double lam[STEPS][NX];
 #if NFC > 0
   octo_touched touched;
@@ -214,10 +214,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   }
   int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
 #if NFC > 0
-  double *past[STEPS];
-  for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX;
   if (!t->lam) octo_touch_alone(&s->touched, &in);
-  octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
 #endif
 #if SLOPED
   double *slope[STEPS];
@@ -225,7 +222,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   octo_spread(s->gradient_sum, W3, slope, STEPS);
 #endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
-  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
+  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_line_slot, W3 * LD, octo_line_use, lanes->touching, kept, curvature, STEPS);
   s->zeros = lanes->touching;
 }
 

@@ -2,10 +2,8 @@
  * lane. The blocks that FD's curvature has too are added to a link's composite (lanes_step.c); the others are summed from the leaves
  * of the tree on here, and paired with the joints' twists. Stands before assemble.c. */
 
-#if NFC == 0
-#define BLOCKS CURVATURE
-#else
-#define BLOCKS 6 /* 00 01 02 11 22 12: the last one, which FD does not have, is kept beside the slots of lanes_step.c */
+#if NFC > 0
+#define BLOCKS 6 /* 00 01 02 11 22 12: the last one FD does not have, its slots are kept for it */
 #define COMMON (36 * (BLOCKS - 1))
 #define TOUCHED (18 + 36 * BLOCKS)
 
@@ -57,17 +55,12 @@ static void octo_sum_contacts(octo_rests *s, const octo_work *work, const octo_i
 
 /* carried: gradient, block 12 and, where there is no composite, the other blocks of what a link carries. */
 typedef struct {
-  real carried[NSLOT][TOUCHED], one[TOUCHED], past[1 + 2 * NRELATED];
+  real carried[NSLOT][TOUCHED], one[TOUCHED];
   char found[NLINK];
   int exact;
   octo_rests *rests; const octo_work *work; const real *q;
   real *gradient, *hess;
 } octo_touched;
-
-static char octo_past_use[NX * NX / STEPS + 1];
-__attribute__((constructor)) static void octo_find_past_use(void) {
-  octo_find_use(octo_past_slot, NX * NX, 1 + 2 * NRELATED, octo_past_use);
-}
 
 /* Derivatives of what link l carries, those of FD's blocks into common (COMMON) or where they are carried: whether there is something. */
 static int octo_touch_carried(octo_touched *s, const octo_input *in, int l, real *common) {
@@ -113,25 +106,23 @@ static inline void octo_touch_block(const octo_input *in, const real *block, int
 
 /* What a link carries: the blocks of FD's curvature to its composite ``to``, or without one to hess. */
 static void octo_touch_link(void *from, const octo_input *in, int l, octo_link_blocks *to) {
-  static const int kind[BLOCKS - 1] = {0, 1, 2, 5, 6}, newer[BLOCKS - 1] = {0, 0, 0, 1, 2}, older[BLOCKS - 1] = {0, 1, 2, 1, 2};
+  static const int kind[BLOCKS] = {7, 0, 1, 2, 5, 6}, back[BLOCKS] = {8, 0, 3, 4, 5, 6}; /* runs of slots (lanes_step.c) */
+  static const int newer[BLOCKS] = {1, 0, 0, 0, 1, 2}, older[BLOCKS] = {2, 0, 1, 2, 1, 2};
   octo_touched *s = from;
   const real *carried = s->carried[octo_link_slot[l]];
   s->found[l] = octo_touch_carried(s, in, l, to ? to->T[0] : 0);
   for (int j = octo_link_first[l]; s->found[l] && j <= octo_link_last[l]; ++j) {
     for (int node = 0; node < 3; ++node) s->gradient[node * NX + j] += octo_along(in->kin[node] + 12 * NB + 6 * j, carried + 6 * node);
-    real *past = s->past + 1 + octo_path_start[j];
-    octo_touch_block(in, carried + 18, j, 1, 2, past, past + NRELATED);
-    for (int b = 0; b < BLOCKS - 1 && !to; ++b) {
-      real *at = s->hess + 1 + kind[b] * NRELATED + octo_path_start[j];
-      octo_touch_block(in, carried + 54 + 36 * b, j, newer[b], older[b], at, at + 2 * NRELATED);
-    }
+    real *at = s->hess + 1 + octo_path_start[j];
+    for (int b = 0; b < (to ? 1 : BLOCKS); ++b)
+      octo_touch_block(in, carried + 18 + 36 * b, j, newer[b], older[b], at + kind[b] * NRELATED, at + back[b] * NRELATED);
   }
 }
 
 /* Before a group: its second derivatives, ``exact`` or by Gauss and Newton, come with the curvature of FD, to which gradient and block
  * 12 are added. */
 static void octo_touch_begin(octo_touched *s, octo_rests *rests, octo_lanes *lanes, const real *q, int exact, real *gradient) {
-  memset(s->past, 0, sizeof s->past);
+  memset(lanes->hess + 1 + 7 * NRELATED, 0, 2 * NRELATED * sizeof(real));
   s->rests = rests, s->work = &lanes->work, s->q = q, s->exact = exact, s->gradient = gradient, s->hess = lanes->hess;
   lanes->work.adder = octo_touch_link, lanes->work.adds = s;
 }

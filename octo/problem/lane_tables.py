@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from octo.dynamics import slots
 from octo.dynamics.codegen import Links, integers
 from octo.model.character import Character
 from octo.problem.contact_model import ContactFunctions
@@ -64,8 +63,8 @@ def row_tables(rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> str
 
 
 def contact_tables(functions: ContactFunctions, robot: Character) -> str:
-    """The contacts that have a term by link, those that the dynamics find to carry nothing (-1
-    where a term is not zero then), and the slots of the block that FD does not have."""
+    """The contacts that have a term by link, and those that the dynamics find to carry nothing
+    (-1 where a term is not zero then)."""
     links, bodies = Links(robot), [robot.contacts[k].body for k in functions.spheres]
     of = np.array([links.of[body] for body in bodies], dtype=int)
     order = np.argsort(of, kind="stable")
@@ -79,6 +78,5 @@ def contact_tables(functions: ContactFunctions, robot: Character) -> str:
             integers("cost_contact_order", order),
             integers("cost_contact_start", np.searchsorted(of[order], range(len(links.first) + 1))),
             integers("cost_contact_resting", resting),
-            slots.one_table("past", slots.of_past(robot, 1)),
         ]
     )
