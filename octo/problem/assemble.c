@@ -3,8 +3,9 @@
  *
  * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
- * A step's block is rowsᵀ rows of its rows over the state (sparse_rows.c); to it comes the curvature of lambdaᵀFD, and of the
- * terms over contacts (contacts.c). Dynamics and costs go STEPS steps at a time, all else step by step. */
+ * A step's block is rowsᵀ rows of its rows over the state (sparse_rows.c); to it comes the curvature of lambdaᵀFD, of the terms
+ * over contacts (contacts.c) and of exact ones over the state (curvature.c). Dynamics and costs go STEPS steps at a time, all else
+ * step by step. */
 
 /* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {
@@ -12,6 +13,9 @@ typedef struct {
   real q[NQ], u[NU + 1], r[NR + 1], slopes[NZ + 1];
 #if NFC > 0
   octo_rests rests;
+#endif
+#if NS > 0
+  real second[NS];
 #endif
 } octo_group;
 
@@ -39,6 +43,18 @@ static void octo_group_states(octo_group *g, const octo_input *in, int derive) {
   else octo_state_cost(state, made);
 #endif
 }
+
+#if NS > 0
+/* Second derivatives of the terms over the state. */
+static void octo_group_second(octo_group *g, const octo_input *in, double (*second)[NS]) {
+  const void *state[6] = {in->x[0], in->x[1], in->x[2], g->u, in->p, g->q};
+  real *made[1] = {g->second};
+  double *steps[STEPS];
+  octo_state_curvature(state, made);
+  for (int k = 0; k < STEPS; ++k) steps[k] = second[k];
+  octo_spread(g->second, NS, steps, STEPS);
+}
+#endif
 
 static int octo_group_count(int i, int last) { return last - i < STEPS ? last - i : STEPS; }
 
@@ -123,9 +139,9 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which ``slope`` (LD) is added, or 0; with ``half`` nothing of use stands left
- * of the nodes' diagonal blocks. */
-static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums, const double *curvature, const double *slope, int half,
+/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which ``slope`` (LD) is added, or 0; nothing of use stands left of the nodes'
+ * diagonal blocks. */
+static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums, const double *curvature, const double *slope,
                               double *hess, double *gradient) {
   v8 sum[LD / 8];
   for (int j = 0; j < LD / 8; ++j) sum[j] = slope ? ((const v8 *)slope)[j] : (v8){0};
@@ -136,7 +152,10 @@ static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums,
   octo_square(rows, curvature, 1, hess);
   octo_square(rows, curvature, 2, hess);
   octo_add_squares(sums, hess);
-  if (half) return;
+}
+
+/* What stands left of the nodes' diagonal blocks. */
+static void octo_mirror(double *hess) {
   for (int node = 1; node < 3; ++node)
     for (int i = 0; i < node * NX; ++i)
       for (int j = node * NX; j < (node + 1) * NX; ++j) hess[j * LD + i] = hess[i * LD + j];
@@ -153,6 +172,9 @@ typedef struct {
 #endif
 #if SLOPED
   double slope[STEPS][LD] __attribute__((aligned(64))); /* of E but for the rows written out */
+#endif
+#if NS > 0
+  double second[STEPS][NS]; /* of terms over the state */
 #endif
   octo_row_sums sums;
   real pull[NU + 1], gradient_sum[W3]; /* ∂E/∂u; of E but for the rows written out */
@@ -192,12 +214,18 @@ static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int mem
   return in;
 }
 
+/* Whether a member's terms have all of their curvature. */
+static int octo_is_curved(const octo_task *t, int member) { return t->lam && (!t->curved || t->curved[member]); }
+
 /* jac and curvature of ``count`` steps from i on. */
 static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int member, int i, int count) {
   octo_lanes *lanes = &s->group.lanes;
   const double *lam[STEPS];
   double *jac[STEPS], *curvature[STEPS];
   octo_input in = octo_derive_costs(t, s, member, i, count);
+#if NS > 0
+  if (octo_is_curved(t, member)) octo_group_second(&s->group, &in, s->second);
+#endif
   for (int k = 0; k < STEPS; ++k) {
     if (t->lam && k < count) octo_pull(t, ma, member, i + k, s->lam[k]);
     lam[k] = s->lam[k < count ? k : 0];
@@ -205,7 +233,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
     curvature[k] = s->curvature[k];
   }
 #if NFC > 0
-  octo_touch_begin(&s->touched, &s->group.rests, lanes, s->group.q, t->lam && (!t->curved || t->curved[member]), s->gradient_sum);
+  octo_touch_begin(&s->touched, &s->group.rests, lanes, s->group.q, octo_is_curved(t, member), s->gradient_sum);
 #endif
   if (t->lam) {
     octo_gather(lam, NX, lanes->lam);
@@ -234,7 +262,11 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *slope = 0;
 #endif
   octo_build_rows(&s->step_sums[k], s->jac[k], &s->rows);
-  octo_gauss_newton(&s->rows, &s->step_sums[k], t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
+  octo_gauss_newton(&s->rows, &s->step_sums[k], t->lam || NFC > 0 ? s->curvature[k] : 0, slope, s->hess, s->gradient);
+#if NS > 0
+  if (octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], s->hess);
+#endif
+  if (t->parts > 1) octo_mirror(s->hess);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;
