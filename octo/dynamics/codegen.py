@@ -63,7 +63,7 @@ def robot_text(
             stages.contact(order, layout, law, terrain),
             stages.joint(order, layout),
         ]
-    elements = elements_of(character, layout, _Links(character).of)
+    elements = elements_of(character, layout, Links(character).of)
     functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
@@ -202,7 +202,7 @@ def _literal(value: float) -> str:
 
 def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
-    links = _Links(character)
+    links = Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
         "NX": character.nx,
@@ -317,7 +317,7 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     ]
 
 
-class _Links:
+class Links:
     """Bodies welded together are one link: one inertia, in the frame of the link's first body.
 
     ``of`` is the link of each body (-1: fixed to the world), ``first`` each link's first body.

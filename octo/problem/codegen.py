@@ -18,7 +18,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.dynamics import slots
 from octo.dynamics.codegen import integers, lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
@@ -32,6 +31,7 @@ from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
+from octo.problem.lane_tables import contact_tables, row_tables
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import Setting, StepSymbols
 
@@ -275,22 +275,20 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
     sparsity = functions.state_sparsity
-    tables = _tables(
-        functions,
-        dynamics,
-        np.array(sparsity.row(), dtype=int),
-        np.array(sparsity.get_col(), dtype=int),
-    )
+    rows = np.array(sparsity.row(), dtype=int)
+    columns = np.array(sparsity.get_col(), dtype=int)
+    tables = _tables(functions, dynamics, rows, columns)
+    tables += "\n" + row_tables(rows, columns, dynamics.nx)
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
-        tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", *own_parts, "assemble.c")
+        tables += "\n" + contact_tables(functions.contact, dynamics.character)
+    parts = ("threads.c", "rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts)
     return "\n".join(
         [
             *text,
             tables,
             *(
                 (resources.files("octo.problem") / name).read_text(encoding="utf-8")
-                for name in parts
+                for name in (*parts, "assemble.c")
             ),
         ]
     )
@@ -366,10 +364,6 @@ def _tables(
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
-        tables["cost_contact_joint"] = [
-            robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres
-        ]
-        tables["cost_contact_resting"] = own.resting
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]
