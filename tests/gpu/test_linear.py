@@ -12,6 +12,7 @@ from octo.gpu.linear import DeviceBlocks, Linear
 from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem
 from octo.solver.blocks import KKTBlocks
+from octo.solver.border import Border, BorderedFactor
 from octo.solver.normal import NormalFactor
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
@@ -32,6 +33,36 @@ def test_solutions_and_inertia_against_the_dense_matrix(random_system, device, n
         stationarity, feasibility = system.residual(dv, lam, None, *columns)
         scale = max(1.0, np.abs(dv).max(), np.abs(lam).max(initial=0.0))
         assert max(np.abs(stationarity).max(), np.abs(feasibility).max(initial=0.0)) < 1e-11 * scale
+
+
+@pytest.mark.parametrize(("nc", "ma"), SIZES)
+def test_border_columns_beside_the_kernels(random_system, device, nc, ma):
+    """Three columns, the last one a row's: the whole matrix's solution and inertia."""
+    batch, K, w, random = 2, 9, 3, np.random.default_rng(4)
+    system = random_system(nc, batch, K, nc, ma)
+    over_rows, corner = random.standard_normal((batch, K, ma, w)), np.diag([90.0, -900.0, 0.0])
+    over_rows[..., -1] = 0.0
+    border = Border(
+        random.standard_normal((batch, K, nc, w)),
+        over_rows,
+        np.stack([np.abs(corner), corner]),
+        random.standard_normal((batch, w)),
+        np.zeros((batch, 1)),
+    )
+    own = DeviceFactor(Linear(device(5), nc, ma), system.H, system.A, None)
+    factor = BorderedFactor(own, system, None, border)
+    parts = (border.over_variables, border.over_rows)
+    B = np.concatenate([part.reshape(batch, K * part.shape[2], w) for part in parts], axis=1)
+    dense = np.block([[system.dense(), B], [np.swapaxes(B, 1, 2), border.corner]])
+    excess = (np.linalg.eigvalsh(dense) < 0).sum(axis=1) - K * ma - 1
+    np.testing.assert_array_equal(factor.negative, excess)
+    assert excess[1] > 0
+    rhs = [-system.b, -system.C, -border.residual]
+    expected = np.linalg.solve(
+        dense, np.concatenate([p.reshape(batch, -1) for p in rhs], 1)[..., None]
+    )
+    found = np.concatenate([part.reshape(batch, -1) for part in factor.solve(*rhs)], axis=1)
+    np.testing.assert_allclose(found, expected[..., 0], atol=1e-8 * np.abs(expected).max())
 
 
 def test_any_number_of_threads_gives_the_same_bits(random_system, device):
