@@ -264,7 +264,7 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *slope = 0;
 #endif
   octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
+  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->nc == NX, s->hess, s->gradient);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;
@@ -273,9 +273,9 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   int units = g->clear_unit, rows = g->clear_row;
   for (int l = 0; l < s->places.count; ++l) units = s->places.unit[l] >= units ? s->places.unit[l] + 1 : units;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
-  int fresh = t->parts == 1 && s->places.count == 3 && units > g->clear_unit;
+  int fresh = t->nc == NX && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (t->nc == NX) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
@@ -283,7 +283,7 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 static void octo_linearize_chunk(void *shared, int item) {
   octo_sweep *sweep = shared;
   const octo_task *t = sweep->task;
-  int nc = t->parts * NX, ma = t->parts * MU;
+  int nc = t->nc, ma = t->ma;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc, halo_size = octo_halo_size(t);
   int member = item / t->chunks, chunk = item % t->chunks;
   size_t unit0 = (size_t)member * t->units;

@@ -180,8 +180,9 @@ class Interpreted:
             "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
         )
         if lam is not None:
+            tested = lam[..., : plan.tested]
             rows = np.matmul(
-                plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
+                plan.test_matrix.T, tested.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
             )
             pull[..., dynamics.unactuated] = rows * scale[:, None]
         order = 1 if lam is None else 2
