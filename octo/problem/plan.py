@@ -124,10 +124,10 @@ class Plan:
 
     def fill_dummies(self, H: Array) -> None:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
-        own = self.nodal
-        H[:, self.fixed, 0, :own, :own] = np.eye(own)
+        size = self.nodal
+        H[:, self.fixed, 0, :size, :size] = np.eye(size)
         if _carries_rows(self.basis):
-            H[:, -1, 0, own:, own:] = np.eye(self.extra)
+            H[:, -1, 0, size:, size:] = np.eye(self.extra)
         if self.idle is not None:
             unit, part = self.idle
             own = np.arange(part * self.n, (part + 1) * self.n)
