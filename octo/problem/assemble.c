@@ -74,7 +74,7 @@ static void octo_evaluate_chunk(void *shared, int item) {
 
 int octo_evaluate(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
-  octo_share(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
   return sweep.failed;
 }
@@ -311,8 +311,8 @@ static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, m
 
 int octo_linearize(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
-  octo_share(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
-  octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+  octo_parallel_for(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
   return sweep.failed;
 }
 

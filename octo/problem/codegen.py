@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo import native
 from octo.dynamics import slots
 from octo.dynamics.codegen import integers, lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
@@ -230,11 +231,12 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
+    parts = ("rows.c", "scatter.c", "contacts.c", "assemble.c")
     return "\n".join(
         [
             *text,
             tables,
+            native.threads(),
             *(
                 (resources.files("octo.problem") / name).read_text(encoding="utf-8")
                 for name in parts
