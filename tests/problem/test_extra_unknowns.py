@@ -32,7 +32,7 @@ def _swing(x_next, x, x_prev, p):
 
 @lru_cache
 def compiled(kind: str, threads: int = 1) -> CompiledProblem:
-    """Two problems of a kind."""
+    """Two problems of a kind, whose terms have all of their curvature."""
     if kind == "cycle":
         first = octo.Problem(
             walker(),
@@ -40,7 +40,7 @@ def compiled(kind: str, threads: int = 1) -> CompiledProblem:
             steps=7,
             costs=[octo.Effort(), octo.costs.Posture(reference=START)],
         )
-        return CompiledProblem([first, first.replace(costs=first.costs)], threads)
+        return CompiledProblem([first, first.replace(costs=first.costs)], threads, exact=True)
     basis, _, fixed = kind.partition(" to a fixed end")
     rate = octo.costs.NeighbourCost(lambda c, following, p: following[2:] - c[2:], name="rate")
     near = octo.CustomCost(lambda step, p: step.x_next - 0.3, name="near")
@@ -53,7 +53,7 @@ def compiled(kind: str, threads: int = 1) -> CompiledProblem:
         costs=[near, octo.Effort(weight=1e-2), *([rate] if basis == "hermite" else [])],
         basis=octo.Hermite(4) if basis == "hermite" else "nodes",
     )
-    return CompiledProblem([first, first.replace(x0=np.array([0.1, 0.0]))], threads)
+    return CompiledProblem([first, first.replace(x0=np.array([0.1, 0.0]))], threads, exact=True)
 
 
 def widened(problem: CompiledProblem) -> CompiledProblem:
