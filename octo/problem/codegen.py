@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo import native
 from octo.dynamics.codegen import integers, lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
@@ -281,11 +282,12 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     tables += "\n" + row_tables(rows, columns, dynamics.nx)
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + contact_tables(functions.contact, dynamics.character)
-    parts = ("threads.c", "rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts)
+    parts = ("rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts)
     return "\n".join(
         [
             *text,
             tables,
+            native.threads(),
             *(
                 (resources.files("octo.problem") / name).read_text(encoding="utf-8")
                 for name in (*parts, "assemble.c")

@@ -222,8 +222,9 @@ class Interpreted:
         pull = np.zeros_like(at.fd)
         pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
         if lam is not None:
+            tested = lam[..., : plan.tested]
             rows = np.matmul(
-                plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
+                plan.test_matrix.T, tested.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
             )
             pull[..., dynamics.unactuated] = rows * scale[:, None]
         order = 1 if lam is None else 2
