@@ -73,12 +73,14 @@ static void octo_lanes_load(octo_lanes *s, int first, real *out) {
 /* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
 static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
   s->from = nodes, s->node = first, s->last = last, s->ring = s->apart = 0;
+  octo_work_begin(&s->work);
   octo_lanes_load(s, first, s->nodes[0]);
 }
 
 /* Start at step ``first``, the last is ``last``, of steps with three nodes of their own each, (.., 3, NX), x_next first. */
 static void octo_lanes_begin_apart(octo_lanes *s, const double *nodes, int first, int last) {
   s->from = nodes, s->node = first, s->last = last, s->apart = 1;
+  octo_work_begin(&s->work);
 }
 
 static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int order) {

@@ -36,12 +36,12 @@ static void octo_between_square(const octo_between_call *call, int member, int z
     int a = octo_between_entry_column[octo_between_row_entry[e]], newer = a >= BC, unit = z - !newer;
     if (unit < 0 || call->fixed[unit]) continue;
     double slope = twice * slopes[octo_between_row_entry[e]];
-    t->b[(first - !newer) * BC + a % BC] += slope * value;
+    t->b[(first - !newer) * t->nc + a % BC] += slope * value;
     if (!t->h) continue;
     for (int o = octo_between_row_start[row]; o < octo_between_row_start[row + 1]; ++o) {
       int b = octo_between_entry_column[octo_between_row_entry[o]], lag = newer && b < BC;
       if ((b >= BC && !newer) || (lag && (z == 0 || call->fixed[z - 1]))) continue;
-      t->h[(((first - !newer) * 3 + lag) * BC + a % BC) * BC + b % BC] += slope * slopes[octo_between_row_entry[o]];
+      t->h[(((first - !newer) * 3 + lag) * t->nc + a % BC) * t->nc + b % BC] += slope * slopes[octo_between_row_entry[o]];
     }
   }
 }
@@ -50,7 +50,7 @@ static void octo_between_square(const octo_between_call *call, int member, int z
 /* h of segment z += 2 Σ r ∂²r of the exact terms. */
 static void octo_between_bend(const octo_between_call *call, int member, int z, int length, const double **arg) {
   const octo_task *t = call->task;
-  double made[BS], *h = t->h + ((size_t)member * t->units + z) * 3 * BC * BC;
+  double made[BS], *h = t->h + ((size_t)member * t->units + z) * 3 * t->nc * t->nc;
   int older = z == 0 || call->fixed[z - 1], newer = call->fixed[z];
   for (int k = 0; k < BENT; ++k) {
     double weight = octo_between_weight(length, arg[2], octo_between_bend_term[k]);
@@ -59,11 +59,11 @@ static void octo_between_bend(const octo_between_call *call, int member, int z, 
     for (int e = octo_between_bend_first[k]; e < octo_between_bend_first[k + 1]; ++e) {
       int a = octo_between_bend_row[e], b = octo_between_bend_column[e]; /* a <= b */
       if ((a < BC && older) || (b >= BC && newer)) continue;
-      double value = 2.0 * weight * made[e], *own = b < BC ? h - 3 * BC * BC : h;
-      if (a < BC && b >= BC) own[(BC + b - BC) * BC + a] += value;
+      double value = 2.0 * weight * made[e], *own = b < BC ? h - 3 * (size_t)t->nc * t->nc : h;
+      if (a < BC && b >= BC) own[(t->nc + b - BC) * t->nc + a] += value;
       else {
-        own[a % BC * BC + b % BC] += value;
-        if (a != b) own[b % BC * BC + a % BC] += value;
+        own[a % BC * t->nc + b % BC] += value;
+        if (a != b) own[b % BC * t->nc + a % BC] += value;
       }
     }
   }
@@ -94,10 +94,10 @@ static void octo_between_model_of(void *shared, int member) {
 
 /* After octo_evaluate: terms of the task. */
 void octo_between_values(const octo_task *t, const double *controls, int threads) {
-  octo_share(octo_between_values_of, &(octo_between_call){t, controls, 0}, t->batch, threads);
+  octo_parallel_for(octo_between_values_of, &(octo_between_call){t, controls, 0}, t->batch, threads);
 }
 
 /* After octo_linearize: h and b of the task; fixed (units): those that nothing moves. */
 void octo_between_model(const octo_task *t, const double *controls, const int *fixed, int threads) {
-  octo_share(octo_between_model_of, &(octo_between_call){t, controls, fixed}, t->batch, threads);
+  octo_parallel_for(octo_between_model_of, &(octo_between_call){t, controls, fixed}, t->batch, threads);
 }

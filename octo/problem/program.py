@@ -25,7 +25,8 @@ class Program:
 
     def c_text(self) -> str:
         """A time step in every lane, then assemble.c, and between.c where a term needs it."""
-        text = self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
+        stages = self.functions.calls.stages_text
+        text = stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
         between = self.between
         return text if between is None else f"{text}\n{between.c_text()}"
 

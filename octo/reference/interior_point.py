@@ -71,8 +71,10 @@ class Ipopt:
     ):
         began = time.perf_counter()
         self.problem, self.options = problem, options
-        self.compiled = native.compiler() is not None
-        self.blocks = CompiledProblem([problem], exact=self.compiled)
+        own = CompiledProblem([problem])
+        whole = any(not stage.second for stage in own.functions.calls.stages)  # as one expression
+        self.compiled = native.compiler() is not None and not whole
+        self.blocks = CompiledProblem([problem], exact=True) if self.compiled else own
         self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None
         self.settings = {
             "max_iter": options.max_iterations,

@@ -51,6 +51,7 @@ def _cases(
         "mammal": robot("mammal", 6, costs.paper()),
         "chain": robot("chain", 20, costs.paper(), Hermite(10)),
         "biped": robot("biped", 6, [*costs.robot(), costs.Slip(), custom], Hermite(3)),
+        "contacts": robot("biped", 10, [*costs.robot(), costs.Slip(), custom]),
         "cart-pole": cart_pole(),
         "end": cart_pole(**end),
         "end, hermite": cart_pole(basis="hermite", **end),
@@ -68,6 +69,7 @@ CASES = (
     "mammal",
     "chain",
     "biped",
+    "contacts",
     "cart-pole",
     "end",
     "end, hermite",
@@ -155,7 +157,7 @@ def test_library_equals_the_expressions(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["mammal", "cart-pole"])
+@pytest.mark.parametrize("name", ["mammal", "contacts", "cart-pole"])
 def test_stages_see_their_own_state_alone(
     name: str,
     cart_pole: Callable[..., Problem],
