@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from octo import native
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
@@ -44,6 +45,11 @@ HINT = "describe a robot, whose links octo knows, or use fewer coordinates, cont
 @postponed()
 def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
+
+
+def batch_source() -> str:
+    """C text that evaluates all steps of a batch, for the text of a model's functions."""
+    return native.threads() + source("batch.c")
 
 
 @postponed()

@@ -94,7 +94,7 @@ static void octo_evaluate_chunk(void *shared, int item) {
 
 int octo_evaluate(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
-  octo_share(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
   return sweep.failed;
 }
@@ -266,7 +266,7 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 #if NS > 0
   if (octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], s->hess);
 #endif
-  if (t->parts > 1) octo_mirror(s->hess);
+  if (t->nc > NX) octo_mirror(s->hess);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;
@@ -275,9 +275,9 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   int units = g->clear_unit, rows = g->clear_row;
   for (int l = 0; l < s->places.count; ++l) units = s->places.unit[l] >= units ? s->places.unit[l] + 1 : units;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
-  int fresh = t->parts == 1 && s->places.count == 3 && units > g->clear_unit;
+  int fresh = t->nc == NX && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (t->nc == NX) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
@@ -285,7 +285,7 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 static void octo_linearize_chunk(void *shared, int item) {
   octo_sweep *sweep = shared;
   const octo_task *t = sweep->task;
-  int nc = t->parts * NX, ma = t->parts * MU;
+  int nc = t->nc, ma = t->ma;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc, halo_size = octo_halo_size(t);
   int member = item / t->chunks, chunk = item % t->chunks;
   size_t unit0 = (size_t)member * t->units;
@@ -313,8 +313,8 @@ static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, m
 
 int octo_linearize(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
-  octo_share(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
-  octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+  octo_parallel_for(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
   return sweep.failed;
 }
 
