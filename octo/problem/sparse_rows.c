@@ -1,6 +1,6 @@
 /* A step's rows over the state, residuals scaled by the root of twice their coefficient: what they add to E, to its gradient and to
  * H. Sums are formed with a time step in every lane; what is left for each step is to write out the rows that are not of few
- * entries (sparse_rows.py says which are). Stands before contacts.c. */
+ * entries (lane_tables.py says which are). Stands before contacts.c. */
 
 #define SLOPED (NFC > 0 || NFEW > 0) /* E has a gradient beside that of the rows written out */
 
