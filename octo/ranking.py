@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
 from octo.problem.problem import Problem
 from octo.result.gait import flaws
 from octo.result.solution import Solution
+
+LOG = logging.getLogger("octo")
 
 
 def best_of(members: Sequence[Solution]) -> Solution:
@@ -61,8 +63,8 @@ def say_kept(solution: Solution) -> None:
     """Say so where the last pass failed and the motion is that of the one before."""
     last = solution.passes[-1]
     if solution.converged and not last["converged"]:
-        print(
-            f"octo: pass {last['pass']} did not converge ({last['status']}): the motion of the "
-            "pass before it is returned",
-            file=sys.stderr,
+        LOG.warning(
+            "pass %s did not converge (%s): the motion of the pass before it is returned",
+            last["pass"],
+            last["status"],
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -24,6 +24,8 @@ from octo.result.solution import Solution
 from octo.solve import solve, solve_all
 from octo.solver.status import Status
 from octo.starts import smooth_noise
+
+LOG = logging.getLogger("octo")
 
 Array = NDArray[np.float64]
 # ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by
@@ -137,7 +139,7 @@ def _mean_pose(journey: Journey, stride: Solution) -> Array:
 
 def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
     """One problem from rest to rest with the natural terms alone, and a line that says so."""
-    print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
+    LOG.warning("%s: solved as one problem, without a stride", reason)
     way = journey.way()
     motion = journey.whole.replace(costs=journey.terms, displacement=way)
     first, last = (
