@@ -20,11 +20,11 @@ from octo.dynamics.static_pose import static_pose
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.goals import Goal
 from octo.model.character import Character
+from octo.model.feet import touching
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement
-from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort
@@ -134,7 +134,7 @@ def jump_problem(
         )
     plain = Problem(robot, steps=3, dt=dt, costs=[Effort()], terrain=terrain, law=law, pose=pose)
     assert isinstance(plain.dynamics, RobotDynamics)
-    feet = touching(plain.dynamics, plain.setting)
+    feet = touching(robot, plain.dynamics.terrain, plain.setting.x0)
     if not feet:
         raise ProblemError(
             f"robot {robot.name!r} cannot jump: none of its contacts is on the ground"
@@ -262,7 +262,8 @@ def _guess(problem: Problem, course: Course) -> Array:
     robot, dynamics = problem.character, problem.dynamics
     assert robot is not None and isinstance(dynamics, RobotDynamics)
     assert problem.displacement is not None
-    feet, end = touching(dynamics, problem.setting), problem.start + problem.displacement
+    feet = touching(robot, dynamics.terrain, problem.setting.x0)
+    end = problem.start + problem.displacement
     times = problem.dt * (np.arange(problem.steps + 1.0) - problem.steps // 2)
     up, flown = course.base(times), course.flown(times)
     nodes = problem.start + course.travelled(times)[:, None] * problem.displacement

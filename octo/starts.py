@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from octo.checks import numbers
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
+from octo.model.feet import touching
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.problem.closure import Closure
-from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
 from octo.result.solution import Solution, solution_of
@@ -80,7 +80,7 @@ def fore_and_aft(problem: Problem) -> Array:
         return signs
     robot = problem.dynamics.character
     x = problem.start
-    feet = touching(problem.dynamics, problem.setting)
+    feet = touching(robot, problem.dynamics.terrain, problem.setting.x0)
     centers, twists = sphere_centers(robot, x), joint_twists(robot, x)
     heading = body_poses(robot, x)[0][robot.base_body]
     place = (centers[feet] - centers[feet].mean(axis=0)) @ heading  # fore, left, up

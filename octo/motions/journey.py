@@ -15,10 +15,10 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import static_pose
 from octo.errors import MirrorError
 from octo.model.character import Character
+from octo.model.feet import touching
 from octo.model.mirror import mirror_of
 from octo.problem import presets
 from octo.problem.closure import along_arc
-from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
@@ -75,7 +75,11 @@ class Journey:
     def _body(problem: Problem) -> dict[str, Any]:
         """What the natural terms ask of the body that stands at rest, for problems that begin
         elsewhere."""
-        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
+        robot, dynamics = problem.character, problem.dynamics
+        assert robot is not None and isinstance(dynamics, RobotDynamics)
+        feet = touching(robot, dynamics.terrain, problem.setting.x0)
+        names = tuple(robot.contacts[k].name for k in feet)
+        return {"length": problem.length, "feet": names, "pose": problem.start}
 
     @cached_property
     def mirrored(self) -> bool:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.feet import runs, stances
 from octo.motions.budget import Budget, going_on
 from octo.motions.path import Path
 from octo.result.gait import SHORT
 from octo.result.solution import Solution
-from octo.result.stances import runs, stances
 from octo.solve import solve, solve_all
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.model.feet import LOADED
+from octo.model.feet import CARRYING, TOUCHDOWN
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
@@ -17,7 +17,7 @@ from octo.result.solution import Solution
 from octo.shown import Shown
 from octo.solver.status import HISTORY, Status
 
-__all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
+__all__ = ["NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
@@ -71,7 +71,7 @@ class Log(Record, Shown):
         """Columns of ``force`` that carry a twentieth of mg some time in the first
         second."""
         early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
-        return np.flatnonzero(early > 0.05 * self._weight)
+        return np.flatnonzero(early > TOUCHDOWN * self._weight)
 
     @property
     def foot_height(self) -> Array:
@@ -111,7 +111,7 @@ class Log(Record, Shown):
             + origin[1:, bodies]
             - below[:-1]
         )
-        loaded = self.force[:, self.feet, 2] > LOADED * self._weight
+        loaded = self.force[:, self.feet, 2] > CARRYING * self._weight
         return np.asarray(
             np.linalg.norm(moved[..., :2], axis=-1)[loaded[1:] & loaded[:-1]] / self.tick
         )

@@ -15,7 +15,6 @@ STRAIGHT = 0.84  # from which a leg counts as straight
 START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins
 ITERATIONS = 60
 DAMPING = 1e-4  # m² a rad², of the search's steps
-FOOT = 0.02  # m over the lowest contact up to which a contact is a foot
 
 
 def stance(robot: Character) -> Array:
@@ -28,7 +27,7 @@ def stance(robot: Character) -> Array:
     pose = over_the_feet(robot, inside_limits(robot, robot.start_pose))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose
-    feet = lowest_contacts(robot, pose, FOOT)
+    feet = lowest_contacts(robot, pose)
     straight = max(_stretch(robot, pose, foot) for foot in feet)
     if straight <= STRAIGHT:
         return pose

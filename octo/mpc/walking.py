@@ -12,7 +12,7 @@ from octo.checks import number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError, said
 from octo.model.character import Character
-from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.feet import low_contacts, terrain_bottoms
 from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
@@ -21,8 +21,6 @@ from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
 CONE = 0.75  # of the ground's friction, that is planned with
-# of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
-NEAR = 0.1
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
@@ -94,13 +92,7 @@ def walking_problem(
     )
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
-    law = foot_law(
-        robot,
-        draft.length,
-        len(lowest_contacts(robot, held, NEAR * draft.length)),
-        friction,
-        draft.gravity,
-    )
+    law = foot_law(robot, draft.length, len(low_contacts(robot, held)), friction, draft.gravity)
     problem = Problem(
         robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described
     )

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.feet import LOADED
+from octo.model.feet import CARRYING
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, turning
@@ -67,7 +67,7 @@ class Plan:
             v,
             _linear(solution.u, times, solution.dt),
             force,
-            np.asarray(normal > LOADED * solution.weight),
+            np.asarray(normal > CARRYING * solution.weight),
         )
 
     @property

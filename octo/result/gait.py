@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from octo.errors import ValueRangeError
 from octo.model.character import Character
-from octo.result.stances import TOUCHDOWN, runs, stances
+from octo.model.feet import CARRYING, TOUCHDOWN, runs, stances
 from octo.result.tile import tiled
 from octo.result.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-FOOT = 0.02  # of mg: a contact that carries more in the mean is a foot
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
@@ -127,7 +126,7 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
     begin, end = _window(motion, first, last)
     part = _cut(motion, begin, end)
     force = part.normal_force
-    feet = np.flatnonzero(force.mean(axis=0) >= FOOT * motion.weight)
+    feet = np.flatnonzero(force.mean(axis=0) >= CARRYING * motion.weight)
     standing = stances(motion.normal_force[:, feet], motion.weight)
     stance, swing, heights, begun = [], [], [], []
     for foot, on in zip(feet, standing.T, strict=True):

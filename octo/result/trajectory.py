@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.model.character import Character
+from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
-from octo.result.stances import LOADED, stances
 from octo.result.stride import Stride
 
 Array = NDArray[np.float64]
