@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from octo.checks import numbers
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
-from octo.model.feet import touching
+from octo.model.feet import feet_of, touching
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.problem.closure import Closure
@@ -88,8 +88,7 @@ def fore_and_aft(problem: Problem) -> Array:
         row = sorted(
             (k for k in range(len(feet)) if side * place[k, 1] > 0.0), key=lambda k: place[k, 0]
         )
-        # heel and toe are one foot
-        bodies = list(dict.fromkeys(robot.contacts[feet[k]].body for k in row))
+        bodies = feet_of(robot, (feet[k] for k in row))
         for k in row:
             body = robot.contacts[feet[k]].body
             step = side * (-1.0) ** bodies.index(body)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,11 @@ def touching(character: Tree, terrain: Plane | Terrain, x: NDArray) -> list[int]
     """Contacts that touch the ground at x (nx,), with the terrain's own parameters."""
     gap = gaps(character, terrain, terrain.parameters, x)
     return [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
+
+
+def feet_of(character: Tree, contacts: Iterable[int]) -> list[int]:
+    """The bodies of contacts, in their order: heel and toe of one body are one foot."""
+    return list(dict.fromkeys(character.contacts[k].body for k in contacts))
 
 
 def stances(force: Array, weight: float) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from octo.errors import ValueRangeError
 from octo.model.character import Character
-from octo.model.feet import CARRYING, TOUCHDOWN, runs, stances
+from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
 from octo.result.tile import tiled
 from octo.result.trajectory import Trajectory
 
@@ -180,8 +180,8 @@ def flaws(gait: Gait | None, length: float) -> int:
 
 def _one_sided(robot: Character, part: Trajectory, feet: NDArray[np.intp]) -> float | None:
     """Share of the steps with a foot on the ground in which no foot of the other side is."""
-    carried = {sphere.name: sphere.body for sphere in robot.contacts}  # heel and toe are one foot
-    if len({carried.get(part.contact_names[k], k) for k in feet}) < FOUR:
+    contacts = robot.terrain_contacts
+    if len(feet) < FOUR or len(feet_of(robot, (contacts[k] for k in feet))) < FOUR:
         return None
     yaw, place = part.yaw[1:, None], part.contact_point[:, feet] - part.com[1:, None]
     left = np.cos(yaw) * place[..., 1] - np.sin(yaw) * place[..., 0] > 0.0
