@@ -101,9 +101,8 @@ def _headline(solution: Solution) -> str:
         f"{solution.name}, {solution.steps} steps of {solution.dt:g} s ({solution.basis}): "
         f"{sentence}",
         f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise "
-        f"{solution.pointwise_residual:.1e} N"
-        f" of {solution.weight:.0f} N weight; {solution.iterations} iterations, "
-        f"{solution.seconds:.2g} s",
+        f"{solution.pointwise_residual:.1e} N of {solution.weight:.0f} N weight; "
+        f"{solution.iterations} iterations, {solution.seconds:.2g} s",
     ]
     if solution.loaded.any():
         lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"

@@ -190,10 +190,9 @@ def _problems(given: Any) -> list[Problem]:
     """A batch, or a sentence that says what is missing of one."""
     if isinstance(given, (Character, Dynamics)):
         raise ProblemError(
-            f"octo.solve was given {said(given)}, must be an octo.Problem: what the robot is to "
-            "do is missing. "
-            "Say it with octo.Problem(robot, steps=160, dt=0.025, costs=[octo.Effort()]), or "
-            "call octo.walk(robot)"
+            f"octo.solve was given {said(given)}, must be an octo.Problem: what the robot is to do "
+            "is missing. Say it with octo.Problem(robot, steps=160, dt=0.025, "
+            "costs=[octo.Effort()]), or call octo.walk(robot)"
         )
     if not isinstance(given, (list, tuple)) or not all(isinstance(one, Problem) for one in given):
         raise ProblemError(

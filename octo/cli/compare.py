@@ -28,8 +28,7 @@ from octo.solver.status import Status
 
 HEAD = (
     f"{'solver':8s}{'pass':>5s}{'seed':>5s}  "
-    f"{'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}"
-    f"{'point N':>10s}"
+    f"{'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}{'point N':>10s}"
 )
 SOLVERS = ("ipopt", "fatrop")
 

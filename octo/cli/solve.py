@@ -89,9 +89,8 @@ def add_goal_arguments(
         "--costs",
         default=costs,
         help="natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing "
-        "else; robot: a plan that a plant "
-        f"should follow (default {costs or 'natural, with --basis hermite paper'}); a jump "
-        "has its own",
+        "else; robot: a plan that a plant should follow (default "
+        f"{costs or 'natural, with --basis hermite paper'}); a jump has its own",
     )
     add_solver_arguments(
         parser,

@@ -129,8 +129,7 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
         if count is not None and count > 1:
             raise ProblemError(
                 f"passes is {count}: the stiffness of this contact law is fixed by the caller, "
-                "must "
-                "be 1"
+                "must be 1"
             )
         return [None]
     last = len(DEPTHS) - 1

@@ -86,8 +86,7 @@ class Program:
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
                 f"a step needs {8 * self.work} bytes of shared memory, this device has "
-                f"{device.shared_limit}: "
-                "the robot is too large for it; try device 'cpu'"
+                f"{device.shared_limit}: the robot is too large for it; try device 'cpu'"
             )
 
     def kernel(self, name: str) -> Kernel:

@@ -48,8 +48,7 @@ class Character(Tree, Shown):
             if not -1 <= body.parent < b:
                 raise ModelError(
                     f"body {body.name!r}: parent index {body.parent} must be -1 or less than its "
-                    "own "
-                    f"index {b}"
+                    f"own index {b}"
                 )
         for kind, things in (
             ("bodies", self.bodies),
@@ -77,8 +76,7 @@ class Character(Tree, Shown):
             if not all(0 <= k < len(self.contacts) for k in pair) or pair[0] == pair[1]:
                 raise ModelError(
                     f"pair {pair}: must be two different indices of the {len(self.contacts)} "
-                    "contact "
-                    "spheres"
+                    "contact spheres"
                 )
         self._check_poses()
         self._check_inertia()

@@ -193,8 +193,7 @@ def _add_free_joint(element: Element, body: Body) -> None:
         if len(found) > 1:
             raise ModelError(
                 f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has "
-                "one "
-                "number for all"
+                "one number for all"
             )
         values[name] = _text(found.pop())
     SubElement(element, "joint", {"name": f"{body.name}_free", "type": "free", **values})

@@ -182,18 +182,16 @@ class Log(Record, Shown):
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
         falls = f"{r['falls']} fall{'' if r['falls'] == 1 else 's'}"
         walked = (
-            f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of "
-            f"{wanted[1]:.2f} m/s, turning {went[2]:.2f} of "
-            f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip "
-            f"{r['slip']:.3f} m/s\n"
+            f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of {wanted[1]:.2f} "
+            f"m/s, turning {went[2]:.2f} of {wanted[2]:.2f} rad/s; feet lift "
+            f"{100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
         )
         return (
             f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz on cpu: {falls}; "
-            f"{statuses}\n"
-            f"{walked if self.robot.base == 'floating' else ''}"
-            f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); "
-            f"{r['missed_deadlines']} missed "
-            f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
+            f"{statuses}\n{walked if self.robot.base == 'floating' else ''}  step took "
+            f"{1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); "
+            f"{r['missed_deadlines']} missed deadlines; largest planned torque "
+            f"{r['torque_excess']:.2f} of its limit"
         )
 
     def solution(self, every: float = 0.02) -> Solution:

@@ -61,8 +61,7 @@ class MujocoPlant:
         if not isinstance(self.terrain, Plane):
             raise ProblemError(
                 f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other "
-                "ground "
-                "here"
+                "ground here"
             )
         if not 0.0 <= number("friction", friction) <= STICKIEST:
             raise ValueRangeError(

@@ -80,10 +80,9 @@ class Replay:
         times = ", ".join(f"{start.seconds_upright:.2f}" for start in self.starts)
         report = self.report()
         return (
-            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of "
-            f"{count} stood for {duration:g} s "
-            f"(upright for {times} s); drift {report['drift']:.3f} m, joints off by "
-            f"{report['tracking_error']:.3f} rad"
+            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of {count} "
+            f"stood for {duration:g} s (upright for {times} s); drift {report['drift']:.3f} m, "
+            f"joints off by {report['tracking_error']:.3f} rad"
         )
 
 

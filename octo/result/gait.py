@@ -241,8 +241,7 @@ def _window(motion: Trajectory, first: float, last: float | None) -> tuple[int, 
     end = min(motion.steps, math.floor(until / motion.dt + ROUNDING))
     if begin >= end:
         raise ValueRangeError(
-            f"first is {first} s and last is {until} s, at least one step of {motion.dt} s of "
-            "the "
+            f"first is {first} s and last is {until} s, at least one step of {motion.dt} s of the "
             f"motion of {duration:g} s must be between them"
         )
     return begin, end

@@ -197,9 +197,8 @@ class Solution(Trajectory, Shown):
             travel = self.com[-1] - self.com[0]
             lines.append(
                 f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, "
-                f"{travel[2]:.2f}) m; feet sink "
-                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest "
-                f"|u|/limit {self.torque_excess:.2f}"
+                f"{travel[2]:.2f}) m; feet sink {1e3 * self.penetration:.1f} mm and slip "
+                f"{self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
