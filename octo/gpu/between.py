@@ -37,14 +37,8 @@ class Between:
         first_row = np.cumsum([0, *(function.numel_out(0) for function in functions)])
         first_entry = np.cumsum([0, *(pattern.nnz() for pattern in patterns)])
         self.rows, self.entries = int(first_row[-1]), int(first_entry[-1])
-        sizes = {
-            "BETWEEN": len(functions),
-            "BR": self.rows,
-            "BZ": self.entries,
-            "BC": terms.size,
-            "BTERM": terms.count,
-            "BQ": terms.references,
-        }
+        sizes = {"BETWEEN": len(functions), "BR": self.rows, "BZ": self.entries}
+        sizes |= {"BC": terms.size, "BTERM": terms.count, "BQ": terms.references}
         tables: dict[str, Iterable[int]] = {
             "term": [term for term, _ in terms.functions],
             "first_row": first_row,
