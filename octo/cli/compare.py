@@ -4,7 +4,6 @@ in other solvers."""
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,9 +11,18 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import ending, whole
-from octo.cli.arguments import law_of, number, pose_of, positive, robot_of, terrain_of
+from octo.cli.arguments import (
+    LIMITS,
+    add_options,
+    law_of,
+    number,
+    pose_of,
+    positive,
+    robot_of,
+    terrain_of,
+)
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
+from octo.cli.solve import add_goal_arguments, asked_steps, described, report, write_json
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -41,22 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOLVERS",
         help="ipopt, fatrop or both with a comma (default: all that can solve the problem)",
     )
-    parser.add_argument(
-        "--cycle", action="store_true", help="a stride that repeats, at --speed, in place of a goal"
-    )
-    parser.add_argument("--period", type=positive, help="s, of a cycle's stride (default 0.8)")
-    parser.add_argument(
-        "--no-mirror",
-        action="store_true",
-        help="solve for a whole stride of a cycle, not for half of it",
-    )
-    parser.add_argument(
-        "--turn", type=number, help="rad, change of heading in a cycle's stride (default 0)"
-    )
-    parser.add_argument(
-        "--json",
-        metavar="FILE",
-        help="a list with one record per solver, seed and pass; a plot is written beside it",
+    records = "a list with one record per solver, seed and pass; a plot is written beside it"
+    add_options(
+        parser,
+        ("--cycle", bool, False, "a stride that repeats, at --speed, in place of a goal"),
+        ("--period", positive, None, "s, of a cycle's stride (default 0.8)"),
+        ("--no-mirror", bool, False, "solve for a whole stride of a cycle, not for half of it"),
+        ("--turn", number, None, "rad, change of heading in a cycle's stride (default 0)"),
+        ("--json", None, None, records, "FILE"),
     )
     parser.set_defaults(run=run, dt=None)
 
@@ -87,11 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)
     device = resolve_device(arguments.device)
-    problem = (
-        repeated(robot, cycle, arguments)
-        if goal is None
-        else described(robot, goal, steps, arguments)
-    )
+    if goal is None:
+        problem = repeated(robot, cycle, arguments)
+    else:
+        problem = described(robot, goal, steps, arguments)
     options = options_of(arguments, OPTIONS)
     contest = Contest(
         problem, others, options, arguments.passes or 1, arguments.threads, device, start
@@ -132,19 +131,12 @@ def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
     """
     if arguments.cycle:
         period = 0.8 if arguments.period is None else arguments.period
-        return Cycle(
-            speed=arguments.speed,
-            period=period,
-            mirror=not arguments.no_mirror,
-            turn=arguments.turn or 0.0,
-        )
-    given = {
-        "--period": arguments.period is not None,
-        "--no-mirror": arguments.no_mirror,
-        "--turn": arguments.turn is not None,
-    }
-    for name in (name for name, there in given.items() if there):
-        raise UsageError(f"{name} is given without --cycle: only a cycle has it")
+        mirror, turn = not arguments.no_mirror, arguments.turn or 0.0
+        return Cycle(speed=arguments.speed, period=period, mirror=mirror, turn=turn)
+    for name in ("--period", "--no-mirror", "--turn"):
+        given = getattr(arguments, name[2:].replace("-", "_"))
+        if given is not None and given is not False:
+            raise UsageError(f"{name} is given without --cycle: only a cycle has it")
     return None
 
 
@@ -192,9 +184,7 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
 
 
 def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions:
-    given = {
-        name: getattr(arguments, name) for name in ("max_iterations", "time_limit", "tolerance")
-    }
+    given = {name: getattr(arguments, name) for name in LIMITS}
     return replace(default, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -243,40 +233,32 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
 def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
     """The fields of report.json, those of a goal if any, who made it, and to which
     tolerances."""
+    own = ("solver", "said", "compiled", "settings")
+    asked = {"violation": options.tolerance, "dual": options.dual_tolerance}
+    asked |= {"step": options.step_tolerance}
+    asked |= {name: getattr(options, name) for name in ("plateau", "plateau_change")}
     return {
         **(entry.solution.report() if goal is None else report(entry.solution, goal)),
-        "solver": entry.solver,
+        **{name: getattr(entry, name) for name in own},
         "pass": entry.number,
-        "said": entry.said,
-        "compiled": entry.compiled,
         "iteration_limit": options.max_iterations,
-        "tolerances": {
-            "violation": options.tolerance,
-            "dual": options.dual_tolerance,
-            "step": options.step_tolerance,
-            "plateau": options.plateau,
-            "plateau_change": options.plateau_change,
-        },
-        "settings": entry.settings,
+        "tolerances": asked,
     }
 
 
 def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]]) -> None:
     """The list, and the plot beside it where matplotlib is."""
-    text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
     s = entries[0].solution
     title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
-    writers[f"{path.stem}.png"] = lambda scratch: _draw(entries, title, scratch)
+
+    def draw_runs(scratch: Path) -> None:
+        from octo.cli.convergence import draw  # here: it is loaded when the numbers are written
+
+        draw(entries, title, scratch)
+
+    writers: dict[str, Writer] = {
+        path.name: lambda scratch: write_json(scratch, records),
+        f"{path.stem}.png": draw_runs,
+    }
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
-
-
-def _draw(entries: Sequence[Any], title: str, path: Path) -> None:
-    from octo.cli.convergence import draw  # here: what draws is loaded when the numbers are written
-
-    draw(entries, title, path)
-
-
-def _text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

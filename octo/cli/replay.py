@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from octo.cli.arguments import positive, whole
+from octo.cli.arguments import add_options, positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError
@@ -21,35 +21,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "solution", metavar="SOLUTION", help="what `octo solve` wrote: solution.npz or its folder"
     )
-    parser.add_argument("--plant", default="mujoco", help="mujoco (default)")
-    parser.add_argument(
-        "--kp", type=positive, help="N m/rad, of every joint (default: in proportion to the robot)"
-    )
-    parser.add_argument(
-        "--kd",
-        type=positive,
-        help="N m s/rad, of every joint (default: in proportion to the robot)",
-    )
-    parser.add_argument(
-        "--friction",
-        type=positive,
-        default=0.8,
-        help="sliding coefficient of the plant (default 0.8)",
-    )
-    parser.add_argument(
-        "--starts", type=whole(1), help="perturbed starts (default: the plan's own start, once)"
-    )
-    parser.add_argument("--seed", type=whole(0), default=0, help="of the perturbations (default 0)")
-    parser.add_argument(
-        "--feedback",
-        default="base",
-        help="base: a wrench on the base beside the PD (default), or none",
-    )
-    parser.add_argument(
-        "--timestep", type=positive, default=0.001, help="s, of plant and control (default 0.001)"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-replay)"
+    every = "of every joint (default: in proportion to the robot)"
+    starts = "perturbed starts (default: the plan's own start, once)"
+    wrench = "base: a wrench on the base beside the PD (default), or none"
+    add_options(
+        parser,
+        ("--plant", None, "mujoco", "mujoco (default)"),
+        ("--kp", positive, None, f"N m/rad, {every}"),
+        ("--kd", positive, None, f"N m s/rad, {every}"),
+        ("--friction", positive, 0.8, "sliding coefficient of the plant"),
+        ("--starts", whole(1), None, starts),
+        ("--seed", whole(0), 0, "of the perturbations"),
+        ("--feedback", None, "base", wrench),
+        ("--timestep", positive, 0.001, "s, of plant and control"),
+        ("--out", None, None, "folder of the files (default ./octo-ROBOT-replay)", "DIR"),
     )
     parser.set_defaults(run=run)
 

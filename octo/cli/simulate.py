@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from octo.cli.arguments import (
+    add_options,
     add_robot_arguments,
     law_of,
     number,
@@ -40,15 +41,12 @@ FILES = ("solution.npz", "report.json", "motion.html")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_arguments(parser)
-    parser.add_argument("--seconds", type=positive, default=2.0, help="s, of motion (default 2)")
-    parser.add_argument(
-        "--height", type=number, default=0.0, help="m, the start is raised by (default 0)"
-    )
-    parser.add_argument(
-        "--hold", action="store_true", help="springs in the actuated joints hold the start's pose"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-simulate)"
+    add_options(
+        parser,
+        ("--seconds", positive, 2.0, "s, of motion"),
+        ("--height", number, 0.0, "m, the start is raised by"),
+        ("--hold", bool, False, "springs in the actuated joints hold the start's pose"),
+        ("--out", None, None, "folder of the files (default ./octo-ROBOT-simulate)", "DIR"),
     )
     parser.set_defaults(run=run)
 
