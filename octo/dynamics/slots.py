@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from octo.model.character import Character
 
 Integers = NDArray[np.int_]
+# of the curvature, by two of the nodes x_next, x, x_prev; a robot has none of the last
+BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
 
 
 def paths(character: Character) -> list[list[int]]:

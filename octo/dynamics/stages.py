@@ -24,6 +24,8 @@ PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is 
 # inputs that are p or of a table
 SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}
 
+JOINT = ("armature", "damping", "stiffness", "rest", "lower", "upper")  # of its table
+
 
 def body(order: int, layout: Layout) -> ca.Function:
     """Inertia and gravity of one body.
@@ -61,17 +63,12 @@ def body(order: int, layout: Layout) -> ca.Function:
             g_form(N @ omega.T + f @ v.T + VQ0, delta)
         )
         out.append(about(K, c0, c0))
-        out += [
-            about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1),
-            about(q_form(VQ2, delta, zero, none), c0, c2),
-        ]
-        out += [
-            about(raised(g_form(VQ1, -2.0 * delta)), c1, c1),
-            about(raised(g_form(VQ2, delta)), c2, c2),
-        ]
-    return ca.Function(
-        f"{PREFIX}body{order}", [*flat, inertia, p, V], [rows(o) for o in out], OPTIONS
-    )
+        out.append(about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1))
+        out.append(about(q_form(VQ2, delta, zero, none), c0, c2))
+        out.append(about(raised(g_form(VQ1, -2.0 * delta)), c1, c1))
+        out.append(about(raised(g_form(VQ2, delta)), c2, c2))
+    inputs = [*flat, inertia, p, V]
+    return ca.Function(f"{PREFIX}body{order}", inputs, [rows(o) for o in out], OPTIONS)
 
 
 def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
@@ -149,23 +146,18 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
     if order >= 1:
         f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
         P = -ca.vertcat(arm @ f_tau - ca.skew(force) @ (touch.c_tau + touch.arm_tau), f_tau)
-        out += [
-            about(P, touch.center, touch.center),
-            about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U),
-        ]
+        out.append(about(P, touch.center, touch.center))
+        out.append(about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U))
     if order == 2:
         delta = ca.cross(V[:3], touch.arm) + moved(V, touch.center)
         h, g = ca.hessian(-ca.dot(held, f), ca.vertcat(c, U))
         g, h = ca.Function("law", [*at_law, held], [g, h])(*here, delta)
         K, T1, L1 = _contact_curvature(touch, V[:3], delta, force, (g, h, f_c, f_U))
-        out += [
-            about(K, touch.center, touch.center),
-            about(T1, touch.center, touch.U),
-            about(L1, touch.U, touch.U),
-        ]
-    return ca.Function(
-        f"{PREFIX}contact{order}", [*flat, sphere, p, V], [rows(ca.SX(o)) for o in out], OPTIONS
-    )
+        out.append(about(K, touch.center, touch.center))
+        out.append(about(T1, touch.center, touch.U))
+        out.append(about(L1, touch.U, touch.U))
+    inputs = [*flat, sphere, p, V]
+    return ca.Function(f"{PREFIX}contact{order}", inputs, [rows(ca.SX(o)) for o in out], OPTIONS)
 
 
 def _contact_curvature(
@@ -197,25 +189,20 @@ def _contact_curvature(
 def joint(order: int, layout: Layout) -> ca.Function:
     """Armature, damping, spring, limits of one joint and their derivatives.
 
-    Inputs: x_next, x, x_prev, table (6: armature, damping, stiffness, rest, lower, upper), p.
+    Inputs: x_next, x, x_prev, table (6: JOINT), p.
     Outputs: force; its derivatives to the three; its second derivative to x_next.
     """
     x_next, x, x_prev = (ca.SX.sym(name) for name in ("x_next", "x", "x_prev"))
     table, p = ca.SX.sym("table", 6), ca.SX.sym("p", layout.size)
-    names = ("armature", "damping", "stiffness", "rest", "lower", "upper")
-    named = {name: table[k] for k, name in enumerate(names)}
+    named = {name: table[k] for k, name in enumerate(JOINT)}
     force = symbolic.joint_force(named, x_next, x, x_prev, layout.view(p))
     out = [force]
     if order >= 1:
         out += [ca.jacobian(force, node) for node in (x_next, x, x_prev)]
     if order == 2:
         out += [ca.jacobian(ca.jacobian(force, x_next), x_next)]
-    return ca.Function(
-        f"{PREFIX}joint{order}",
-        [x_next, x, x_prev, table, p],
-        [ca.densify(o) for o in out],
-        OPTIONS,
-    )
+    inputs = [x_next, x, x_prev, table, p]
+    return ca.Function(f"{PREFIX}joint{order}", inputs, [ca.densify(o) for o in out], OPTIONS)
 
 
 def pair(layout: Layout) -> ca.Function:

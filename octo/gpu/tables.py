@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.dynamics.slots import BLOCKS
 from octo.problem.basis import Stencil
 
 Integers = NDArray[np.int32]
 Array = NDArray[np.float64]
-# of a step's Hessian, by its nodes
-BLOCK = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (2, 2): 4, (1, 2): 5}
+BLOCK = {nodes: k for k, nodes in enumerate(BLOCKS)}  # of a step's Hessian
 
 
 @dataclass(frozen=True, eq=False)

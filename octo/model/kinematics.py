@@ -72,7 +72,5 @@ def center_of_mass(character: Tree, x: NDArray) -> Array:
     rotation, origin = body_poses(character, x)
     mass = character.masses
     com = np.array([body.com for body in character.bodies])
-    return (
-        np.einsum("b,...bi->...i", mass, origin + np.einsum("...bij,bj->...bi", rotation, com))
-        / mass.sum()
-    )
+    places = origin + np.einsum("...bij,bj->...bi", rotation, com)
+    return np.einsum("b,...bi->...i", mass, places) / mass.sum()

@@ -18,14 +18,8 @@ from octo.model.character import Character
 from octo.model.element import Element
 from octo.model.spring import SpringDamper
 
-SHAPES = {
-    "axis": (3,),
-    "anchor": (3,),
-    "position": (3,),
-    "rotation": (3, 3),
-    "com": (3,),
-    "inertia": (3, 3),
-}
+SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
+SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
 # elements that a file can give back: those of octo
 KINDS_OF_ELEMENTS: dict[str, type[Element]] = {"SpringDamper": SpringDamper}
 # of the words of annotations

@@ -57,16 +57,8 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     with quiet_compiler():
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
-    source = RobotFile(
-        model,
-        prepared.name,
-        path.name,
-        free,
-        prepared.inertials,
-        prepared.efforts,
-        prepared.velocities,
-        prepared.ranges,
-    )
+    of_joints = (prepared.efforts, prepared.velocities, prepared.ranges)
+    source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, *of_joints)
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
@@ -229,12 +221,9 @@ def _take_mesh(prepared: Prepared, link: str, mesh: ElementTree.Element) -> bool
     written = mesh.get("filename", "")
     found = find_mesh(written, prepared.path)
     suffix = Path(written).suffix.lower()
-    reason = (
-        f"octo reads {', '.join(READABLE_MESHES)}"
-        if suffix not in READABLE_MESHES
-        else "the file is missing"
-    )
     if suffix not in READABLE_MESHES or found is None:
+        known = suffix in READABLE_MESHES
+        reason = "the file is missing" if known else f"octo reads {', '.join(READABLE_MESHES)}"
         prepared.unusable.setdefault((written, reason), []).append(link)
         return False
     key = (found, mesh.get("scale", ""))
