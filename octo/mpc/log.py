@@ -13,9 +13,8 @@ from octo.model.feet import CARRYING, TOUCHDOWN
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
-from octo.result.solution import Solution
+from octo.result.solution import Solution, recorded
 from octo.shown import Shown
-from octo.solver.status import HISTORY, Status
 
 __all__ = ["NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
@@ -199,48 +198,24 @@ class Log(Record, Shown):
         and torques of that moment."""
         stride = max(1, min(round(every / self.tick), len(self.t) - 1))
         x, robot = self.x[::stride], self.robot
-        force, point, count = self.force[::stride][1:], self.point[::stride][1:], len(x) - 1
-        contacts = force.shape[1]
-        normal = np.zeros((count, contacts, 3))
+        force, point = self.force[::stride][1:], self.point[::stride][1:]
+        normal = np.zeros_like(force)
         normal[..., 2] = 1.0
         place = body_poses(robot, x)[1][:, robot.base_body, :2]
-        low, high = place.min(axis=0) - GROUND, place.max(axis=0) + GROUND
-        level = (
-            float(np.median(point[..., 2][force[..., 2] > 0.0]))
-            if (force[..., 2] > 0.0).any()
-            else 0.0
-        )
-        return Solution(
-            name=robot.name,
+        (x_low, y_low), (x_high, y_high) = place.min(axis=0) - GROUND, place.max(axis=0) + GROUND
+        loaded = force[..., 2] > 0.0
+        level = float(np.median(point[..., 2][loaded])) if loaded.any() else 0.0
+        ground = {"x": np.array([x_low, x_high]), "y": np.array([y_low, y_high])}
+        return recorded(
             character=robot,
             dt=stride * self.tick,
-            basis="nodes",
             x=np.concatenate([x[:1], x]),
             u=self.u[::stride][:-1],
-            unknowns=x[1:],
-            multipliers=np.zeros((count, 0)),
-            status=Status.SIMULATED,
-            iterations=0,
-            factorizations=0,
-            terms={},
-            violation=0.0,
-            pointwise_residual=0.0,
             weight=self._weight,
             length=self.world["length"],
-            torque_limit=robot.torque_limit,
-            contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts),
             contact_force=force,
             contact_point=point,
-            contact_velocity=np.zeros_like(force),
             contact_normal=normal,
-            contact_depth=np.zeros((count, contacts)),
-            ground={
-                "x": np.array([low[0], high[0]]),
-                "y": np.array([low[1], high[1]]),
-                "z": np.full((2, 2), level),
-            },
-            history={name: np.zeros(0) for name in HISTORY},
-            parameters={},
+            ground={**ground, "z": np.full((2, 2), level)},
             seconds=float(np.nansum(self.seconds)),
-            setup_seconds=0.0,
         )

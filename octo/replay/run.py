@@ -203,7 +203,7 @@ class _Tracks:
         time step."""
         x = np.array([self.nodes[0], *self.nodes])
         force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
-        normal = np.broadcast_to(self.controller.normal, force.shape)
+        empty: dict[str, Any] = {"terms": {}, "history": {}, "passes": (), "starts": ()}
         return replace(
             plan,
             name=f"{plan.name} in MuJoCo",
@@ -211,16 +211,13 @@ class _Tracks:
             u=np.array(self.torques),
             contact_force=force,
             contact_point=point,
-            contact_normal=normal,
+            contact_normal=np.broadcast_to(self.controller.normal, force.shape),
             contact_velocity=np.zeros_like(force),
             contact_depth=np.zeros(force.shape[:2]),
             status=Status.SIMULATED,
-            terms={},
-            passes=(),
-            starts=(),
-            history={},
             iterations=0,
             factorizations=0,
+            **empty,
         )
 
 

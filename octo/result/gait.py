@@ -170,9 +170,8 @@ def flaws(gait: Gait | None, length: float) -> int:
     feet, one side at a time; of a robot of ``length`` ℓ m."""
     if gait is None or gait.touchdowns is None:
         return 5
-    brief = sum(
-        t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing)
-    )
+    shortest = (gait.shortest_stance, gait.shortest_swing)
+    brief = sum(t is None or t < SHORT - ROUNDING for t in shortest)
     shaky = gait.torque_high is not None and gait.torque_high > SHAKY
     drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * length)
     return brief + (gait.touchdowns > TAPS) + shaky + drags + ((gait.one_sided or 0.0) > ONE_SIDED)

@@ -15,6 +15,7 @@ from octo.problem.asked import Asked
 from octo.result.stride import Stride
 
 Array = NDArray[np.float64]
+VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
 # what cuts a motion, or carries it on, gives back the kind it was given
 AnyTrajectory = TypeVar("AnyTrajectory", bound="Trajectory")
 
