@@ -61,11 +61,10 @@ class Continuation:
         try:
             for number in range(1, count + 1):
                 self.monitor.begin(number, count)
-                result = (
-                    self._solve(self.options.max_iterations)
-                    if number == 1
-                    else self._stiffer([schedules[k][number - 2 : number] for k in at_work])
-                )
+                if number == 1:
+                    result = self._solve(self.options.max_iterations)
+                else:
+                    result = self._stiffer([schedules[k][number - 2 : number] for k in at_work])
                 converged = [
                     members[k].add(self.compiled, result, place, self.setup_seconds)
                     for place, k in enumerate(at_work)
@@ -118,9 +117,8 @@ class Continuation:
         starts."""
         began = time.perf_counter()
         before, problems = self.compiled.problems, stiffened(self.compiled.problems, passes)
-        self.nodes = np.stack(
-            [shifted(*one) for one in zip(self.nodes, before, problems, strict=True)]
-        )
+        pairs = zip(self.nodes, before, problems, strict=True)
+        self.nodes = np.stack([shifted(*one) for one in pairs])
         self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
         self.setup_seconds += time.perf_counter() - began
 
@@ -128,19 +126,10 @@ class Continuation:
         """One solve with what is left of the time."""
         monitor = self.monitor
         wanted = self.options if monitor.number == monitor.passes else early(self.options)
-        options = replace(
-            wanted,
-            time_limit=max(self.options.time_limit - self.seconds, 1e-9),
-            max_iterations=max_iterations,
-        )
+        left = max(self.options.time_limit - self.seconds, 1e-9)
+        options = replace(wanted, time_limit=left, max_iterations=max_iterations)
         problem = self.backend.place(self.compiled)
-        result = sqp.run(
-            problem,
-            problem.unknowns(self.nodes),
-            self.backend.array(self.lam),
-            options,
-            monitor,
-            self.backend,
-        )
+        start = (problem.unknowns(self.nodes), self.backend.array(self.lam))
+        result = sqp.run(problem, *start, options, monitor, self.backend)
         self.seconds += result.seconds
         return result

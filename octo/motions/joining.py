@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -45,13 +46,6 @@ def _counted(motion: Solution, pieces: Pieces) -> Solution:
     """With the iterations and the time of the pieces."""
     stride = pieces.path.stride
     parts = (stride, pieces.into.motion, pieces.out.motion, motion)
-    return replace(
-        motion,
-        iterations=sum(part.iterations for part in parts),
-        factorizations=sum(part.factorizations for part in parts),
-        setup_seconds=sum(part.setup_seconds for part in parts),
-        seconds=sum(part.seconds for part in parts),
-        processor_seconds=sum(part.processor_seconds for part in parts),
-        seed=stride.seed,
-        passes=(*stride.passes, *motion.passes),
-    )
+    sums = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
+    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in sums}
+    return replace(motion, seed=stride.seed, passes=(*stride.passes, *motion.passes), **spent)

@@ -156,12 +156,11 @@ def _good(strides: Sequence[Solution]) -> list[Solution]:
     """Those that converged and cost no more than ODD of the least E of their period or a shorter
     one, for E falls with the period: others limp, or throw a leg."""
     through = [made for made in strides if made.converged and made.passes[-1]["converged"]]
-    return [
-        made
-        for made in through
-        if made.energy
-        <= ODD * min(other.energy for other in through if len(other.u) <= len(made.u))
-    ]
+    kept = []
+    for made in through:
+        least = min(other.energy for other in through if len(other.u) <= len(made.u))
+        kept += [made] if made.energy <= ODD * least else []
+    return kept
 
 
 def _quality(stride: Solution) -> tuple[int, float]:

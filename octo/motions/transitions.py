@@ -126,11 +126,6 @@ def _rank(
 
 def stumbles(loads: Array, motion: Solution, least: float = SHORT) -> int:
     """How many stances and swings in ``loads`` (N, c) N are shorter than ``least`` s."""
-    standing = stances(loads, motion.weight)
-    lengths = [
-        b - a
-        for foot in standing.T
-        for state in (foot, ~foot)
-        for a, b in runs(state, 0, len(loads))
-    ]
+    states = [state for foot in stances(loads, motion.weight).T for state in (foot, ~foot)]
+    lengths = [b - a for state in states for a, b in runs(state, 0, len(loads))]
     return sum(length * motion.dt < least - 1e-9 for length in lengths)
