@@ -1,5 +1,4 @@
-"""Files that are whole or not there: scratch folders of living processes, renames that survive a
-power cut, safe names."""
+"""Files that are whole or not there: scratch folders, lasting renames, safe names."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""What the command line asks for: walk, stride, turn, jump, stand; as terms of E, and as one number
-that says how well."""
+"""What the command line asks for: as terms of E, and as one number that says how well."""
 
 from __future__ import annotations
 

@@ -288,8 +288,7 @@ def slide(robot: Character, axis: int) -> int:
 
 
 def _reaching(robot: Character, x: Array, feet: list[int], targets: Array) -> Array:
-    """x (nx,) with joints that bring the feet near ``targets`` (feet, 3) m: damped least
-    squares."""
+    """x (nx,) whose feet are near ``targets`` (feet, 3) m: damped least squares of the joints."""
     joints, small, damping = robot.actuated, 1e-6, 1e-4  # rad or m; m²
     count = len(joints)
     lower = np.minimum(robot.lower[joints] + REACH, x[joints])

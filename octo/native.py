@@ -169,8 +169,7 @@ def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
 
 
 def _load(key: str, make: cache.Maker) -> ctypes.CDLL:
-    """Open a library; one that the system does not take is made anew, once in the same folder and
-    once in another."""
+    """Open a library; one that the system does not take is made anew, then in another folder."""
     name = f"{key}.so"
     path = cache.path_of(name, make)
     try:

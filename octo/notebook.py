@@ -1,5 +1,4 @@
-"""What a notebook shows of a robot, a problem, a solution or a log: a small table, and a picture
-under it."""
+"""What a notebook shows of octo's objects: a small table, and a picture under it."""
 
 from __future__ import annotations
 
@@ -104,8 +103,7 @@ def _picture(value: Known) -> str:
 
 
 def _still(value: Character | Problem) -> Solution | None:
-    """The robot in its default pose; of a problem where it begins, if that is known without looking
-    for a static pose."""
+    """The robot in its default pose, or at the problem's start if that is known already."""
     robot = value if isinstance(value, Character) else value.character
     if robot is None:
         return None

@@ -1,5 +1,4 @@
-"""Still pictures of a motion: the character at several moments, drawn with matplotlib by the
-painter's algorithm."""
+"""Still pictures of a motion, drawn with matplotlib by the painter's algorithm."""
 
 from __future__ import annotations
 
@@ -263,8 +262,7 @@ def _chosen(
 
 
 def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles (f, 3, 3) m and their normals, cut at the middle of the longest edge until no edge
-    is over ``longest``."""
+    """Triangles (f, 3, 3) m and normals, cut until no edge is over ``longest``."""
     for _ in range(8):
         # of corner k to k + 1
         edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)

@@ -143,8 +143,7 @@ def _lines(axes: Axes, times: Array, values: Array, names: tuple[str, ...]) -> N
 
 
 def _contacts(solution: Solution, axes: Axes) -> None:
-    """One strip per contact: the height of the filled curve is the normal force, in the same scale
-    for all."""
+    """One strip per contact, filled up to the normal force, in the same scale for all."""
     force, names, left_out = _chosen_rows(
         solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
     )
@@ -203,8 +202,7 @@ def _torques(solution: Solution, axes: Axes) -> None:
 def _chosen_rows(
     values: Array, names: tuple[str, ...], used: NDArray[np.bool_]
 ) -> tuple[Array, tuple[str, ...], str]:
-    """Columns of ``values`` that are ``used``, the largest MOST_ROWS of them in their order; a note
-    on the rest."""
+    """Columns that are ``used``, the largest MOST_ROWS in their order; a note on the rest."""
     columns = np.flatnonzero(used)
     left_out = len(columns) - MOST_ROWS
     if left_out > 0:

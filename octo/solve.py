@@ -168,8 +168,7 @@ class _Request:
 def _best(
     given: Problem | Sequence[Problem], start: Start, **options: Any
 ) -> Solution | list[Solution]:
-    """The best solution of each problem, of a cycle with a range of periods that of the best
-    period."""
+    """The best solution of each problem, of the best period where a cycle has a range."""
     problems = [given] if isinstance(given, Problem) else _problems(given)
     periods = [_of_each_period(one) for one in problems]
     pairs = zip(starts_of(start, problems, 1), periods, strict=True)
@@ -285,8 +284,7 @@ def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: A
 def _prepared(
     backend: Backend, compiled: CompiledProblem, options: SqpOptions, device: str
 ) -> Backend:
-    """The backend with everything compiled; with "auto", a problem that the GPU cannot take goes to
-    the CPU."""
+    """The backend, compiled; with "auto", what the GPU cannot take goes to the CPU."""
     try:
         backend.prepare(compiled, options)
     except DeviceError as error:

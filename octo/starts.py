@@ -46,8 +46,7 @@ def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> 
 def _first_cycle(
     problem: Problem, closure: Closure, seed: int, start: Solution | Array | None
 ) -> Array:
-    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first
-    harmonic."""
+    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints."""
     if start is None:
         part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
         nodes = closure.along(problem.start, problem.steps)

@@ -112,8 +112,7 @@ class Contest:
         return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
-        """A later pass approaches its stiffness in small factors, as octo's passes do; that is
-        counted."""
+        """A later pass approaches its stiffness in small factors, as octo's own do; all count."""
         own: dict[str, Any] = {"seed": seed, "threads": self.threads, "device": self.device}
         problem, now = self.problems[number - 1], before
         if now is None:

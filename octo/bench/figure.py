@@ -1,5 +1,4 @@
-"""The records as a figure: one iteration against steps and against degrees of freedom, the
-dynamics, other solvers."""
+"""The records as a figure: an iteration against steps and degrees, dynamics, other solvers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""One iteration of a walk, stage by stage: against the number of steps, of degrees of freedom, of
-threads."""
+"""One iteration of a walk, stage by stage: against steps, degrees of freedom, threads."""
 
 from __future__ import annotations
 

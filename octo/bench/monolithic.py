@@ -1,5 +1,4 @@
-"""FD and its Jacobian as one SX function, the way anybody would write it: ca.jacobian,
-CodeGenerator, gcc -O1."""
+"""FD and its Jacobian as one SX function, as anybody would write it, compiled at -O1."""
 
 from __future__ import annotations
 

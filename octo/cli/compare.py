@@ -1,5 +1,4 @@
-"""``octo compare``: the same problem, from the same start and to the same tolerances, in octo and
-in other solvers."""
+"""``octo compare``: the same problem, start and tolerances, in octo and in other solvers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""``octo completion``: a script that makes a shell complete commands, options, and the words that
-an option takes."""
+"""``octo completion``: a script with which a shell completes commands, options and words."""
 
 from __future__ import annotations
 
@@ -68,8 +67,7 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 
 
 def _words(command: str, option: str) -> tuple[str, ...]:
-    """What an option of a command may be followed by; nothing where that is a number, a file or no
-    word at all."""
+    """What an option of a command may be followed by; nothing for numbers, files and flags."""
     return OTHERS.get(f"{command} {option}", WORDS.get(option, ()))
 
 

@@ -1,5 +1,4 @@
-"""``octo info`` and ``octo robots``: what a file holds, what octo brings along, what this machine
-can use."""
+"""``octo info`` and ``octo robots``: what a file, octo, or this machine has."""
 
 from __future__ import annotations
 

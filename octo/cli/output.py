@@ -1,5 +1,4 @@
-"""Files of a command: the folder is checked first, files are written beside, then renamed; numbers
-before pictures."""
+"""Files of a command: the folder is checked first, numbers are written before pictures."""
 
 from __future__ import annotations
 

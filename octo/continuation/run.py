@@ -90,8 +90,7 @@ class Continuation:
         self.lam = np.ascontiguousarray(result.lam[members])
 
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
-        """From the end of one pass to the end of the next, over the stiffnesses between each
-        member's two."""
+        """From the end of one pass to the end of the next, in steps of the stiffness."""
         ways = [
             (*intermediate(before, after), after)
             for before, after in ends
@@ -113,8 +112,7 @@ class Continuation:
         return result
 
     def _set_stiffness(self, passes: Sequence[Pass]) -> None:
-        """The same problems with stiffer contact laws, and the nodes shifted to their new
-        starts."""
+        """The same problems with stiffer contact laws; the nodes are shifted to their starts."""
         began = time.perf_counter()
         before, problems = self.compiled.problems, stiffened(self.compiled.problems, passes)
         pairs = zip(self.nodes, before, problems, strict=True)

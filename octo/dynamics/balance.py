@@ -81,8 +81,7 @@ class Balance:
         return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
 
     def _vertical_slide(self) -> tuple[int, int | None]:
-        """The body hung on the world that an unactuated, steep slide lifts, and that slide; else
-        the base and None."""
+        """The body that an unactuated, steep slide lifts, and that slide; else the base, None."""
         robot = self.dynamics.character
         for b, body in enumerate(robot.bodies):
             for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
@@ -98,8 +97,7 @@ class Balance:
         return body.rotation @ body.joints[0 if self.lift is None else self.lift - first].axis
 
     def _along_the_ground(self, x: Array) -> Array:
-        """x with a floating base turned as a slope is turned from the level: feet that were in one
-        plane stay in it."""
+        """x with a floating base turned as the slope is: feet in one plane stay in it."""
         robot = self.dynamics.character
         if robot.base != "floating":
             return x
@@ -119,8 +117,7 @@ class Balance:
         return x
 
     def _touching(self, x: Array) -> Array:
-        """x with the robot raised or lowered until its lowest contact is on the ground, then until
-        that carries mg."""
+        """x with the robot raised or lowered until its lowest contacts carry mg."""
         robot, j = self.dynamics.character, self.lift
         if j is None or not robot.terrain_contacts:
             return x
@@ -328,8 +325,7 @@ class Balance:
 
 
 def _levenberg(jac: Array, rows: Array, damping: float) -> Array:
-    """Step (k,) that minimises |rows + jac·step|² + damping·|step|², of least length where it is
-    not unique."""
+    """Step (k,) of least |rows + jac·step|² + damping·|step|², the shortest of several."""
     k = jac.shape[1]
     if damping > 0.0:
         jac = np.vstack([jac, np.sqrt(damping) * np.eye(k)])

@@ -233,8 +233,7 @@ def _levels(character: Character) -> list[int]:
 
 
 def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as
-    a list of pairs."""
+    """Who is whose ancestor: as runs of neighbouring descendants, and as a list of pairs."""
     paths = slots.paths(character)
     below: list[list[int]] = [[] for _ in paths]
     for j, path in enumerate(paths):
@@ -257,8 +256,7 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
 
 
 def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone
-    (pairs.c)."""
+    """The pairs' spheres, and the coordinates that move one sphere of a pair alone (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
     for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):
         first, second = character.contacts[a], character.contacts[b]
@@ -321,8 +319,7 @@ class _Links:
         return [self.of[b] if b >= 0 else -1 for b in above]
 
     def slots(self) -> list[int]:
-        """Where each link's composite is kept while the links are visited from the last on: until
-        its parent has it."""
+        """Where each link's composite is kept, from the last link on, until its parent has it."""
         parents, slot, free = self.parents(), [0] * len(self.first), list(range(len(self.first)))
         for link in reversed(range(len(self.first))):
             slot[link] = free.pop(0)

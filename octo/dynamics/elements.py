@@ -140,8 +140,7 @@ def stages_of(
 
 
 class _End:
-    """One point of an element, its force and what its own body sees of it: a contact of radius 0
-    (stages.contact)."""
+    """One point of an element and what its own body sees of it: a contact of radius 0."""
 
     def __init__(self, k: int, points: ca.SX, V: ca.SX, force: ca.SX, slopes: Sequence[ca.SX]):
         self.k, self.force = k, force

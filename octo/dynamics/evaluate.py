@@ -1,5 +1,4 @@
-"""FD, its Jacobian and the curvature of lamᵀFD over all steps of all problems of a batch, on NumPy
-arrays."""
+"""FD, its Jacobian and the curvature of lamᵀFD over all steps of a batch, in NumPy."""
 
 from __future__ import annotations
 

@@ -102,8 +102,7 @@ class Stepper:
         return best, left
 
     def _continue(self, load: Array) -> tuple[Array, float]:
-        """Newton along solutions of shorter steps, dt s with s from 0 to 1: each one starts the
-        next."""
+        """Newton along solutions of shorter steps, dt·s with s from 0 to 1, each from the last."""
         x_prev, x = self._nodes[0, 0].copy(), self._nodes[0, 1].copy()
         place = self.dynamics.layout.index("dt")
         dt = self.p[0, place]
@@ -134,8 +133,7 @@ class Stepper:
         return x_next
 
     def _newton(self, start: Array, load: Array) -> tuple[Array, float]:
-        """Newton that shortens a step until the scaled force shrinks, and gives up when it does
-        not."""
+        """Newton that shortens a step until the scaled force shrinks; it ends where none does."""
         n = self.dynamics.nx
         x_next = self._at(start)
         force, jac = self._evaluate(x_next, load, 1)

@@ -1,5 +1,4 @@
-"""Where lanes_step.c keeps the numbers of J and of the curvature: nothing but what is not zero by
-structure."""
+"""Where lanes_step.c keeps J and the curvature: only what is not zero by structure."""
 
 from __future__ import annotations
 

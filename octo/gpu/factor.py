@@ -1,5 +1,4 @@
-"""The KKT matrices of a batch on a device: equilibrated, factored by block cyclic reduction, solved
-with refinement."""
+"""The KKT matrices of a batch on a device: equilibrated, factored, solved with refinement."""
 
 from __future__ import annotations
 

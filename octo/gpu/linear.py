@@ -1,5 +1,4 @@
-"""Block cyclic reduction and products with H and A of a batch on a device, by the kernels of
-linear.cu and kkt.cu."""
+"""Block cyclic reduction, and products with H and A of a batch on a device."""
 
 from __future__ import annotations
 

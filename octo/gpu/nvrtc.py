@@ -1,5 +1,4 @@
-"""CUDA text to machine code with NVRTC from the wheel ``nvidia-cuda-nvrtc``: no driver, no GPU, no
-toolkit needed."""
+"""CUDA text to machine code with NVRTC's wheel: no driver, GPU or toolkit is needed."""
 
 from __future__ import annotations
 

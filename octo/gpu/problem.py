@@ -1,5 +1,4 @@
-"""A batch of problems on a device: the ``evaluate`` and ``linearize`` of CompiledProblem, by
-kernels."""
+"""A batch of problems on a device: ``evaluate`` and ``linearize`` by kernels."""
 
 from __future__ import annotations
 
@@ -228,8 +227,7 @@ class DeviceProblem:
     def _each_step(
         self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1
     ) -> None:
-        """A kernel with a block for each step of each problem, or for ``together`` of them;
-        ``shared`` bytes for each step."""
+        """A kernel with a block for ``together`` steps of each problem; ``shared`` bytes a step."""
         grid = (-(-self.steps // together), self.batch)
         self.program.kernel(name)(
             grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared

@@ -1,5 +1,4 @@
-"""Where each number of H, A, b and C comes from: the stencil of a basis turned round, so that a
-unit can gather its sums."""
+"""The stencil of a basis turned round: where each number of H, A, b and C comes from."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Files of arrays and JSON (.npz) that octo wrote, from wherever they come: every number is
-checked, any damage is one line."""
+"""Files of arrays and JSON (.npz) that octo wrote: all is checked, any damage is one line."""
 
 from __future__ import annotations
 

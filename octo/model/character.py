@@ -1,5 +1,4 @@
-"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses, checked where they
-are made."""
+"""What moves and what it touches: a tree of rigid bodies, checked where it is made."""
 
 from __future__ import annotations
 
@@ -116,8 +115,7 @@ class Character(Tree, Shown):
         keep(self, "elements", checked(which, self.elements, names))
 
     def _check_base(self) -> None:
-        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing
-        moves may have none."""
+        """A floating base begins with the joints of :func:`floating_base`, where anything moves."""
         if self.base == "fixed" or not self.joints:
             return
         body = self.bodies[self.base_body]

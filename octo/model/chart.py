@@ -1,5 +1,4 @@
-"""The chart of a floating base: three angles, outermost (yaw) first, as rotations and back, in
-microseconds."""
+"""The chart of a floating base: three angles, outermost first, as rotations and back."""
 
 from __future__ import annotations
 

@@ -81,8 +81,7 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
 
 
 def _check_numbers(source: RobotFile) -> None:
-    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before
-    anything is made of them."""
+    """Refuse places and sizes that are no numbers, or too large to be reckoned with."""
     fields = {
         "body": ("pos", "quat", "ipos", "mass", "inertia"),
         "jnt": ("pos", "axis"),
@@ -109,8 +108,7 @@ def _check_numbers(source: RobotFile) -> None:
 
 
 def _body_order(source: RobotFile) -> list[int]:
-    """MuJoCo's bodies that belong to the robot, parents first, the floating tree before all
-    others."""
+    """MuJoCo's bodies of the robot, parents first, the floating tree before all others."""
     model = source.model
     kept = [b for b in range(1, model.nbody) if b not in source.left_out]
     if source.free_body is None:
@@ -147,8 +145,7 @@ def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
 
 
 def _holds_anything(model: Any, b: int) -> bool:
-    """Whether a body fixed to the world has mass or carries something that moves; marks and
-    decoration do not."""
+    """Whether a body fixed to the world has mass or carries what moves: marks do not."""
     if model.body_subtreemass[b] > 0.0:
         return True
     return any(
@@ -181,8 +178,7 @@ def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Jo
 
 
 def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
-    """``prefix``, with an underscore in front for as long as the file has joints of the names that
-    come of it."""
+    """``prefix``, with underscores in front while the file has joints of names made of it."""
     taken = {name_of(model, "joint", j) for j in range(model.njnt)}
     while any(prefix + ending in taken for ending in endings):
         prefix = f"_{prefix}"
@@ -190,8 +186,7 @@ def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
 
 
 def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
-    """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball,
-    nothing for a removed free one."""
+    """Of MuJoCo's joint ``j``: itself, a ball's three hinges, nothing of a removed free one."""
     mujoco, model = import_mujoco(), source.model
     kind, name, dof = model.jnt_type[j], name_of(model, "joint", j), model.jnt_dofadr[j]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -290,8 +285,7 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
 
 
 def _least_singular_chart(rotation: Array) -> Chart:
-    """zyx, unless the base stands so close to its singular pitch (60° and more) that zxy is
-    better."""
+    """zyx, unless the base stands so near to its singular pitch that zxy is better."""
     # sines of the middle angles of zyx and of zxy
     pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])
     return "zxy" if pitch > 0.87 and roll < pitch else "zyx"

@@ -1,5 +1,4 @@
-"""Collision geoms of a compiled robot file -> contact spheres and self-collision pairs, as few as
-will do."""
+"""Collision geoms of a robot file -> as few contact spheres and pairs as will do."""
 
 from __future__ import annotations
 
@@ -93,8 +92,7 @@ def _all_spheres(own: list[Shape]) -> shapes.Spheres:
 
 
 def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) -> list[Shape]:
-    """The shapes of body ``b`` with all that cannot be a foot or a hand reduced to rods and
-    balls."""
+    """The shapes of body ``b``: what cannot be a foot or a hand becomes rods and balls."""
     if not own:
         return own
     anchor = _anchor(character, b)
@@ -154,8 +152,7 @@ def _paired(model: Any, g: int) -> list[int]:
 
 
 def _collides(model: Any, g: int, ground: list[int], floating: bool) -> bool:
-    """Whether geom ``g`` touches the ground of the file; in a file without one, whether it could
-    touch anything."""
+    """Whether geom ``g`` touches the ground of the file, or without one could touch anything."""
     if not ground:
         return _collidable(model, g)
     partners = set(_paired(model, g))
@@ -214,8 +211,7 @@ def _pruned(own: list[Shape], touches: bool) -> list[ContactSphere]:
 
 
 def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[ContactSphere]:
-    """Drop a sphere that stays inside, or in the place of, one of another body: two links that
-    share a knee."""
+    """Drop a sphere that stays inside of another body's: two links that share a knee."""
     if not spheres:
         return []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (4, character.nx))

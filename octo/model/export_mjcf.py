@@ -1,5 +1,4 @@
-"""A character as an MJCF that MuJoCo compiles: the way back from :mod:`octo.model.mjcf`, and the
-plant's model."""
+"""A character as an MJCF: the way back from octo.model.mjcf, and the plant's model."""
 
 from __future__ import annotations
 

@@ -134,8 +134,7 @@ def _core(character: Character, b: int, scale: float) -> Solid | None:
 
 
 def _reach(character: Character, b: int, scale: float) -> float:
-    """m, how far a body may stretch from its centre of mass: robot files give some links the
-    inertia of far larger ones."""
+    """m, how far a body may stretch from its centre of mass, whatever inertia its file gives it."""
     body = character.bodies[b]
     if body.parent < 0:
         return np.inf
@@ -145,8 +144,7 @@ def _reach(character: Character, b: int, scale: float) -> float:
 
 
 def _of_inertia(body: Body, reach: float) -> Solid | None:
-    """The capsule or rounded box that has the body's mass and inertia, at most ``reach`` long; None
-    without a mass."""
+    """The capsule or rounded box of the body's mass and inertia, at most ``reach`` m long."""
     if body.mass <= 0.0:
         return None
     # m², ascending: the first axis is the longest
@@ -166,8 +164,7 @@ def _of_inertia(body: Body, reach: float) -> Solid | None:
 
 
 def _capsule_of(along: float, across: float) -> tuple[float, float]:
-    """Radius and length between the ends (m) of the solid capsule with these moments per mass
-    (m²)."""
+    """Radius and length (m) of the solid capsule with these moments per mass (m²)."""
 
     def moments(ratio: float) -> tuple[float, float]:
         cylinder, balls = ratio, 4.0 / 3.0  # volumes over π radius³
@@ -189,8 +186,7 @@ def _capsule_of(along: float, across: float) -> tuple[float, float]:
 
 
 def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) -> list[Solid]:
-    """From the body's joint, its children's joints and its lone sphere to its core; nothing where
-    they touch already."""
+    """From the body's joints and its lone sphere to its core, where they do not touch it."""
     body, core = character.bodies[b], cores[b]
     ends: list[tuple[Array, float]] = []
     if body.joints and body.parent >= 0:

@@ -1,5 +1,4 @@
-"""Where the bodies of a character are, in NumPy: pictures, starts and tests (the optimiser uses
-CasADi's form)."""
+"""Where the bodies of a character are, in NumPy; the optimiser uses CasADi's form."""
 
 from __future__ import annotations
 

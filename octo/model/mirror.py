@@ -324,8 +324,7 @@ class _Search:
         return contacts, tuple(spheres[k].name for k in alone)
 
     def _check_elements(self, image: Mapping[int, int]) -> None:
-        """Every element must have an image: where its points are reflected to, with the reflected
-        force."""
+        """Every element must have an image: reflected points, with the reflected force."""
         elements = self.robot.elements
         for name, element in zip(names_of(elements), elements, strict=True):
             if not any(self._reflects(element, other, image) for other in elements):

@@ -1,5 +1,4 @@
-"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves
-out."""
+"""MJCF files: which trees are the robot, which base it has, what octo leaves out."""
 
 from __future__ import annotations
 
@@ -39,8 +38,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
 
 
 def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
-    """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give
-    no mass."""
+    """MjSpec and MjModel; geoms whose mesh file is missing are dropped where they have no mass."""
     mujoco = import_mujoco()
     try:
         with quiet_compiler():
@@ -201,8 +199,7 @@ def _flex_bodies(model: Any, f: int) -> set[int]:
 
 
 def _is_node(model: Any, b: int) -> bool:
-    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is
-    of a body that has more."""
+    """Whether body ``b`` is there for a flex alone: it has slides and no shape."""
     joints = model.jnt_type[model.body_jntadr[b] : model.body_jntadr[b] + model.body_jntnum[b]]
     slide = import_mujoco().mjtJoint.mjJNT_SLIDE
     return bool(len(joints) and (joints == slide).all() and not model.body_geomnum[b])

@@ -1,5 +1,4 @@
-"""Rotation matrices as quaternions and back, and the turn from each to the next as a rotation
-vector."""
+"""Rotation matrices as quaternions and back, and the turn from each to the next."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""A robot file as MuJoCo compiled it, with what only the file says; the one place that imports
-MuJoCo for the importers."""
+"""A robot file as MuJoCo compiled it; the one place that imports MuJoCo to read one."""
 
 from __future__ import annotations
 

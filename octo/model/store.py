@@ -1,5 +1,4 @@
-"""A character as plain lists and numbers and back, for files (JSON has no arrays and no
-infinity)."""
+"""A character as plain lists and numbers and back: JSON has no arrays and no infinity."""
 
 from __future__ import annotations
 
@@ -46,8 +45,7 @@ def to_plain(value: Any) -> Any:
 
 
 def _plain_element(element: Element) -> dict[str, Any]:
-    """An element by the name of its class; of one that octo does not have, a file has that and
-    where it acts."""
+    """The name of its class, and its numbers; of a user's own only where it acts."""
     kind = type(element)
     known = KINDS_OF_ELEMENTS.get(kind.__name__) is kind
     fields = dataclasses.fields(element if known else Element)
@@ -79,8 +77,7 @@ def _elements(plain: dict[str, Any]) -> tuple[tuple[Element, ...], list[str]]:
 
 
 def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
-    """A dataclass of plain fields, each of the type that it is declared with; ``given`` ones are
-    taken as they are."""
+    """A dataclass of plain fields, each of its declared type; ``given`` ones as they are."""
     values = dict(given)
     declared = {f.name: str(f.type) for f in dataclasses.fields(kind)}
     for name, value in plain.items():

@@ -132,8 +132,7 @@ def make_spec(prepared: Prepared) -> Any:
 
 
 def _give_inertial(body: Any, inertial: Inertial) -> None:
-    """Set mass, centre and inertia of an MjSpec body; a ball's where MuJoCo would refuse the
-    file's."""
+    """Set an MjSpec body's mass and inertia; a ball's where MuJoCo would refuse the file's."""
     small, middle, large = np.linalg.eigvalsh(inertial.inertia)
     legal = inertial.mass > 0.0 and small > STAND_IN and small + middle >= large
     body.explicitinertial, body.mass, body.ipos = True, max(inertial.mass, STAND_IN), inertial.com
@@ -199,8 +198,7 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
 
 
 def _collect_geometry(prepared: Prepared) -> None:
-    """Remove visuals; give every readable collision mesh a separate flat name, note the
-    others."""
+    """Remove visuals; give every readable collision mesh a flat name, note the others."""
     for link in prepared.tree.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)

@@ -1,5 +1,4 @@
-"""The elements of a URDF, read and checked: names, the tree, masses, joints. Errors name file,
-element and value."""
+"""The elements of a URDF, checked; errors name file, element and value."""
 
 from __future__ import annotations
 
@@ -209,8 +208,7 @@ def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, In
 
 
 def _inertial(file: str, link: str, element: Element | None) -> Inertial:
-    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without
-    <inertial>."""
+    """Mass properties of one link, in the link's axes; zero without <inertial>."""
     if element is None:
         return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
     mass = number(

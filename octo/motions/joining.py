@@ -32,8 +32,7 @@ def joined(pieces: Pieces, budget: Budget) -> Solution:
 
 
 def _worse(polished: Solution, raw: Solution, base: int) -> bool:
-    """Whether polishing has failed, added stumbles or moved x, y or the yaw of the base, whose
-    coordinates begin at ``base``, too far."""
+    """Whether polishing failed, added stumbles or moved the base (from ``base`` on) too far."""
     away = np.abs(polished.x - raw.x)[:, [base, base + 1, base + 3]].max(axis=0)
     return bool(
         stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)

@@ -73,8 +73,7 @@ class Journey:
 
     @staticmethod
     def _body(problem: Problem) -> dict[str, Any]:
-        """What the natural terms ask of the body that stands at rest, for problems that begin
-        elsewhere."""
+        """What the natural terms ask of the body that stands at rest, wherever they are used."""
         robot, dynamics = problem.character, problem.dynamics
         assert robot is not None and isinstance(dynamics, RobotDynamics)
         feet = touching(robot, dynamics.terrain, problem.setting.x0)

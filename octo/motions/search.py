@@ -79,8 +79,7 @@ def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
 
 
 def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
-    """The stride itself, or of a robot whose mirror image is a little different both halves, solved
-    for anew."""
+    """The stride itself, or solved anew where the mirror image is a little different."""
     assert stride.cycle is not None
     if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
         return stride
@@ -95,8 +94,7 @@ def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solutio
 
 
 def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
-    """From the pose at rest, or where that stumbles from one that stands as the stride does in the
-    mean."""
+    """From the pose at rest, or where that stumbles from the stride's own mean pose."""
     pieces = Pieces.of(Path(journey, stride), budget)
     if pieces.clean or journey.pose is not None:
         return pieces

@@ -1,5 +1,4 @@
-"""A long motion by short horizons: each is solved, its first steps are kept, the rest starts the
-next."""
+"""A long motion by short horizons, of each of which the first steps are kept."""
 
 from __future__ import annotations
 

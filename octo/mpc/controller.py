@@ -1,5 +1,4 @@
-"""One plan a measurement: real-time iteration over a receding horizon (§7 of the paper; Diehl, Bock
-and Schlöder 2005)."""
+"""One plan a measurement: real-time iteration (§7; Diehl, Bock and Schlöder 2005)."""
 
 from __future__ import annotations
 
@@ -296,8 +295,7 @@ class Controller:
     def _improve(
         self, t: float, x: Array, before: Array, began: float
     ) -> tuple[CommandStatus, int]:
-        """Iterations from the shifted plan with the measurement as its start, until the budget runs
-        out."""
+        """Iterations from the shifted plan and the measurement, until the budget runs out."""
         horizon, iteration, done = self.horizon, self._iteration, 0
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
@@ -332,8 +330,7 @@ class Controller:
         )
 
     def _take(self, t: float, solved: bool = True) -> None:
-        """Make the horizon's nodes the plan; ``solved``: they are what its last factorisation led
-        to."""
+        """Make the horizon's nodes the plan; ``solved``: its last factorisation led to them."""
         horizon = self.horizon
         u = horizon.fd[:, self.robot.actuated]
         if not np.isfinite(u).all():

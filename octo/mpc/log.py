@@ -130,8 +130,7 @@ class Log(Record, Shown):
         }
 
     def _of_calls(self, name: str) -> Array:
-        """A column where the controller was called; one NaN where it never was (in real time no
-        command may come at all)."""
+        """A column where the controller was called; one NaN where it never was."""
         called = np.isfinite(self.seconds)
         return self.columns[name][called] if called.any() else np.full(1, np.nan)
 

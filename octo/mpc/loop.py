@@ -246,8 +246,7 @@ class _Loop:
         self.log.torque = u
 
     def _look(self, t: float) -> bool:
-        """Count a fall once, and put the plant back the first time: whether it was, and the
-        controller must begin anew."""
+        """Count a fall, put the plant back once: whether the controller must begin anew."""
         plant = self.plant
         if plant.character.base != "floating":
             return False
@@ -264,8 +263,7 @@ class _Loop:
         return True
 
     def realtime(self) -> Log:
-        """The plant at the clock's pace in this thread, the controller in its own; they share what
-        the lock guards."""
+        """The plant at the clock's pace, the controller in its own thread, a lock between."""
         self._begin()
         self._measure(0.0)
         first = self._arrived()
@@ -288,8 +286,7 @@ class _Loop:
         return self._end()
 
     def _pace(self, t: float, began: float) -> None:
-        """A tick: its measurement goes to the controller at its start, its command is what came by
-        its end."""
+        """A tick: it begins with a measurement, and ends with the command that came meanwhile."""
         self._wait(began + t)
         if t > 0.0:
             self._measure(t)

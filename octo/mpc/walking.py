@@ -1,5 +1,4 @@
-"""Walking on command: the problem that a controller solves, and the references that follow the
-command."""
+"""Walking on command: a controller's problem, and the references that follow the command."""
 
 from __future__ import annotations
 
@@ -100,8 +99,7 @@ def walking_problem(
 
 
 def _on_the_ground(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are
-    read of it."""
+    """``pose`` (nx,) with its lowest contact at height zero; only heights are read of it."""
     placed = pose.copy()
     placed[robot.base_coordinate + 2] -= float(terrain_bottoms(robot, pose).min())
     return placed
@@ -166,8 +164,7 @@ class VelocityCommand:
 
     @staticmethod
     def _follow_the_ground(controller: Controller, velocity: Array, target: Array) -> None:
-        """On a slope, height and vertical speed are those of the ground under the places (N, 2)
-        that the command leads to."""
+        """On a slope, heights are those of the ground under the command's places (N, 2)."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
         plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
         if plane is None:

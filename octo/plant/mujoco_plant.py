@@ -1,5 +1,4 @@
-"""A robot in MuJoCo: its own contact, its own time step, with friction, payload and bumps that a
-plan does not know of."""
+"""A robot in MuJoCo, with friction, payload and bumps that a plan does not know of."""
 
 from __future__ import annotations
 

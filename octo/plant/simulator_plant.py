@@ -1,5 +1,4 @@
-"""A robot in octo's own implicit simulation, with the interface of
-:class:`octo.plant.MujocoPlant`."""
+"""A robot in octo's own simulation, with the interface of octo.plant.MujocoPlant."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Torques that keep a plant on a plan: feed-forward, PD on the joints, and a wrench on the base
-through the stance feet."""
+"""Torques that keep a plant on a plan: feed-forward, PD, a wrench through the feet."""
 
 from __future__ import annotations
 
@@ -146,8 +145,7 @@ class Controller:
 
 
 def _between(first: Array, second: Array) -> Array:
-    """(3,) rotation vector, in the first one's axes, from one quaternion to another, real parts
-    first."""
+    """(3,) rotation vector, in the first one's axes, from one quaternion to another."""
     a, b = first.tolist(), second.tolist()
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]

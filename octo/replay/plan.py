@@ -1,5 +1,4 @@
-"""A solution between its nodes: what a controller that runs faster than the plan's steps asks
-for."""
+"""A solution between its nodes: what a controller with shorter steps asks for."""
 
 from __future__ import annotations
 
@@ -76,8 +75,7 @@ class Plan:
 
 
 def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tuple[Array, Array]:
-    """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the
-    next."""
+    """q (T, nq) and v (T, nv) of x and its rate (T, nx), the base turned between the samples."""
     if character.base != "floating":
         return x, rate
     first = character.base_coordinate

@@ -1,5 +1,4 @@
-"""Replays of a plan in a plant: from the plan's own start or from perturbed ones, and what became
-of each."""
+"""Replays of a plan from its own start or from perturbed ones, and what became of each."""
 
 from __future__ import annotations
 
@@ -199,8 +198,7 @@ class _Tracks:
         return Start(number, self.fell, round(upright, 6), self.drift, error, self.torque_use)
 
     def solution(self, plan: Solution) -> Solution:
-        """The motion as a Solution: what it shares with the plan's is the robot, the ground and the
-        time step."""
+        """The motion as a Solution, with the plan's robot, ground and time step."""
         x = np.array([self.nodes[0], *self.nodes])
         force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
         empty: dict[str, Any] = {"terms": {}, "history": {}, "passes": (), "starts": ()}

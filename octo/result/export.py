@@ -1,5 +1,4 @@
-"""A motion in the conventions of other tools: MuJoCo's qpos and qvel, Pinocchio's q and v, a table
-of numbers."""
+"""A motion as MuJoCo's qpos and qvel, Pinocchio's q and v, a table of numbers."""
 
 from __future__ import annotations
 
@@ -100,8 +99,7 @@ def to_csv(motion: Trajectory, path: str | os.PathLike[str]) -> None:
 
 
 def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Names with their units, without what a table reads as its own: commas, quotes, line
-    breaks."""
+    """Names with their units, without a table's own marks: commas, quotes, line breaks."""
     headed = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     return [" ".join(name.replace(",", ";").replace('"', "'").split()) for name in headed]
 
@@ -149,8 +147,7 @@ def _parts(motion: Trajectory) -> list[_Part]:
 
 
 def _ball(robot: Character, j: int, end: int) -> str:
-    """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on;
-    "" where there is none."""
+    """The ball joint whose three hinges begin at coordinate ``j``; "" where there is none."""
     hinges = robot.joints[j : min(j + 3, end)]
     prefix = hinges[0].name.removesuffix("_z")
     if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:

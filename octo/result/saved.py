@@ -1,5 +1,4 @@
-"""The file of a solution: how its fields are written, and read, each checked, for a file may come
-from anywhere."""
+"""The file of a solution: how its fields are written and read, each checked."""
 
 from __future__ import annotations
 
@@ -117,8 +116,7 @@ def _motion(file: Archive, finite: bool) -> dict[str, Any]:
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:
-    """The solver's own variables (K, …); of a motion that no solver found there may be none, in any
-    shape."""
+    """The solver's own variables (K, …); none, in any shape, where no solver was at work."""
     found = file.arrays.get(name)
     shape = found.shape if found is not None and found.size == 0 else (None, None)
     return file.array(name, shape, finite=finite)

@@ -1,5 +1,4 @@
-"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how
-it was found."""
+"""What a solve returns: the motion, its cost, its error, and how it was found."""
 
 from __future__ import annotations
 

@@ -149,8 +149,7 @@ def _side_by_side(solutions: Sequence[Solution], times: Array, apart: float | No
 
 
 def _names(solutions: Sequence[Solution], labels: object) -> list[str]:
-    """The labels; by default the names of the robots, numbered where one occurs twice. ShapeError
-    where there is not one for each solution."""
+    """The labels, or the robots' names, numbered where one occurs twice; ShapeError."""
     if labels is None:
         count = Counter(s.name for s in solutions)
         return [
@@ -184,8 +183,7 @@ def _server(viser: Any) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without viser's banner: it prints by rich, which in a notebook does not write to stdout but
-    makes an output."""
+    """Without viser's banner, which in a notebook would be an output of its own."""
     console = importlib.import_module("rich").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -1,5 +1,4 @@
-"""A snake of equal links, five unless told otherwise: 14 degrees of freedom, standing like a low
-bridge."""
+"""A snake of equal links, standing like a low bridge: of five, 14 degrees of freedom."""
 
 from __future__ import annotations
 

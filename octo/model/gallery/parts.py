@@ -1,5 +1,4 @@
-"""What the characters of the gallery are made of: links of one density, hinges, spheres; mirrored
-left and right."""
+"""What the gallery's characters are made of: links, hinges, spheres; left and right."""
 
 from __future__ import annotations
 
