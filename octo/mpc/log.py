@@ -79,9 +79,8 @@ class Log(Record, Shown):
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
         normal, height = np.array(self.world["normal"]), self.world["height"]
-        return np.asarray(
-            (sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]) @ normal - radius
-        )
+        above = sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]
+        return np.asarray(above @ normal - radius)
 
     @property
     def foot_lift(self) -> float:
@@ -89,10 +88,8 @@ class Log(Record, Shown):
         heights, lifts = self.foot_height, []
         for c in range(heights.shape[1]):
             up = heights[:, c] > 0.01
-            edges = np.flatnonzero(np.diff(np.r_[0, up.astype(int), 0]))
-            lifts += [
-                float(heights[a:b, c].max()) for a, b in zip(edges[::2], edges[1::2], strict=True)
-            ]
+            edges = np.flatnonzero(np.diff(np.r_[0, up.astype(int), 0])).reshape(-1, 2)
+            lifts += [float(heights[a:b, c].max()) for a, b in edges]
         return float(np.median(lifts)) if lifts else 0.0
 
     @property
@@ -105,15 +102,10 @@ class Log(Record, Shown):
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
         below = sphere_centers(self.robot, self.x)[:, chosen] - radius[:, None] * [0.0, 0.0, 1.0]
         local = np.einsum("kcji,kcj->kci", rotation[:-1, bodies], below[:-1] - origin[:-1, bodies])
-        moved = (
-            np.einsum("kcij,kcj->kci", rotation[1:, bodies], local)
-            + origin[1:, bodies]
-            - below[:-1]
-        )
+        moved = np.einsum("kcij,kcj->kci", rotation[1:, bodies], local) + origin[1:, bodies]
+        speed = np.linalg.norm((moved - below[:-1])[..., :2], axis=-1) / self.tick
         loaded = self.force[:, self.feet, 2] > CARRYING * self._weight
-        return np.asarray(
-            np.linalg.norm(moved[..., :2], axis=-1)[loaded[1:] & loaded[:-1]] / self.tick
-        )
+        return np.asarray(speed[loaded[1:] & loaded[:-1]])
 
     @property
     def slip(self) -> float:
@@ -124,10 +116,8 @@ class Log(Record, Shown):
     def latency(self) -> dict[str, float]:
         seconds = self._of_calls("seconds")
         seconds = seconds[min(BOOT, len(seconds) // 2) :]
-        return {
-            **{f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)},
-            "max": float(seconds.max()),
-        }
+        found = {f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)}
+        return found | {"max": float(seconds.max())}
 
     def _of_calls(self, name: str) -> Array:
         """A column where the controller was called; one NaN where it never was."""
@@ -137,31 +127,28 @@ class Log(Record, Shown):
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
         mean, wanted = self.tracked()
+        off, late = mean - wanted, int((self.seconds > self.tick).sum())
+        names = ("interrupted", "memory_start", "memory_end", "foot_lift", "slip")
+        slip = self.slip_speeds
         return {
             "latency": self.latency(),
             "prepare_p50": float(np.median(self._of_calls("prepare"))),
             "device": "cpu",
             "rate": 1.0 / self.tick,
-            "missed_deadlines": max(
-                self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())
-            ),
+            "missed_deadlines": max(self.statuses.count(NO_COMMAND), late),
             "tracking_error": {
-                "velocity": float(np.hypot(*(mean - wanted)[:2])),
-                "yaw_rate": float(abs(mean[2] - wanted[2])),
+                "velocity": float(np.hypot(*off[:2])),
+                "yaw_rate": float(abs(off[2])),
             },
             "velocity": [float(v) for v in mean],
             "command": [float(v) for v in wanted],
             "falls": len(self.falls),
-            "interrupted": self.interrupted,
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
             "torque_excess": float(self._of_calls("excess").max()),
             "pushes": [float(v) for v in self.impulses],
-            "memory_start": self.memory_start,
-            "memory_end": self.memory_end,
-            "foot_lift": self.foot_lift,
-            "slip": self.slip,
-            "slip_mean": float(np.mean(self.slip_speeds)) if self.slip_speeds.size else 0.0,
+            **{name: getattr(self, name) for name in names},
+            "slip_mean": float(np.mean(slip)) if slip.size else 0.0,
             "seconds": float(len(self.t) * self.tick),
         }
 
@@ -171,10 +158,8 @@ class Log(Record, Shown):
     def __str__(self) -> str:
         room = len(self.columns["t"])
         if self.count < max(room, 1):
-            return (
-                f"{self.robot.name}: {self.count} of {room} ticks of {self.tick:g} s "
-                "recorded so far"
-            )
+            ticks = f"{self.count} of {room} ticks of {self.tick:g} s"
+            return f"{self.robot.name}: {ticks} recorded so far"
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())

@@ -71,17 +71,8 @@ def run(
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     _check_base(plant, push)
-    loop = _Loop(
-        controller,
-        plant,
-        tick,
-        count,
-        Sensors(plant.character, noise, seed),
-        delay,
-        push,
-        each,
-        ticks,
-    )
+    sensors = Sensors(plant.character, noise, seed)
+    loop = _Loop(controller, plant, tick, count, sensors, delay, push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
 
 
@@ -93,14 +84,10 @@ def _check_base(plant: Plant, push: Push | None) -> None:
 
 
 def _check_kinds(controller: object, plant: object, push: object, each: object) -> None:
+    plants = "a MujocoPlant, a SimulatorPlant or their like"
     for name, value, good, wanted in (
         ("controller", controller, isinstance(controller, Controller), "a Controller"),
-        (
-            "plant",
-            plant,
-            hasattr(plant, "contacts"),
-            "a MujocoPlant, a SimulatorPlant or their like",
-        ),
+        ("plant", plant, hasattr(plant, "contacts"), plants),
         ("push", push, push is None or isinstance(push, Push), "a Push"),
         ("each", each, each is None or callable(each), "a function each(t, controller)"),
     ):
@@ -300,10 +287,8 @@ class _Loop:
         if self._look(t):
             with self.lock:
                 self.queue.clear()
-                self.anew = (
-                    t + 0.5 * self.tick,
-                    *self._seen(self.plant.q.copy(), self.plant.v.copy()),
-                )
+                now = self._seen(self.plant.q.copy(), self.plant.v.copy())
+                self.anew = (t + 0.5 * self.tick, *now)
             self.fresh.set()
 
     def _control(self) -> None:

@@ -123,11 +123,8 @@ class VelocityCommand:
     ):
         self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
-        linear, turning = numbers("acceleration", acceleration, (2,)).tolist()
-        self.acceleration = (
-            positive("acceleration", linear, "m/s²"),
-            positive("acceleration", turning, "rad/s²"),
-        )
+        pair = zip(numbers("acceleration", acceleration, (2,)), ("m/s²", "rad/s²"), strict=True)
+        self.acceleration = tuple(positive("acceleration", value, unit) for value, unit in pair)
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0

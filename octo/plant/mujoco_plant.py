@@ -186,20 +186,15 @@ class MujocoPlant:
     @property
     def base_place(self) -> Array:
         """(3,) m, of the base body's origin."""
-        free = self.character.base == "floating"
-        return np.array(
-            self.q[self._first : self._first + 3] if free else self.data.xpos[self._base]
-        )
+        free, first = self.character.base == "floating", self._first
+        return np.array(self.q[first : first + 3] if free else self.data.xpos[self._base])
 
     @property
     def base_rotation(self) -> Array:
         """(3, 3)."""
-        free = self.character.base == "floating"
-        return (
-            rotation_of(self.q[self._first + 3 : self._first + 7])
-            if free
-            else self.data.xmat[self._base].reshape(3, 3).copy()
-        )
+        if self.character.base == "floating":
+            return rotation_of(self.q[self._first + 3 : self._first + 7])
+        return np.array(self.data.xmat[self._base].reshape(3, 3))
 
     @property
     def height(self) -> float:
@@ -233,9 +228,8 @@ class MujocoPlant:
         six = np.zeros(6)
         for k in range(self.data.ncon):
             contact = self.data.contact[k]
-            first, second = (
-                self._contacts.get(int(geom)) for geom in (contact.geom1, contact.geom2)
-            )
+            geoms = (contact.geom1, contact.geom2)
+            first, second = (self._contacts.get(int(geom)) for geom in geoms)
             if (first is None) == (second is None):
                 continue
             self._mujoco.mj_contactForce(self.model, self.data, k, six)
@@ -258,9 +252,8 @@ def loaded(character: Character, payload: float) -> Character:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")
     base = character.bodies[character.base_body]
     heavier = replace(base, mass=share * base.mass, inertia=share * base.inertia)
-    return replace(
-        character, bodies=tuple(heavier if body is base else body for body in character.bodies)
-    )
+    bodies = tuple(heavier if body is base else body for body in character.bodies)
+    return replace(character, bodies=bodies)
 
 
 def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
@@ -273,7 +266,6 @@ def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
             top, half = rng.uniform(0.2, 1.0) * height, rng.uniform(*BUMPS_HALF, 2)
             center = np.array([x, y]) + rng.uniform(0.0, BUMPS_EACH, 2)
             if np.max(np.abs(center) - half) > BUMPS_CLEAR:
-                boxes.append(
-                    (np.array([*center, 0.5 * top - 0.01]), np.array([*half, 0.5 * top + 0.01]))
-                )
+                box = [*center, 0.5 * top - 0.01], [*half, 0.5 * top + 0.01]
+                boxes.append((np.array(box[0]), np.array(box[1])))
     return boxes

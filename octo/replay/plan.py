@@ -59,15 +59,9 @@ class Plan:
         q, v = _moving(character, x, path(times, 1), timestep)
         force = _linear(solution.contact_force, times, solution.dt)
         normal = np.sum(force * _linear(solution.contact_normal, times, solution.dt), axis=-1)
-        return Plan(
-            character,
-            timestep,
-            q,
-            v,
-            _linear(solution.u, times, solution.dt),
-            force,
-            np.asarray(normal > CARRYING * solution.weight),
-        )
+        stance = np.asarray(normal > CARRYING * solution.weight)
+        u = _linear(solution.u, times, solution.dt)
+        return Plan(character, timestep, q, v, u, force, stance)
 
     @property
     def steps(self) -> int:
@@ -112,8 +106,4 @@ def ground_of(solution: Solution) -> Plane:
             "sloped ground only"
         )
     (x, y, z), height = plane
-    return Plane(
-        slope=float(np.arctan2(np.hypot(x, y), z)),
-        direction=float(np.arctan2(-y, -x)),
-        height=height,
-    )
+    return Plane(float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(-y, -x)), height)

@@ -61,11 +61,10 @@ class Replay:
 
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
+        names = ("seconds_upright", "drift", "tracking_error")
         return {
             "falls": sum(start.fell for start in self.starts),
-            "seconds_upright": float(np.mean([start.seconds_upright for start in self.starts])),
-            "drift": float(np.mean([start.drift for start in self.starts])),
-            "tracking_error": float(np.mean([start.tracking_error for start in self.starts])),
+            **{name: float(np.mean([getattr(s, name) for s in self.starts])) for name in names},
             "seconds": self.plan.steps * self.plan.dt,
             "robot": self.plan.name,
             "plan_status": self.plan.status.label,
@@ -231,9 +230,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
     limited = limits > 0.0
     for k in range(plan.steps):
         u = controller(k)
-        tracks.torque_use = max(
-            tracks.torque_use, float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0))
-        )
+        used = float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0))
+        tracks.torque_use = max(tracks.torque_use, used)
         error = plan.q[k, controller.in_q] - plant.q[controller.in_q]
         tracks.squares += float(np.mean(error**2))
         plant.step(u)
