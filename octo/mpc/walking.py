@@ -123,7 +123,9 @@ class VelocityCommand:
     ):
         self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
-        pair = zip(numbers("acceleration", acceleration, (2,)), ("m/s²", "rad/s²"), strict=True)
+        pair = zip(
+            numbers("acceleration", acceleration, (2,)).tolist(), ("m/s²", "rad/s²"), strict=True
+        )
         self.acceleration = tuple(positive("acceleration", value, unit) for value, unit in pair)
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
