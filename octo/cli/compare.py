@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import ending, whole
-from octo.cli.arguments import (
-    LIMITS,
-    add_options,
-    law_of,
-    number,
-    pose_of,
-    positive,
-    robot_of,
-    terrain_of,
-)
+from octo.cli.arguments import LIMITS, add_options, number, positive, robot_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import add_goal_arguments, asked_steps, described, report, write_json
+from octo.cli.solve import (
+    add_goal_arguments,
+    asked_steps,
+    described,
+    report,
+    surroundings,
+    write_json,
+)
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -90,18 +88,13 @@ def run(arguments: argparse.Namespace) -> int:
         problem = repeated(robot, cycle, arguments)
     else:
         problem = described(robot, goal, steps, arguments)
-    options = options_of(arguments, OPTIONS)
-    contest = Contest(
-        problem, others, options, arguments.passes or 1, arguments.threads, device, start
-    )
+    options, passes = options_of(arguments, OPTIONS), arguments.passes or 1
+    contest = Contest(problem, others, options, passes, arguments.threads, device, start)
     entries: list[Entry] = []
     interrupted = False
     kind = "cycle" if goal is None else f"goal {goal.kind}"
-    print(
-        f"{robot.name}, {problem.steps} steps of {problem.dt:g} s, "
-        f"{problem.basis_object.name}, {kind}\n{HEAD}",
-        flush=True,
-    )
+    steps_of_dt = f"{problem.steps} steps of {problem.dt:g} s"
+    print(f"{robot.name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{HEAD}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -141,16 +134,8 @@ def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
 
 def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespace) -> Problem:
     """The problem of a cycle, of natural terms."""
-    problem = Problem(
-        robot,
-        dt=arguments.dt or 0.0,
-        costs=[Effort()],
-        basis=arguments.basis,
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-        pose=pose_of(robot, arguments.pose),
-        cycle=cycle,
-    )
+    own = {"dt": arguments.dt or 0.0, "basis": arguments.basis, "cycle": cycle}
+    problem = Problem(robot, costs=[Effort()], **own, **surroundings(robot, arguments))
     return problem.replace(costs=presets.natural(length=problem.length))
 
 
@@ -168,16 +153,13 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
     for name in names:
         if name not in SOLVERS:
             raise UnknownNameError("solver", name, SOLVERS)
+    sees = "a stage may see its own state and control only"
     if "fatrop" in names and cycle:
-        raise ProblemError(
-            "fatrop cannot solve a cycle: a stage may see its own state and control only; leave "
-            "it out of --with"
-        )
+        raise ProblemError(f"fatrop cannot solve a cycle: {sees}; leave it out of --with")
     if "fatrop" in names and basis != "nodes":
         raise ProblemError(
-            f"fatrop cannot solve in the {basis} basis: a stage may see its own state and "
-            "control only, and a row of C sums "
-            "the steps of two segments; leave it out of --with, or use --basis nodes"
+            f"fatrop cannot solve in the {basis} basis: {sees}, and a row of C sums the steps of "
+            "two segments; leave it out of --with, or use --basis nodes"
         )
     return names
 
@@ -190,10 +172,8 @@ def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions
 def row(entry: Any) -> str:
     """One line of the table."""
     s = entry.solution
-    line = (
-        f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  "
-        f"{s.status.label:16s}{s.iterations:5d}{s.processor_seconds:9.2f}"
-    )
+    line = f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  {s.status.label:16s}"
+    line += f"{s.iterations:5d}{s.processor_seconds:9.2f}"
     line += f"{1e3 * s.processor_seconds / max(s.iterations, 1):8.1f}"
     line += f"{s.energy:12.6g}{s.violation:10.1e}{s.pointwise_residual:10.1e}"
     return line if entry.compiled else f"{line}  interpreted"
@@ -210,18 +190,12 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
         seeds = sorted({seed for _, seed in found})
         if not seeds:
             continue
-        count = {
-            name: sum(found[name, k].converged for k in seeds if (name, k) in found)
-            for name in ("octo", *others)
-        }
-        told = ", ".join(f"{name} {done}" for name, done in count.items())
+        done = {key for key, solution in found.items() if solution.converged}
+        count = {name: sum((name, k) in done for k in seeds) for name in ("octo", *others)}
+        told = ", ".join(f"{name} {many}" for name, many in count.items())
         lines.append(f"pass {stage}: converged of {len(seeds)} starts: {told}")
         for name in others:
-            both = [
-                k
-                for k in seeds
-                if (name, k) in found and found[name, k].converged and found["octo", k].converged
-            ]
+            both = [k for k in seeds if {(name, k), ("octo", k)} <= done]
             if both:
                 compared = ratios([(found["octo", k], found[name, k]) for k in both])
                 words = ", ".join(f"{what} {value:.3g}" for what, value in compared.items())

@@ -14,16 +14,13 @@ from octo.cli.arguments import (
     add_law_argument,
     add_options,
     add_solver_arguments,
-    law_of,
     number,
-    pose_of,
     robot_of,
     solver_options,
-    terrain_of,
     whole,
 )
 from octo.cli.output import OutputFolder, default_folder
-from octo.cli.solve import FILES, write
+from octo.cli.solve import FILES, surroundings, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -124,23 +121,13 @@ def described(robot: Character, arguments: argparse.Namespace) -> Problem:
         turn=arguments.turn,
         sideways=arguments.sideways,
     )
-    problem = Problem(
-        robot,
-        steps=arguments.steps,
-        costs=[Effort()],
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-        pose=pose_of(robot, arguments.pose),
-        cycle=cycle,
-    )
+    where = surroundings(robot, arguments)
+    problem = Problem(robot, steps=arguments.steps, costs=[Effort()], cycle=cycle, **where)
     if given is None:
         speed = math.hypot(arguments.speed, arguments.sideways)
         low, high = usual_periods(problem.length, speed)
-        print(
-            f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to "
-            f"{high:.2g} s",
-            file=sys.stderr,
-        )
+        legs, periods = f"legs of {problem.length:.2g} m", f"periods of {low:.2g} to {high:.2g} s"
+        print(f"octo: {legs} at {speed:g} m/s: {periods}", file=sys.stderr)
         cycle = replace(cycle, period=(low, high))
     return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
 

@@ -98,27 +98,17 @@ def run(arguments: argparse.Namespace) -> int:
     x[robot.actuated] += NOISE * rng.standard_normal(robot.nu)
     x[robot.base_coordinate + 2] += RAISED
     plant.reset_chart(x)
-    log = close_the_loop(
-        controller,
-        plant,
-        arguments.seconds,
-        rate=arguments.rate,
-        realtime=arguments.realtime,
-        noise=arguments.noise,
-        delay=arguments.delay,
-        push=push,
-        seed=arguments.seed,
-    )
+    own = {
+        name: getattr(arguments, name) for name in ("rate", "realtime", "noise", "delay", "seed")
+    }
+    log = close_the_loop(controller, plant, arguments.seconds, push=push, **own)
     known = {"robot": robot.name, "goal": goal.kind}
     _write(folder, log, {**known, "plant": arguments.plant, "seed": arguments.seed})
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
-        print(
-            f"octo: interrupted at t = {log.t[-1]:.2f} s of {arguments.seconds:g}: what there was "
-            "is written",
-            file=sys.stderr,
-        )
+        when = f"{log.t[-1]:.2f} s of {arguments.seconds:g}"
+        print(f"octo: interrupted at t = {when}: what there was is written", file=sys.stderr)
         return 130
     return 0
 
@@ -164,26 +154,13 @@ def make_plant(
         from octo.plant import SimulatorPlant
 
         parameters = {"contact.mu": arguments.friction}
-        return SimulatorPlant(
-            robot,
-            law=problem.law,
-            terrain=terrain,
-            parameters=parameters,
-            timestep=PERIOD,
-            payload=arguments.payload,
-        )
+        own = {"law": problem.law, "parameters": parameters, "payload": arguments.payload}
+        return SimulatorPlant(robot, terrain=terrain, timestep=PERIOD, **own)
     from octo.plant import MujocoPlant
 
     assert isinstance(terrain, Plane)  # what _check_plant lets through
-    return MujocoPlant(
-        robot,
-        terrain=terrain,
-        friction=arguments.friction,
-        payload=arguments.payload,
-        bumps=arguments.bumps,
-        seed=arguments.seed,
-        timestep=PERIOD,
-    )
+    own = {name: getattr(arguments, name) for name in ("friction", "payload", "bumps", "seed")}
+    return MujocoPlant(robot, terrain=terrain, timestep=PERIOD, **own)
 
 
 def _check_plant(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 
+from octo.checks import one_of
 from octo.cli.arguments import add_options, positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.errors import UnknownNameError
 from octo.replay import Replay, replay
 from octo.replay.run import FEEDBACKS
 from octo.result.solution import Solution
@@ -40,30 +40,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    for kind, name, valid in (
-        ("plant", arguments.plant, PLANTS),
-        ("feedback", arguments.feedback, FEEDBACKS),
-    ):
-        if name not in valid:
-            raise UnknownNameError(kind, name, valid)
+    one_of("plant", arguments.plant, PLANTS)
+    one_of("feedback", arguments.feedback, FEEDBACKS)
     plan = Solution.load(arguments.solution)
     folder = OutputFolder(arguments.out or default_folder(plan.name, "replay"))
     folder.check(FILES)
     if not plan.converged:
-        print(
-            f"octo: the plan is {plan.status.label}: what a plant makes of it says little",
-            file=sys.stderr,
-        )
-    done = replay(
-        plan,
-        kp=arguments.kp,
-        kd=arguments.kd,
-        friction=arguments.friction,
-        starts=arguments.starts,
-        seed=arguments.seed,
-        feedback=arguments.feedback,
-        timestep=arguments.timestep,
-    )
+        what = f"the plan is {plan.status.label}"
+        print(f"octo: {what}: what a plant makes of it says little", file=sys.stderr)
+    names = ("kp", "kd", "friction", "starts", "seed", "feedback", "timestep")
+    done = replay(plan, **{name: getattr(arguments, name) for name in names})
     write(folder, done)
     print(done)
     print(f"written to {folder.path}")

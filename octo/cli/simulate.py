@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
-from octo.model.body import Joint
 from octo.model.character import Character
 from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
@@ -80,14 +80,9 @@ def placed(
     start = inside_limits(robot, default if pose is None else pose)
     if arguments.hold:
         robot = held(robot, start)
-    draft = Problem(
-        robot,
-        steps=steps,
-        dt=arguments.dt,
-        costs=[Effort()],
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-    )
+    terrain, law = terrain_of(arguments.terrain), law_of(arguments.friction)
+    own: dict[str, Any] = {"steps": steps, "dt": arguments.dt, "costs": [Effort()]}
+    draft = Problem(robot, terrain=terrain, law=law, **own)
     assert isinstance(draft.dynamics, RobotDynamics)
     balance = Balance(draft.dynamics, draft.p, start)
     start = balance.start.copy()
@@ -101,19 +96,15 @@ def held(robot: Character, pose: Array) -> Character:
     a metre."""
     stiffness = 10.0 * robot.mass * GRAVITY * 0.1  # N m/rad, or N/m of a slide
 
-    def spring(joint: Joint, rest: float) -> Joint:
-        return (
-            dataclasses.replace(joint, stiffness=stiffness, damping=0.1 * stiffness, rest=rest)
-            if joint.actuated
-            else joint
-        )
-
     bodies = []
     for body, first in zip(robot.bodies, robot.first_joint, strict=True):
-        joints = tuple(
-            spring(joint, float(pose[j])) for j, joint in enumerate(body.joints, start=int(first))
-        )
-        bodies.append(dataclasses.replace(body, joints=joints))
+        joints = list(body.joints)
+        for k, joint in enumerate(joints):
+            if joint.actuated:
+                rest = float(pose[int(first) + k])
+                spring = dataclasses.replace(joint, stiffness=stiffness, rest=rest)
+                joints[k] = dataclasses.replace(spring, damping=0.1 * stiffness)
+        bodies.append(dataclasses.replace(body, joints=tuple(joints)))
     return dataclasses.replace(robot, bodies=tuple(bodies))
 
 

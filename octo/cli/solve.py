@@ -101,9 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
     if composed:
         solution = from_rest_to_rest(robot, goal, arguments, began)
     else:
-        solution = as_one_problem(
-            described(robot, goal, steps, arguments), goal, start, arguments, began
-        )
+        problem = described(robot, goal, steps, arguments)
+        solution = as_one_problem(problem, goal, start, arguments, began)
     solution = goal.said(solution)
     write(folder, solution, lambda: report(solution, goal))
     print(solution)
@@ -137,10 +136,8 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
                     "add --costs paper"
                 )
     elif arguments.period is not None:
-        raise UsageError(
-            "--period is of a stride: it goes with --costs natural and --goal "
-            f"{', '.join(COMPOSED)}"
-        )
+        goes = f"it goes with --costs natural and --goal {', '.join(COMPOSED)}"
+        raise UsageError(f"--period is of a stride: {goes}")
     if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
         raise UsageError(
             "natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add "
@@ -161,9 +158,8 @@ def from_rest_to_rest(
     seconds = SECONDS if arguments.seconds is None else arguments.seconds
     where = surroundings(robot, arguments)
     prepared = time.perf_counter() - began
-    solution: Solution = getattr(motions, goal.kind)(
-        robot, goal.speed, seconds, progress=True, **where, **given
-    )
+    find = getattr(motions, goal.kind)
+    solution: Solution = find(robot, goal.speed, seconds, progress=True, **where, **given)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -180,12 +176,8 @@ def as_one_problem(
 
     prepared = time.perf_counter() - began
     found = solve_jump if goal.kind == "jump" else solve
-    solution = found(
-        problem,
-        start=start,
-        progress=True,
-        **{**solver_options(arguments), "seeds": arguments.seeds or 1},
-    )
+    options = {**solver_options(arguments), "seeds": arguments.seeds or 1}
+    solution = found(problem, start=start, progress=True, **options)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -270,10 +262,8 @@ def write_page(solution: Solution | Sequence[Solution], path: Path, **options: A
 
 
 def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
-    path.write_text(
-        json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        encoding="utf-8",
-    )
+    text = json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(f"{text}\n", encoding="utf-8")
 
 
 def finite(value: Any) -> Any:
