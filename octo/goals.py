@@ -113,13 +113,8 @@ class Goal:
             reached = (moved[-1, 0], moved[:, 2].max())
             return Asked.of(name, what, reached, (self.distance, self.height), "m", each=True)
         axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
-        return Asked.of(
-            name,
-            "the centre of mass moves at",
-            moved[-1, :axes] / duration,
-            self.velocity[:axes],
-            "m/s",
-        )
+        what, wanted = "the centre of mass moves at", self.velocity[:axes]
+        return Asked.of(name, what, moved[-1, :axes] / duration, wanted, "m/s")
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""

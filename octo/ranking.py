@@ -26,13 +26,8 @@ def rank(member: Solution) -> tuple[bool, int, bool, int, float]:
     feasible = member.violation <= 1e-3 * member.weight
     done = sum(bool(record["converged"]) for record in member.passes)
     flawed = 0 if member.cycle is None else flaws(member.gait, member.length)
-    return (
-        not member.converged,
-        -done,
-        not feasible,
-        flawed,
-        member.energy if feasible else member.violation,
-    )
+    last = member.energy if feasible else member.violation
+    return not member.converged, -done, not feasible, flawed, last
 
 
 def rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, int, float]:
@@ -50,21 +45,13 @@ def rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool,
         return failed, passes, infeasible, flawed, last
     # the way of a stride is what is given
     a_stride = cycle.shift is not None or (cycle.velocity == cycle.sideways == 0.0)
-    return (
-        failed,
-        passes,
-        infeasible,
-        flawed,
-        member.power * (member.cycle.period if a_stride else 1.0),
-    )
+    work = member.power * (member.cycle.period if a_stride else 1.0)
+    return failed, passes, infeasible, flawed, work
 
 
 def say_kept(solution: Solution) -> None:
     """Say so where the last pass failed and the motion is that of the one before."""
     last = solution.passes[-1]
     if solution.converged and not last["converged"]:
-        LOG.warning(
-            "pass %s did not converge (%s): the motion of the pass before it is returned",
-            last["pass"],
-            last["status"],
-        )
+        what = f"pass {last['pass']} did not converge ({last['status']})"
+        LOG.warning("%s: the motion of the pass before it is returned", what)

@@ -136,18 +136,12 @@ def first_multipliers(
     starts: Sequence[Solution | Array | None], compiled: CompiledProblem
 ) -> Array | None:
     """Those of warm starts of the same shape, zero for other members."""
-    shape = (compiled.K, compiled.ma)
-    found = [
-        start.multipliers
-        if isinstance(start, Solution) and start.multipliers.shape == shape
-        else None
-        for start in starts
-    ]
-    return (
-        None
-        if all(lam is None for lam in found)
-        else np.stack([np.zeros(shape) if lam is None else lam for lam in found])
-    )
+    found = np.zeros((len(starts), compiled.K, compiled.ma))
+    warm = False
+    for k, start in enumerate(starts):
+        if isinstance(start, Solution) and start.multipliers.shape == found.shape[1:]:
+            found[k], warm = start.multipliers, True
+    return found if warm else None
 
 
 def starts_of(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:

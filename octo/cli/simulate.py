@@ -33,8 +33,8 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.measure import measured
-from octo.result.solution import Solution
-from octo.solver.status import HISTORY, Status
+from octo.result.solution import Solution, recorded
+from octo.solver.status import Status
 
 FILES = ("solution.npz", "report.json", "motion.html")
 
@@ -113,16 +113,9 @@ def measured_motion(problem: Problem, motion: Motion, setup: float, seconds: flo
     compiled = CompiledProblem([problem])
     at = compiled.evaluate(compiled.unknowns(motion.x[None]))
     solved = bool(motion.converged.all())
-    return Solution(
-        **measured(compiled, at, 0),
-        multipliers=np.zeros((compiled.K, compiled.ma)),
-        status=Status.SIMULATED if solved else Status.UNSOLVED,
-        iterations=0,
-        factorizations=0,
-        history={name: np.zeros(0) for name in HISTORY},
-        seconds=seconds,
-        setup_seconds=setup,
-    )
+    status = Status.SIMULATED if solved else Status.UNSOLVED
+    own = {"multipliers": np.zeros((compiled.K, compiled.ma)), "status": status}
+    return recorded(**measured(compiled, at, 0), **own, seconds=seconds, setup_seconds=setup)
 
 
 def write(folder: OutputFolder, solution: Solution) -> None:

@@ -240,15 +240,11 @@ def recorded(**fields: Any) -> Solution:
     shape of what is not known of the contacts.
     """
     steps, contacts = fields["contact_force"].shape[:2]
-    robot = fields["character"]
-    known = {
-        "name": robot.name,
+    known: dict[str, Any] = {
         "basis": "nodes",
         "unknowns": fields["x"][2:],
         "multipliers": np.zeros((steps, 0)),
         "status": Status.SIMULATED,
-        "torque_limit": robot.torque_limit,
-        "contact_names": tuple(robot.contacts[k].name for k in robot.terrain_contacts),
         "contact_depth": np.zeros((steps, contacts)),
         "history": {name: np.zeros(0) for name in HISTORY},
         **{name: np.zeros((steps, contacts, 3)) for name in VECTORS},
@@ -256,6 +252,10 @@ def recorded(**fields: Any) -> Solution:
         **dict.fromkeys(("iterations", "factorizations"), 0),
         **dict.fromkeys(("violation", "pointwise_residual", "seconds", "setup_seconds"), 0.0),
     }
+    robot = fields["character"]
+    if robot is not None:
+        names = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
+        known |= {"name": robot.name, "torque_limit": robot.torque_limit, "contact_names": names}
     return Solution(**{**known, **fields})
 
 
