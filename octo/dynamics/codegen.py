@@ -136,17 +136,21 @@ def _generated(functions: Sequence[ca.Function]) -> str:
 
 
 def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
-    """Refuse a curvature that would take too long to write down: its columns each cost about as
-    much as the gradient.
+    check_curvature("these user-written dynamics", [z, p, lam], gradient, HINT)
+
+
+def check_curvature(what: str, inputs: Sequence[ca.SX], gradient: ca.SX, hint: str) -> None:
+    """Refuse second derivatives, of a ``gradient`` to the first of ``inputs``, that would take too
+    long to write down: their columns each cost about as much as the gradient.
 
     Measured: a dense one of 3n columns has 0.6 · 3n times the gradient's instructions.
     """
-    function = ca.Function("gradient", [z, p, lam], [gradient])
+    function = ca.Function("gradient", list(inputs), [gradient])
     pattern = ca.Sparsity(function.jac_sparsity(0, 0))
     columns = max(np.diff(pattern.colind()), default=0)
     expected = int(0.6 * columns * function.n_instructions())
     if expected > 2 * MOST or function.n_instructions() > MOST:
-        check_length("these user-written dynamics", max(expected, function.n_instructions()), HINT)
+        check_length(what, max(expected, function.n_instructions()), hint)
 
 
 @postponed()

@@ -80,6 +80,13 @@ class DeviceProblem:
         part.batch = len(part.p)
         return part
 
+    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+        """As :meth:`CompiledProblem.set_row_weights`, of arrays on the device; nothing is
+        checked."""
+        rows = len(self.functions.bounded)
+        at = self.functions.numbers - 2 * rows
+        self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts
+
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""
         self.__dict__.pop("scratch", None)
@@ -108,6 +115,7 @@ class DeviceProblem:
             "nodes": (batch, steps + 2, n),
             "fd": (batch, steps, n),
             "terms": (batch, steps, self.program.terms),
+            "rows": (batch, steps, len(self.functions.bounded)),
             "C": (batch, self.K, self.ma),
             "summary": (batch, 4),
         }
@@ -122,7 +130,7 @@ class DeviceProblem:
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
-        terms = (at.nodes, kin, self.p, self.q, at.fd, at.terms)
+        terms = (at.nodes, kin, self.p, self.q, at.fd, at.terms, at.rows)
         self._each_step("octo_terms", SMALL, room, *terms, together=TOGETHER)
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
@@ -150,6 +158,9 @@ class DeviceProblem:
         squares = (scratch["hess"], scratch["gradient"])
         given = (program.held, *dynamics, self.q, *slopes, curvature)
         self._each_step("octo_step_model", TILED, program.room, *given, *squares)
+        if program.bends is not None and lam is not None:
+            numbers = (at.nodes, self.p, self.q, at.fd)
+            program.bends.add(curved, numbers, scratch["jac"], scratch["second"], scratch["hess"])
         if program.touch:
             own = (int(lam is not None), curved, kin, scratch["touch"], *squares)
             self._each_step("octo_touch", TILED, program.touching, *own)
@@ -158,7 +169,7 @@ class DeviceProblem:
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
-        return self._gather(at)
+        return self._gather(at, lam is not None, curved)
 
     def _derive_costs(
         self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array
@@ -179,7 +190,7 @@ class DeviceProblem:
 
     # -- launches ----------------------------------------------------------------------------------
 
-    def _gather(self, at: Evaluation) -> Model:
+    def _gather(self, at: Evaluation, exact: bool, curved: Array | None) -> Model:
         device, tables, scratch = self.device, self._tables, self.scratch
         shape, parts, threads = (self.batch, self.K), self.host.stencil.parts, device.threads(SMALL)
         H = device.empty((*shape, 3, self.nc, self.nc))
@@ -196,7 +207,10 @@ class DeviceProblem:
             grid, threads, self.steps, parts, groups, *hessian, *gradient, *own
         )
         if self.program.between is not None:
-            self.program.between.add(self.anchor, at.unknowns, self.q, tables["dummy"], H, b)
+            between = (self.anchor, at.unknowns, self.q, tables["dummy"])
+            self.program.between.add(*between, H, b)
+            if exact:
+                self.program.between.bend(*between, curved, H)
         if self.ma:
             rows = (*jacobian, self.row_scale, scratch["jac"], A)
             self.program.kernel("octo_gather_constraints")(
@@ -247,6 +261,7 @@ class DeviceProblem:
             "curvature": (program.curvature, n, n),
             "hess": (6, n, n),
             "gradient": (3 * n,),
+            "second": (0 if program.bends is None else program.bends.size,),
         }
         items = (self.batch, self.steps)
         return {

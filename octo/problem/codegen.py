@@ -29,6 +29,7 @@ from octo.model.feet import touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import Setting, StepSymbols
 
@@ -43,15 +44,29 @@ class CostFunctions:
     state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
     state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
     state_sparsity: ca.Sparsity
-    state_terms: tuple[int, ...]  # term of each row
+    state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
     contact: ContactFunctions | None
-    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
+    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}),
+    # and of one that is exact Σ r d²r/d(c_k, c_{k+1})²
     between: tuple[tuple[int, ca.Function], ...]
+    curvature: StateCurvature | None  # of the exact terms over the state
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
         """Indices into the character's contacts."""
         return () if self.contact is None else self.contact.spheres
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """The term of each bounded row, the last ones over the state."""
+        terms = self.references.terms
+        return tuple(k for k in self.state_terms if terms[k].kind == "bounded")
+
+    @property
+    def numbers(self) -> int:
+        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
+        row."""
+        return max(self.references.size, 1) + 2 * len(self.bounded)
 
     @property
     def rows(self) -> int:
@@ -67,7 +82,8 @@ class Residuals:
     ----------
     inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
         indices. between: by the index of each term over neighbouring controls c, c_next; contact:
-        those of one contact.
+        those of one contact. exact: indices of the terms whose second derivatives are; curved:
+        those of them over a step.
     """
 
     references: References
@@ -77,6 +93,8 @@ class Residuals:
     controls: list[ca.SX]
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
+    exact: tuple[int, ...]
+    curved: CurvedTerms
 
     @cached_property
     def function(self) -> ca.Function:
@@ -96,14 +114,19 @@ class Residuals:
             over = [*self.controls, *self.inputs[4:]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
         own = None if self.contact is None else self.contact.structure
-        return kinds, places, tuple(self.terms), *written, own
+        return kinds, places, tuple(self.terms), self.exact, *written, own
 
 
 @postponed()
 def residuals_of(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+    dynamics: Dynamics,
+    terms: Sequence[Cost],
+    setting: Setting,
+    between_controls: bool,
+    exact: bool = False,
 ) -> Residuals:
-    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls.
+    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
+    ``exact``: all have exact second derivatives, whatever their ``curvature``.
 
     Raises
     ------
@@ -114,17 +137,22 @@ def residuals_of(
     nodes, step = step_symbols(dynamics, p)
     controls = control_symbols(dynamics)
     state, own, between = [], [], {}
-    for k, term in enumerate(terms):
+    bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
+    curved = CurvedTerms(CenteredStep.of(step))
+    # bounded rows stand last
+    for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
         if isinstance(term, ContactCost):
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
             over_controls, value = residual_of(term, step, controls, view, between_controls)
-        if over_controls:
-            between[k] = value
-        else:
+            if over_controls:
+                between[k] = value
+                continue
             state.append(value)
-            own.append(k)
+            if k in bent:
+                curved.add(k, term, view, sum(r.numel() for r in state[:-1]))
+        own.append(k)
     over = [term for term in terms if isinstance(term, ContactCost)]
     if over and not isinstance(dynamics, RobotDynamics):
         raise ProblemError(
@@ -134,7 +162,8 @@ def residuals_of(
     if over and isinstance(dynamics, RobotDynamics):
         feet = touching(dynamics.character, dynamics.terrain, setting.x0)
         contact = ContactResiduals(dynamics, references, feet, p, q)
-    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact)
+    inputs = [*nodes, p, q]
+    return Residuals(references, inputs, state, own, controls, between, contact, bent, curved)
 
 
 def residual_of(
@@ -162,6 +191,7 @@ def derived(made: Residuals) -> CostFunctions:
     too."""
     inputs = made.inputs
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
+    bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
@@ -179,6 +209,7 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
+        made.curved.derived(inputs[4], inputs[5], len(terms) - bounded, bounded),
     )
 
 
@@ -187,6 +218,9 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
     for number, (k, r) in enumerate(made.between.items()):
         inputs = [*made.controls, made.inputs[-1]]
         out = [r, ca.jacobian(r, both)]
+        if k in made.exact:
+            held = ca.SX.sym("held", r.numel())
+            out.append(ca.substitute(ca.hessian(ca.dot(held, r), both)[0], held, r))
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
@@ -217,6 +251,11 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     dynamics' text in lanes."""
     # shared: p
     text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]
+    own_parts: tuple[str, ...] = ()
+    if functions.curvature is not None:
+        text.append(lanes_text(functions.curvature.function, {4}))
+        text.append(functions.curvature.tables())
+        own_parts = ("curvature.c",)
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
@@ -229,7 +268,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
+    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", *own_parts, "assemble.c")
     return "\n".join(
         [
             *text,
@@ -286,7 +325,8 @@ def _tables(
     sizes = {
         "MU": len(dynamics.unactuated),
         "NU": dynamics.nu,
-        "NQ": max(functions.references.size, 1),
+        "NQ": functions.numbers,
+        "NBOUNDED": len(functions.bounded),
         "NTERM": len(functions.references.terms),
         "NR": len(functions.state_terms),
         "NZ": len(rows),
