@@ -61,11 +61,9 @@ def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
-            mesh = Path(missing[geom.meshname].file).name
-            what = (
-                f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
-            )
-            raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
+            what = f"mesh file {Path(missing[geom.meshname].file).name} is missing"
+            takes = f"body {geom.parent.name!r} takes its mass from it"
+            raise RobotFileError(f"{path.name}: {what} and {takes}; give the body an <inertial>")
         if geom.contype or geom.conaffinity:
             bare.setdefault(geom.meshname, []).append(geom.parent.name or "without a name")
         spec.delete(geom)
@@ -91,16 +89,12 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
     soft = _without_soft_bodies(path, model, trees, notes)
     driven = _driven(model)
-    robot = max(
-        trees,
-        key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root),
-    )
+    dofs = model.body_dofnum
+    robot = max(trees, key=lambda root: (driven[trees[root]].sum(), dofs[trees[root]].sum(), -root))
 
     def floats(root: int) -> bool:
-        return (
-            bool(model.body_jntnum[root])
-            and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
-        )
+        first, free = model.body_jntadr[root], mujoco.mjtJoint.mjJNT_FREE
+        return bool(model.body_jntnum[root]) and model.jnt_type[first] == free
 
     others, standing, robot_bodies = set(soft), [], trees[robot]
     moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
@@ -166,17 +160,14 @@ def _without_soft_bodies(
             rest = [b for b in trees.get(root, []) if b not in nodes]
             moving = [b for b in rest if model.body_dofnum[b]]
             if moving:
-                what = (
-                    f"deformable body (flex) {name!r} moves with body "
-                    f"{name_of(model, 'body', moving[0])!r}"
-                )
+                what = f"deformable body (flex) {name!r} moves with body"
+                body = name_of(model, "body", moving[0])
                 raise UnsupportedFeatureError(
-                    f"{path.name}: {what}; octo models rigid bodies, take it out"
+                    f"{path.name}: {what} {body!r}; octo models rigid bodies, take it out"
                 )
             trees[root] = rest
-        notes.append(
-            f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies"
-        )
+        what = f"deformable body (flex) {name} of {len(nodes)} nodes"
+        notes.append(f"{what}: octo models rigid bodies")
         soft.update(nodes)
     for root in [root for root, members in trees.items() if not members]:
         del trees[root]
@@ -189,13 +180,12 @@ def _without_soft_bodies(
 
 def _flex_bodies(model: Any, f: int) -> set[int]:
     """Bodies that carry the vertices or the nodes of flex ``f``."""
-    vertices = model.flex_vertbodyid[
-        model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]
-    ]
-    nodes = model.flex_nodebodyid[
-        model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]
-    ]
-    return {int(b) for b in (*vertices, *nodes) if b > 0}
+    found: set[int] = set()
+    for kind in ("vert", "node"):
+        first, count = (getattr(model, f"flex_{kind}{what}")[f] for what in ("adr", "num"))
+        bodies = getattr(model, f"flex_{kind}bodyid")[first : first + count]
+        found |= {int(b) for b in bodies if b > 0}
+    return found
 
 
 def _is_node(model: Any, b: int) -> bool:
