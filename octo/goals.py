@@ -90,9 +90,8 @@ class Goal:
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "natural":
-            terms = presets.natural(
-                None if self.kind == "stand" else self.velocity, yaw_rate or None, length=length
-            )
+            velocity = None if self.kind == "stand" else self.velocity
+            terms = presets.natural(velocity, yaw_rate or None, length=length)
         elif self.preset == "robot":
             terms = presets.robot(self.velocity, yaw_rate, length=length, times=times)
         elif self.kind == "turn":

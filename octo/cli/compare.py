@@ -16,6 +16,7 @@ from octo.cli.solve import (
     add_goal_arguments,
     asked_steps,
     described,
+    goal_of,
     report,
     surroundings,
     write_json,
@@ -63,9 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     cycle, goal, steps = cycle_of(arguments), None, None
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
-        goal = Goal(
-            arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
-        )
+        goal = goal_of(arguments)
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
     path = None if arguments.json is None else ending("json", arguments.json, (".json",))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from octo.checks import one_of
 from octo.cli.arguments import (
     add_base_arguments,
     add_device_argument,
@@ -74,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
-    goal = _goal(arguments)
+    goal = Goal(one_of("goal", arguments.goal, GOALS), arguments.speed)
     push = _push(arguments.push)
     _check_words(arguments)
     folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
@@ -115,8 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_words(arguments: argparse.Namespace) -> None:
     """Refuse what needs no robot to be refused."""
-    if arguments.plant not in PLANTS:
-        raise UnknownNameError("plant", arguments.plant, PLANTS)
+    one_of("plant", arguments.plant, PLANTS)
     if arguments.basis != "nodes":
         if arguments.basis != "hermite":
             raise UnknownNameError("basis", arguments.basis, ("nodes",))
@@ -181,12 +181,6 @@ def _check_plant(
         import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)
     timing(arguments.seconds, arguments.rate, PERIOD, push, arguments.delay)
-
-
-def _goal(arguments: argparse.Namespace) -> Goal:
-    if arguments.goal not in GOALS:
-        raise UnknownNameError("goal", arguments.goal, GOALS)
-    return Goal(arguments.goal, arguments.speed)
 
 
 def _push(word: str | None) -> Any:

@@ -83,9 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
     arguments.costs = costs_of(arguments)
-    goal = Goal(
-        arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
-    )
+    goal = goal_of(arguments)
     composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
@@ -112,6 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
+
+
+def goal_of(arguments: argparse.Namespace) -> Goal:
+    names = ("goal", "speed", "distance", "height", "costs")
+    return Goal(*(getattr(arguments, name) for name in names))
 
 
 def costs_of(arguments: argparse.Namespace) -> str:

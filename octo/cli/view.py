@@ -33,11 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder.check((out.name,))
     solution = motion_of(arguments.solution)
     for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
-        raise (
-            error
-            if isinstance(error, OctoError)
-            else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
-        )
+        if isinstance(error, OctoError):
+            raise error
+        raise OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
     print(f"written to {out}")
     return 0
 

@@ -57,9 +57,8 @@ class Member:
         """
         number, status = len(self.passes) + 1, result.status[place]
         found = measured(compiled, result.at, place)
-        iterations, factorizations = (
-            int(counted[place]) for counted in (result.iterations, result.factorizations)
-        )
+        iterations = int(result.iterations[place])
+        factorizations = int(result.factorizations[place])
         self.passes.append(
             record(
                 number,

@@ -91,11 +91,8 @@ class Continuation:
 
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
         """From the end of one pass to the end of the next, in steps of the stiffness."""
-        ways = [
-            (*intermediate(before, after), after)
-            for before, after in ends
-            if before is not None and after is not None
-        ]
+        pairs = [(a, b) for a, b in ends if a is not None and b is not None]
+        ways = [(*intermediate(before, after), after) for before, after in pairs]
         results: list[sqp.Result] = []
         for passes in zip(*ways, strict=True):
             last = len(results) + 1 == len(ways[0])

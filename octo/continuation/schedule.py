@@ -139,11 +139,8 @@ def stiffened(problems: Sequence[Problem], passes: Sequence[Pass | None]) -> lis
     made: dict[tuple[int, Pass | None], Problem] = {}
     for problem, wanted in zip(problems, passes, strict=True):
         if (id(problem), wanted) not in made:
-            made[id(problem), wanted] = (
-                problem
-                if wanted is None
-                else problem.replace(parameters=wanted.parameters(problem.weight))
-            )
+            given = {} if wanted is None else wanted.parameters(problem.weight)
+            made[id(problem), wanted] = problem.replace(parameters=given) if given else problem
     return [made[id(problem), wanted] for problem, wanted in zip(problems, passes, strict=True)]
 
 

@@ -119,9 +119,8 @@ class DeviceFactor:
         rows, −1 where none shows it."""
         xp = self._linear.device.xp
         excess = self._reduced.counts[:, :, 0] > 2 * self.shape[3]
-        block = self._linear.device.array(2 * self._reduced.order, np.int64)[
-            xp.argmax(excess, axis=1)
-        ]
+        order = self._linear.device.array(2 * self._reduced.order, np.int64)
+        block = order[xp.argmax(excess, axis=1)]
         return xp.where(self.usable & (self.negative > 0) & excess.any(axis=1), block, -1)
 
     def solve(
@@ -152,11 +151,9 @@ class DeviceFactor:
         self.begin(solving)
         for _ in range(refine):
             self.refine(solving)
-        self.residual = (
-            xp.where(solving.first > tolerance, solving.residual, solving.first)
-            if refine
-            else solving.first
-        )
+        self.residual = solving.first
+        if refine:
+            self.residual = xp.where(solving.first > tolerance, solving.residual, solving.first)
         return solving.v, solving.lam
 
     def begin(self, solving: Solving, usable: Array | None = None) -> None:

@@ -26,9 +26,8 @@ class DeviceProblem:
             device.array(getattr(problem, name)) for name in BATCHED[:4]
         )
         neighbours = problem.neighbours
-        self.anchor = device.array(
-            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem.data)
-        )
+        none = np.zeros((problem.batch, 1))
+        self.anchor = device.array(none if neighbours is None else neighbours.anchors(problem.data))
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = (
             like._tables if like is not None and like._fits(problem) else self._upload()
@@ -54,9 +53,8 @@ class DeviceProblem:
         dummy[self.host.fixed] = 1
         if self.host.idle is not None:
             dummy[self.host.idle] = 1
-        tests = np.where(
-            stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1
-        )
+        rows = stencil.test_row
+        tests = np.where(rows >= 0, rows * stencil.parts + stencil.test_part, -1)
         slots = {"slot_unit": stencil.unit, "slot_part": stencil.part}
         whole = {**slots, "test_row": tests, "dummy": dummy}
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}

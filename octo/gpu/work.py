@@ -191,9 +191,8 @@ class Modelled:
         work.plain = rhs_c is None
         if self._step is None:
             out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
-            self._step = Solving.of(
-                work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out
-            )
+            rhs_v = work.device.empty(self._own.b.shape)
+            self._step = Solving.of(work.linear, rhs_v, work.rhs_c, TOLERANCE, out)
         (self._refined if self._coarse else self._attempt)()
         numbers = work.decisive.host(work.device)
         coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
@@ -207,9 +206,8 @@ class Modelled:
             numbers = work.decisive.host(work.device)
             refinements += 1
         slab, units = work.trial.copy(), numbers["units"]
-        return Attempt(
-            slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers)
-        )
+        tried = work.evaluated(slab, numbers)
+        return Attempt(slab["delta"], slab["lam"], lambda: _numbers(units), tried)
 
     def untried(self, rhs_c: Array) -> Attempt:
         """The step without its trial, which some members want only."""

@@ -114,11 +114,8 @@ def _hinge_axes(directions: Array) -> tuple[Array, bool]:
 
 def actuators_of(model: Any, j: int) -> list[int]:
     """Actuators that drive joint ``j``; one whose gear is zero does not."""
-    mine = [
-        a
-        for a in range(model.nactuator)
-        if drives_joint(model, a) and model.actuator_trnid[a, 0] == j
-    ]
+    driving = [a for a in range(model.nactuator) if drives_joint(model, a)]
+    mine = [a for a in driving if model.actuator_trnid[a, 0] == j]
     for a in mine:
         gear = model.actuator_gear[a]
         if not np.isfinite(gear).all():
@@ -150,10 +147,8 @@ def control_index(model: Any, a: int) -> int:
 
 def drives_joint(model: Any, a: int) -> bool:
     kinds = import_mujoco().mjtTrn
-    return int(model.actuator_trntype[a]) in (
-        int(kinds.mjTRN_JOINT),
-        int(kinds.mjTRN_JOINTINPARENT),
-    )
+    known = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    return int(model.actuator_trntype[a]) in known
 
 
 def is_motor(model: Any, a: int) -> bool:

@@ -58,13 +58,8 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
     base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
     with named(source.file):
         bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
-        plain = Character(
-            source.name,
-            bodies,
-            base=base,
-            chart=tree.chart,
-            default_pose=configuration(tree, source, model.qpos0),
-        )
+        pose = configuration(tree, source, model.qpos0)
+        plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=pose)
     if plain.nx == 0:
         raise RobotFileError(
             f"{source.file}: has no joints and nothing moves; base='floating' makes its body free"

@@ -34,11 +34,9 @@ def joined(pieces: Pieces, budget: Budget) -> Solution:
 def _worse(polished: Solution, raw: Solution, base: int) -> bool:
     """Whether polishing failed, added stumbles or moved the base (from ``base`` on) too far."""
     away = np.abs(polished.x - raw.x)[:, [base, base + 1, base + 3]].max(axis=0)
-    return bool(
-        stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
-        or not polished.converged
-        or (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
-    )
+    more = stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
+    far = (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
+    return bool(more or not polished.converged or far)
 
 
 def _counted(motion: Solution, pieces: Pieces) -> Solution:

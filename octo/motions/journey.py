@@ -101,12 +101,8 @@ class Journey:
             own = [usual * part for part in PERIODS]
         wanted = [own] if isinstance(own, (int, float)) else list(own)
         grain = 2 if self.mirrored else 1
-        return sorted(
-            {
-                max(8, grain * round(positive("period", value, "s") / self.dt / grain))
-                for value in wanted
-            }
-        )
+        counts = [positive("period", value, "s") / self.dt for value in wanted]
+        return sorted({max(8, grain * round(count / grain)) for count in counts})
 
     def counts(self) -> list[int]:
         """Those of them that fit between rest and rest."""
@@ -138,8 +134,7 @@ class Journey:
         robot, problem, duration = self.robot, self.whole, self.steps * self.dt
         assert isinstance(problem.dynamics, RobotDynamics)
         first, angle, moved = robot.base_coordinate, self.rate * duration, problem.start.copy()
-        moved[first : first + 2] += along_arc(
-            np.array(self.velocity), angle, duration, float(moved[first + 3])
-        )
+        heading, velocity = float(moved[first + 3]), np.array(self.velocity)
+        moved[first : first + 2] += along_arc(velocity, angle, duration, heading)
         moved[first + 3] += angle
         return static_pose(problem.dynamics, problem.p, moved) - problem.start

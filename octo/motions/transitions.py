@@ -116,9 +116,8 @@ def _rank(
 
     before, after: loads (k, c) N of the stride that the piece comes from or leads to.
     """
-    loads = np.concatenate(
-        [part for part in (before, piece.normal_force, after) if part is not None]
-    )
+    parts = (before, piece.normal_force, after)
+    loads = np.concatenate([part for part in parts if part is not None])
     bad = not piece.converged or piece.energy > DEAR * stride.energy
     near = stumbles(loads, piece, SHORT + piece.dt)  # polishing may take a step off
     return (int(bad), stumbles(loads, piece), near, piece.energy)

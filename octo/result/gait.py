@@ -17,7 +17,7 @@ from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
 from octo.result.tile import tiled
-from octo.result.trajectory import Trajectory
+from octo.result.trajectory import VECTORS, Trajectory
 
 Array = NDArray[np.float64]
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
@@ -32,14 +32,7 @@ LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
 STRIDES = 4  # a foot has a whole stance and a whole swing in the two in the middle
-ROWS = (  # of a Trajectory, one a step
-    "u",
-    "contact_force",
-    "contact_point",
-    "contact_velocity",
-    "contact_normal",
-    "contact_depth",
-)
+ROWS = ("u", "contact_depth", *VECTORS)  # of a Trajectory, one a step
 
 
 @dataclass(frozen=True)

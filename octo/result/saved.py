@@ -89,9 +89,8 @@ def _status(label: str) -> Status:
 def _motion(file: Archive, finite: bool) -> dict[str, Any]:
     """Who moves how: the robot, x, u and the contacts, whose shapes follow from one another."""
     dt = file.number("dt", positive=True)
-    robot = (
-        None if file.plain.get("character") is None else store.from_plain(file.plain["character"])
-    )
+    plain = file.plain.get("character")
+    robot = None if plain is None else store.from_plain(plain)
     x = file.array("x", (None, None if robot is None else robot.nx))
     names = file.words("contact_names")
     steps, contacts = len(x) - 2, len(names)
