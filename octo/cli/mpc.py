@@ -75,7 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
-    goal = Goal(one_of("goal", arguments.goal, GOALS), arguments.speed)
+    one_of("goal", arguments.goal, GOALS)
+    goal = Goal(arguments.goal, arguments.speed)
     push = _push(arguments.push)
     _check_words(arguments)
     folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
