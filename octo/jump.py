@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from octo.checks import asked, number, positive, steps_in, whole
+from octo.checks import asked, instance, number, positive, steps_in, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
-from octo.errors import ProblemError, ValueRangeError, said
+from octo.errors import ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.feet import touching
@@ -124,8 +124,7 @@ def jump_problem(
     ------
     ProblemError: the robot cannot jump. ValueRangeError: height, distance, seconds or dt.
     """
-    if not isinstance(robot, Character):
-        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
+    instance("robot", robot, Character, "a Character: what octo.load gives")
     height = positive("height", height, "m")
     distance = number("distance", distance)
     if robot.base != "floating" or robot.nu == 0:
@@ -136,9 +135,8 @@ def jump_problem(
     assert isinstance(plain.dynamics, RobotDynamics)
     feet = touching(robot, plain.dynamics.terrain, plain.setting.x0)
     if not feet:
-        raise ProblemError(
-            f"robot {robot.name!r} cannot jump: none of its contacts is on the ground"
-        )
+        why = "none of its contacts is on the ground"
+        raise ProblemError(f"robot {robot.name!r} cannot jump: {why}")
     moved = plain.start.copy()
     moved[slide(robot, 0)] += distance
     landed = static_pose(plain.dynamics, plain.p, moved)

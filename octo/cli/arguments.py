@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from octo.checks import steps_in
+from octo.checks import numbers, steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import (
     ProblemError,
@@ -194,14 +194,9 @@ def pose_of(robot: Character, word: str | None) -> Array | None:
         raise UsageError(f"pose {word!r} is not known; robot {robot.name!r} has {valid}")
     pose = _read_numbers(path)
     if pose.shape != (robot.nx,):
-        raise ShapeError(
-            f"pose {word!r}", pose.shape, f"({robot.nx},), the coordinates of {robot.name!r}"
-        )
-    if not np.isfinite(pose).all():
-        raise ValueRangeError(
-            f"pose {word!r} is not finite at index {int(np.flatnonzero(~np.isfinite(pose))[0])}"
-        )
-    return pose
+        wanted = f"({robot.nx},), the coordinates of {robot.name!r}"
+        raise ShapeError(f"pose {word!r}", pose.shape, wanted)
+    return numbers(f"pose {word!r}", pose)
 
 
 def _read_numbers(path: Path) -> Array:

@@ -124,7 +124,5 @@ def table(jac: Integers, hess: Integers) -> str:
 
 
 def one_table(name: str, values: Integers) -> str:
-    return (
-        f"static const octo_slot octo_{name}_slot[] = "
-        f"{{{', '.join(str(int(v)) for v in values.ravel())}}};"
-    )
+    entries = ", ".join(str(int(v)) for v in values.ravel())
+    return f"static const octo_slot octo_{name}_slot[] = {{{entries}}};"

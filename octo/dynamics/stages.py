@@ -59,9 +59,8 @@ def body(order: int, layout: Layout) -> ca.Function:
     if order == 2:
         omega, v, none = ca.skew(V[:3]), moved(V, c0), ca.SX(1, 1)
         VQ0, VQ1, VQ2, delta = rate * omega @ Q0, now * omega @ Q1, old * omega @ Q2, rate * m * v
-        K = q_form(VQ0 + VQ0.T, delta, delta, none) + raised(
-            g_form(N @ omega.T + f @ v.T + VQ0, delta)
-        )
+        bent = raised(g_form(N @ omega.T + f @ v.T + VQ0, delta))
+        K = q_form(VQ0 + VQ0.T, delta, delta, none) + bent
         out.append(about(K, c0, c0))
         out.append(about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1))
         out.append(about(q_form(VQ2, delta, zero, none), c0, c2))
@@ -101,9 +100,8 @@ class _Touch:
         at = self.center, place[1]
         normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
         self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
-        self._curvature = ca.Function(
-            "curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]]
-        )
+        second = ca.hessian(ca.dot(pull, n), point)[0]
+        self._curvature = ca.Function("curvature", [*place, pull], [second])
         self._at = at
         self.Q = R1 @ R.T
         self.U = R1 @ sphere[:3] + t1 + self.Q @ self.arm
@@ -174,13 +172,11 @@ def _contact_curvature(
     # ``pull``
     pull = touch.Q.T @ g_U + ca.cross(g_delta, omega)
     bent = touch.bend.T @ pull
-    half = delta_tau.T @ mixed - raised(
-        ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
-    )
+    turned = ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
+    half = delta_tau.T @ mixed - raised(turned)
     K = z.T @ h @ z + half + half.T + c_tau.T @ touch.arm_curvature(pull) @ c_tau
-    K = ca.triu2symm(ca.triu(ca.densify(K))) + raised(
-        g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
-    )
+    own = g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + raised(own)
     T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - raised(ca.skew(g_U) @ U_tau).T
     L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + raised(g_form(ca.SX(3, 3), g_U))
     return [K, T1, L1]

@@ -106,11 +106,9 @@ def inside_limits(robot: Character, pose: Array) -> Array:
 
 def _middle(robot: Character, pose: Array) -> Array:
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    return np.where(
-        limited,
-        0.5 * (np.where(limited, robot.lower, 0.0) + np.where(limited, robot.upper, 0.0)),
-        pose,
-    )
+    middle = pose.copy()
+    middle[limited] = 0.5 * (robot.lower[limited] + robot.upper[limited])
+    return middle
 
 
 def over_the_feet(robot: Character, pose: Array) -> Array:
@@ -122,9 +120,8 @@ def over_the_feet(robot: Character, pose: Array) -> Array:
     feet = low_contacts(robot, pose)
 
     def offset(x: Array) -> Array:
-        return (center_of_mass(robot, x) - sphere_centers(robot, x)[..., feet, :].mean(axis=-2))[
-            ..., :2
-        ]
+        middle = sphere_centers(robot, x)[..., feet, :].mean(axis=-2)
+        return (center_of_mass(robot, x) - middle)[..., :2]
 
     small = 1e-6  # rad or m
     for _ in range(10):

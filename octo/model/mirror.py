@@ -96,9 +96,8 @@ def mirror_of(robot: Character, pairs: Mapping[str, str] | None = None) -> Mirro
     UnknownNameError: ``pairs`` names no joint of the robot.
     """
     instance("robot", robot, Character, "a Character: what octo.load gives")
-    by_hand = _both_ways(
-        robot, {} if pairs is None else instance("pairs", pairs, Mapping, "names of joints by name")
-    )
+    given = {} if pairs is None else pairs
+    by_hand = _both_ways(robot, instance("pairs", given, Mapping, "names of joints by name"))
     refusals: list[_NoImage] = []
     for x in _configurations(robot):
         try:

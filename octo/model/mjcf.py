@@ -14,7 +14,7 @@ from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.features import left_out_features
-from octo.model.robot_file import RobotFile, import_mujoco, name_of, one_line, quiet_compiler
+from octo.model.robot_file import RobotFile, import_mujoco, name_of, quiet_compiler, uncompiled
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
@@ -46,18 +46,13 @@ def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
             _drop_missing_meshes(path, spec, notes)
             return spec, spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise RobotFileError(
-            f"{path.name}: MuJoCo does not compile it: {one_line(error)}"
-        ) from None
+        raise uncompiled(path, error) from None
 
 
 def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     folder = Path(spec.modelfiledir) / spec.meshdir
-    missing = {
-        mesh.name or Path(mesh.file).stem: mesh
-        for mesh in spec.meshes
-        if mesh.file and not (folder / mesh.file).is_file()
-    }
+    lost = [mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()]
+    missing = {mesh.name or Path(mesh.file).stem: mesh for mesh in lost}
     bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
@@ -198,21 +193,14 @@ def _is_node(model: Any, b: int) -> bool:
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:
     """The one body of the world that carries the robot and has no joints of its own."""
     roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b not in others]
-    moving = [
-        b
-        for b in roots
-        if any(model.body_jntnum[c] for c in range(b, model.nbody) if model.body_rootid[c] == b)
-    ]
+    owned = model.body_rootid[:, None] == roots  # (bodies, roots)
+    moving = [b for b, own in zip(roots, owned.T, strict=True) if model.body_jntnum[own].any()]
     candidates = moving or [b for b in roots if model.body_subtreemass[b] > 0.0]
     names = ", ".join(name_of(model, "body", b) for b in candidates)
+    must = f"{file}: base is 'floating', must be 'auto' or 'fixed'"
     if len(candidates) != 1:
-        raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': {len(candidates)} bodies of "
-            f"the world could float ({names})"
-        )
+        could = f"{len(candidates)} bodies of the world could float ({names})"
+        raise UnsupportedFeatureError(f"{must}: {could}")
     if model.body_jntnum[candidates[0]]:
-        raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': body {names} has joints to "
-            "the world of its own"
-        )
+        raise UnsupportedFeatureError(f"{must}: body {names} has joints to the world of its own")
     return candidates[0]

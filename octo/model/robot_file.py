@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,10 @@ def named(file: str) -> Iterator[None]:
 
 def one_line(error: Exception) -> str:
     return " ".join(str(error).split())
+
+
+def uncompiled(path: Path, error: Exception) -> RobotFileError:
+    return RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}")
 
 
 def name_of(model: Any, kind: str, index: int) -> str:

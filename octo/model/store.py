@@ -90,9 +90,8 @@ def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
             continue
         word = declared[name].split("[")[0]
         infinite = word == "float" and value in ("inf", "-inf")
-        fits = isinstance(value, KINDS.get(word, str)) and isinstance(value, bool) == (
-            word == "bool"
-        )
+        alike = isinstance(value, bool) == (word == "bool")
+        fits = alike and isinstance(value, KINDS.get(word, str))
         if not (fits or infinite):
             raise ValueRangeError(
                 f"{name} is of type {type(value).__name__}, must be of type {word}"

@@ -19,7 +19,14 @@ from octo.model import urdf_elements as elements
 from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
-from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line, quiet_compiler
+from octo.model.robot_file import (
+    Inertial,
+    RobotFile,
+    import_mujoco,
+    one_line,
+    quiet_compiler,
+    uncompiled,
+)
 from octo.model.urdf_limits import take_limits
 from octo.model.urdf_unknown import check_elements
 
@@ -109,9 +116,7 @@ def compile_prepared(prepared: Prepared) -> Any:
     try:
         return make_spec(prepared).compile()
     except ValueError as error:
-        raise RobotFileError(
-            f"{prepared.path.name}: MuJoCo does not compile it: {one_line(error)}"
-        ) from None
+        raise uncompiled(prepared.path, error) from None
 
 
 def make_spec(prepared: Prepared) -> Any:
@@ -169,9 +174,8 @@ def _drop_mesh(prepared: Prepared, name: str, reason: str) -> None:
             mesh = collision.find("geometry/mesh")
             if mesh is not None and mesh.get("filename") == name:
                 link.remove(collision)
-                prepared.unusable.setdefault((prepared.mesh_files[name], reason), []).append(
-                    str(link.get("name"))
-                )
+                key = (prepared.mesh_files[name], reason)
+                prepared.unusable.setdefault(key, []).append(str(link.get("name")))
 
 
 def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None:
@@ -182,19 +186,16 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
     siblings = [other for other in tree.findall("joint") if elements.ends(other)[0] == parent]
     bare = link.find("inertial") is None and link.find("collision") is None
     if parent != prepared.root or siblings != [joint] or not bare:
-        message = (
-            "a floating joint may only hang on a root link without mass, collision geometry and "
-            "other joints"
+        raise UnsupportedFeatureError(
+            f"{file}: joint {joint.get('name')!r} is floating; a floating joint may only hang on a "
+            "root link without mass, collision geometry and other joints"
         )
-        raise UnsupportedFeatureError(f"{file}: joint {joint.get('name')!r} is floating; {message}")
     prepared.root = child
     tree.remove(link)
     tree.remove(joint)
     if joint.find("origin") is not None:
-        prepared.dropped.append(
-            f"origin of the floating joint {joint.get('name')}: the base starts at the world's "
-            "origin"
-        )
+        what = f"origin of the floating joint {joint.get('name')}"
+        prepared.dropped.append(f"{what}: the base starts at the world's origin")
 
 
 def _collect_geometry(prepared: Prepared) -> None:

@@ -79,9 +79,8 @@ def plausible(q: Array, v: Array, convention: Convention) -> bool:
     """Whether q (nq,) and v (nv,) are finite and something that a robot can be at."""
     if not (np.abs(q).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
         return False
-    return not convention.floating or bool(
-        SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST
-    )
+    length = np.linalg.norm(q[convention.quaternion])
+    return not convention.floating or bool(SHORTEST <= length <= LONGEST)
 
 
 def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:

@@ -143,9 +143,8 @@ class Record:
         with archive.opened(store.file_of(path, cls.FILE), "log", "log") as file:
             robot = store.from_plain(file.plain["robot"])
             k, shapes = len(file.array("t", (None,))), row_shapes(robot, Convention(robot))
-            columns = {
-                name: file.array(name, (k, *shapes.get(name, ())), finite=False) for name in ROWS
-            }
+            sizes = {name: (k, *shapes.get(name, ())) for name in ROWS}
+            columns = {n: file.array(n, size, finite=False) for n, size in sizes.items()}
             own: dict[str, Any] = {"saved_world": _world(file.plain["world"])}
             own |= {name: file.array(name, (None,)).tolist() for name in ("falls", "impulses")}
             own |= {name: file.whole(name) for name in ("memory_start", "memory_end")}

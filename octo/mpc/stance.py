@@ -54,9 +54,8 @@ def _chain(robot: Character, foot: int) -> list[int]:
 
 def _length(robot: Character, foot: int) -> float:
     """m, of the links from the hip to the foot, what they lie to the side left out."""
-    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]] + [
-        robot.contacts[foot].position
-    ]
+    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]]
+    offsets.append(robot.contacts[foot].position)
     return float(sum(np.hypot(offset[0], offset[2]) for offset in offsets))
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import number, numbers, positive
+from octo.checks import instance, number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
-from octo.errors import ProblemError, said
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import low_contacts, terrain_bottoms
 from octo.model.quantities import GRAVITY, Array
@@ -69,8 +69,7 @@ def walking_problem(
     ProblemError: the base does not float, or no sphere can touch the ground; what
         :class:`octo.Problem` refuses.
     """
-    if not isinstance(robot, Character):
-        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
+    instance("robot", robot, Character, "a Character: what octo.load gives")
     for name in {"costs", "law", "x0"} & described.keys():
         raise ProblemError(
             f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)"
@@ -86,15 +85,12 @@ def walking_problem(
             "ground"
         )
     held = stance(robot) if pose is None else numbers("pose", pose, (robot.nx,))
-    draft = Problem(
-        robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described
-    )
+    described |= {"steps": steps, "dt": dt, "costs": locomotion()}
+    draft = Problem(robot, x0=_on_the_ground(robot, held), **described)
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
     law = foot_law(robot, draft.length, len(low_contacts(robot, held)), friction, draft.gravity)
-    problem = Problem(
-        robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described
-    )
+    problem = Problem(robot, law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
 
@@ -147,9 +143,8 @@ class VelocityCommand:
             self._advance(t - self._time)
         self._time = t
         apart = self._place - origin[:2]
-        self._place = origin[:2] + apart * min(
-            1.0, GOVERNOR[0] / max(float(np.hypot(*apart)), 1e-9)
-        )
+        far = max(float(np.hypot(*apart)), 1e-9)
+        self._place = origin[:2] + apart * min(1.0, GOVERNOR[0] / far)
         turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
         self._yaw = ahead + min(max(turn, -GOVERNOR[1]), GOVERNOR[1])
         yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)

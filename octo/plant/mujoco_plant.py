@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, positive
-from octo.errors import ProblemError, ShapeError, ValueRangeError, said
+from octo.checks import instance, number, numbers, positive
+from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
@@ -58,14 +58,11 @@ class MujocoPlant:
         self.character = character
         self.terrain = terrain or Plane()
         if not isinstance(self.terrain, Plane):
-            raise ProblemError(
-                f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other "
-                "ground here"
-            )
+            must = "must be a Plane: MuJoCo has no other ground here"
+            raise ProblemError(f"terrain is {type(terrain).__name__!r}, {must}")
         if not 0.0 <= number("friction", friction) <= STICKIEST:
-            raise ValueRangeError(
-                f"friction is {friction}, must not be negative, and at most {STICKIEST:g}"
-            )
+            must = f"must not be negative, and at most {STICKIEST:g}"
+            raise ValueRangeError(f"friction is {friction}, {must}")
         if number("bumps", bumps) < 0.0:
             raise ValueRangeError(f"bumps is {bumps} m, must not be negative")
         self.timestep = positive("timestep", timestep, "s")
@@ -243,10 +240,7 @@ class MujocoPlant:
 def loaded(character: Character, payload: float) -> Character:
     """The character with ``payload`` times the base body's mass added to it, its inertia in
     proportion."""
-    if not isinstance(character, Character):
-        raise ProblemError(
-            f"character is {said(character)}, must be a Character: what octo.load gives"
-        )
+    instance("character", character, Character, "a Character: what octo.load gives")
     share = 1.0 + number("payload", payload)
     if share <= 0.0:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")

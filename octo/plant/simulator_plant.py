@@ -131,10 +131,8 @@ def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
     n = dynamics.nx
     x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", dynamics.layout.size)
     view = dynamics.layout.view(p)
-    states = symbolic.contact_states(
-        dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
-    )
+    own = (dynamics.law, dynamics.terrain, view)
+    states = symbolic.contact_states(dynamics.character, x_next, x, *own)
     columns = [[state.force for state in states], [state.point for state in states]]
-    return ca.Function(
-        "contacts", [x_next, x, p], [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
-    )
+    found = [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
+    return ca.Function("contacts", [x_next, x, p], found)

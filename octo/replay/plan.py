@@ -78,9 +78,8 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     before, after = slice(0, first), slice(first + 6, None)
     q = np.concatenate([x[:, before], origin, quaternions(rotation), x[:, after]], axis=1)
     moved = rate[:, first : first + 3] @ character.bodies[character.base_body].rotation.T
-    return q, np.concatenate(
-        [rate[:, before], moved, np.append(spin, spin[-1:], axis=0), rate[:, after]], axis=1
-    )
+    spun = np.append(spin, spin[-1:], axis=0)
+    return q, np.concatenate([rate[:, before], moved, spun, rate[:, after]], axis=1)
 
 
 def _linear(values: Array, times: Array, dt: float) -> Array:
