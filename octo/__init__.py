@@ -44,6 +44,7 @@ _NAMES = {  # by the module that defines them
     "octo.picture": "filmstrip",
     "octo.plot": "plot",
     "octo.problem.basis": "Hermite Nodes",
+    "octo.problem.code_stage": "CodeStage",
     "octo.problem.cycle": "Cycle",
     "octo.problem.problem": "Problem",
     "octo.replay": "replay",
@@ -130,6 +131,7 @@ if TYPE_CHECKING:
     from octo.plot import plot as plot
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes
+    from octo.problem.code_stage import CodeStage as CodeStage
     from octo.problem.cycle import Cycle as Cycle
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay

@@ -34,7 +34,7 @@ class TreeSweep:
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
         library = dynamics._library
         if single:
-            library = native.load(dynamics.text() + codegen.source("batch.c"))
+            library = native.load(dynamics.text() + codegen.batch_source())
         assert library is not None
         self.library, self.count, n = library, min(RUN, len(nodes) - 2), dynamics.nx
         assert (len(nodes) - 2) % self.count == 0

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from octo import native
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
@@ -46,6 +47,11 @@ def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
 
 
+def batch_source() -> str:
+    """C text that evaluates all steps of a batch, for the text of a model's functions."""
+    return native.threads() + source("batch.c")
+
+
 @postponed()
 def robot_text(
     character: Character,
@@ -61,7 +67,7 @@ def robot_text(
         functions.append(stages.body(order, layout))
         functions.append(stages.contact(order, layout, law, terrain))
         functions.append(stages.joint(order, layout))
-    elements = elements_of(character, layout, _Links(character).of)
+    elements = elements_of(character, layout, Links(character).of)
     functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
@@ -184,7 +190,7 @@ def _literal(value: float) -> str:
 
 def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
-    links = _Links(character)
+    links = Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
         "NX": character.nx,
@@ -281,7 +287,7 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     ]
 
 
-class _Links:
+class Links:
     """Bodies welded together are one link: one inertia, in the frame of the link's first body.
 
     ``of`` is the link of each body (-1: fixed to the world), ``first`` each link's first body.

@@ -41,25 +41,25 @@ class Program:
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        pieces = Pieces.of(functions)
+        pieces, stages = Pieces.of(functions), functions.calls.stages_text
         own = (pieces.functions, pieces.rows, pieces.columns)
         costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
         defined = [f"#define {name} {value}" for name, value in DEFINED.items()]
         common = [*defined, source("common.cuh")]
         model = [*common, source("model.cu"), source("gather.cu")]
-        parts = [[text, *common, source("dynamics.cu")], [text, *costs, *model]]
+        parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
         self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
-        bent = functions.curvature
-        self.bends = None if bent is None else Bends(bent, dynamics, device)
+        bent = functions.curvature is not None
+        self.bends = Bends(functions, dynamics, device) if bent else None
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
         self.rows = functions.rows
         # doubles that the costs of a step share
-        self.arguments = dynamics.nu + 2 * len(pieces.angles)
+        self.arguments = dynamics.nu + 2 * len(pieces.angles) + functions.calls.size
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
         held = TOUCHED + 54 * dynamics.nx  # bytes are for contacts that have terms

@@ -22,6 +22,7 @@ from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
 from octo.problem.basis import Hermite
+from octo.problem.calls import Call
 from octo.problem.codegen import (
     CostFunctions,
     control_symbols,
@@ -49,6 +50,7 @@ class Structure(NamedTuple):
     references: tuple[tuple[str, int], ...]  # names and sizes
     residual: str  # the expression, serialised
     contacts: frozenset[int]  # that it acts on
+    stages: tuple[Any, ...] = ()  # of code that it calls
 
 
 class Reader:
@@ -93,19 +95,24 @@ class Reader:
         table = References.of([term], self.problem.setting)
         q = ca.SX.sym("q", max(table.size, 1))
         view = table.view(q, 0)
+        calls: list[Call] = []
         with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
             if isinstance(term, ContactCost):
                 inputs, symbols = self._contact
                 value = term.shaped(term.contact_residual(symbols, view), view)
             else:
                 nodes, step = self._step
+                step.calls.clear()
                 controls = control_symbols(self.dynamics)
                 over_controls, value = residual_of(term, step, controls, view, self.between)
-                inputs = controls if over_controls else nodes
-            function = ca.Function("residual", [*inputs, self._p, q], [value])
+                inputs, calls = controls if over_controls else nodes, list(step.calls)
+            whole = [value, *(call.argument for call in calls)]
+            given = [call.given for call in calls]
+            function = ca.Function("residual", [*inputs, self._p, q, *given], whole)
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
         kind = (type(term), term.label, term.steps, term.curvature)
-        return Structure(kind, named, function.serialize(), self.contacts(term))
+        stages = tuple(call.stage.structure for call in calls)
+        return Structure(kind, named, function.serialize(), self.contacts(term), stages)
 
     def contacts(self, term: Cost) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""

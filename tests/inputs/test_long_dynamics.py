@@ -56,11 +56,11 @@ def test_long_functions_compile_and_are_right(lanes, limit, monkeypatch):
     """At -O1 and at -O0, in lanes and alone, against CasADi's virtual machine."""
     monkeypatch.setattr(long, limit, 100)
     model = soft(3, 4)
-    text = (model.lanes_text() if lanes else model.text()) + codegen.source("batch.c")
+    text = (model.lanes_text() if lanes else model.text()) + codegen.batch_source()
     assert f'optimize ("{"O0" if limit == "HUGE" else "O1"}")' in text
     assert not re.search(r"[};]\s*#", text.replace("\n", "$"))  # a directive has a line of its own
     if not lanes:
-        assert native.load(text.replace(codegen.source("batch.c"), "")) is not None
+        assert native.load(text.replace(codegen.batch_source(), "")) is not None
         return
     model.__dict__["_library"] = native.load(text)
     nodes = np.random.default_rng(1).standard_normal((1, 6, 4))
