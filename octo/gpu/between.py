@@ -1,5 +1,4 @@
-"""Terms over neighbouring Hermite controls on a device: their generated code and the kernels of
-between.cu."""
+"""Terms over neighbouring Hermite controls on a device: the kernels of between.cu."""
 
 from __future__ import annotations
 

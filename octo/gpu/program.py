@@ -26,14 +26,8 @@ PARTS = 128  # of common.cuh
 # columns that a thread multiplies with as many; steps that a block evaluates the costs of
 TILE, TOGETHER = 3, 2
 # for the kernels
-DEFINED = {
-    "WARP": WARP,
-    "SMALL": SMALL,
-    "TILED": TILED,
-    "FLAT": FLAT,
-    "TILE": TILE,
-    "TOGETHER": TOGETHER,
-}
+DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT}
+DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
@@ -48,20 +42,12 @@ class Program:
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces, stages = Pieces.of(functions), functions.calls.stages_text
-        costs = [
-            codegen.residual_text(
-                functions, dynamics, pieces.functions, pieces.rows, pieces.columns
-            ),
-            pieces.text(),
-        ]
-        common = [
-            *(f"#define {name} {value}" for name, value in DEFINED.items()),
-            source("common.cuh"),
-        ]
-        parts = [
-            [text, *common, source("dynamics.cu")],
-            [stages + text, *costs, *common, source("model.cu"), source("gather.cu")],
-        ]
+        own = (pieces.functions, pieces.rows, pieces.columns)
+        costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
+        defined = [f"#define {name} {value}" for name, value in DEFINED.items()]
+        common = [*defined, source("common.cuh")]
+        model = [*common, source("model.cu"), source("gather.cu")]
+        parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
@@ -77,11 +63,9 @@ class Program:
         self.arguments = dynamics.nu + 2 * len(pieces.angles) + functions.calls.size
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
-        self.touching = 8 * (
-            0
-            if functions.contact is None
-            else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx
-        )
+        held = TOUCHED + 54 * dynamics.nx  # bytes are for contacts that have terms
+        contact = functions.contact
+        self.touching = 0 if contact is None else 8 * (18 * contact.factors.size + held)
         self.terms = len(functions.references.terms)
         self.curvature = dynamics.curvature_blocks
         width, rows = 3 * dynamics.nx, len(functions.state_terms)
@@ -90,8 +74,7 @@ class Program:
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
                 f"a step needs {8 * self.work} bytes of shared memory, this device has "
-                f"{device.shared_limit}: "
-                "the robot is too large for it; try device 'cpu'"
+                f"{device.shared_limit}: the robot is too large for it; try device 'cpu'"
             )
 
     def kernel(self, name: str) -> Kernel:
