@@ -81,8 +81,10 @@ _COSTS = (
     "Posture",
     "Slip",
     "SlipPower",
+    "StepPairCost",
     "SwingClearance",
     "TorqueLimit",
+    "TorqueRate",
     "Upright",
 )
 _HOME.update(dict.fromkeys(_COSTS, "octo.costs"))
@@ -134,8 +136,10 @@ if TYPE_CHECKING:
     from octo.costs import Posture as Posture
     from octo.costs import Slip as Slip
     from octo.costs import SlipPower as SlipPower
+    from octo.costs import StepPairCost as StepPairCost
     from octo.costs import SwingClearance as SwingClearance
     from octo.costs import TorqueLimit as TorqueLimit
+    from octo.costs import TorqueRate as TorqueRate
     from octo.costs import Upright as Upright
     from octo.devices import devices as devices
     from octo.dynamics import laws as laws

@@ -10,6 +10,7 @@ import numpy as np
 
 from octo.gpu.device import Array, Device
 from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
+from octo.gpu.step_pairs import gathers
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 
@@ -70,8 +71,12 @@ class DeviceProblem:
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
         arrays["slot_value"] = device.array(stencil.coefficient)
         arrays["test_value"] = device.array(stencil.test_coefficient)
-        for name in ("hessian", "gradient", "jacobian", "tests"):
-            gather: Gather = getattr(tables, name)
+        own: dict[str, Gather] = {
+            name: getattr(tables, name) for name in ("hessian", "gradient", "jacobian", "tests")
+        }
+        if self.program.pairs is not None:
+            own |= gathers(stencil, self.host.steps)
+        for name, gather in own.items():
             for part in ("first", "source"):
                 arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)
             arrays[f"{name}_value"] = device.array(gather.value)
@@ -152,6 +157,8 @@ class DeviceProblem:
         )
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
+        if program.pairs is not None:
+            program.pairs.values(at.nodes, at.fd, self.p, self.q, at.terms)
         self._reduce(at.fd, at.C)
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
         program.kernel("octo_summary")(
@@ -163,6 +170,10 @@ class DeviceProblem:
         program, scratch = self.program, self.scratch
         kin = self._kin(at.nodes)
         self._derive_costs(at, lam, curved, kin)
+        pairs = program.pairs
+        slopes = None if pairs is None else pairs.slopes(at.nodes, at.fd, self.p, self.q)
+        if pairs is not None and slopes is not None and lam is not None:
+            pairs.pull(self.q, slopes, scratch["lam"])
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
             self._each_step(
@@ -200,7 +211,10 @@ class DeviceProblem:
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
-        return self._gather(at)
+        model = self._gather(at)
+        if pairs is not None and slopes is not None:
+            pairs.add(self._tables, pairs.rows(self.q, slopes, scratch["jac"]), model.H, model.b)
+        return model
 
     def _derive_costs(
         self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array

@@ -8,6 +8,7 @@ from octo.errors import DeviceError
 from octo.gpu.between import Between
 from octo.gpu.device import Device, Kernel, source
 from octo.gpu.pieces import Pieces
+from octo.gpu.step_pairs import StepPairs
 from octo.problem import codegen
 from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem
@@ -65,6 +66,8 @@ class Program:
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
         self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
+        pairs = functions.pairs
+        self.pairs = None if pairs is None else StepPairs(problem, pairs, device)
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
@@ -116,6 +119,8 @@ def bytes_of(problem: CompiledProblem) -> int:
             * sum(function.numel_out(0) for _, function in problem.neighbours.functions)
             * (2 * nc + 1)
         )
+    if functions.pairs is not None:
+        scratch += N * (functions.pairs.rows * (4 * n + 2) + functions.pairs.sparsity.nnz())
     # poses and twists: bodies are no more than a few for each degree of freedom
     kin = N * 12 * (3 * n)
     factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))

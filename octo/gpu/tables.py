@@ -66,7 +66,7 @@ class Tables:
         parts, units = stencil.parts, stencil.units
         hessian, gradient, jacobian, tests = [], [], [], []
         for i in range(steps):
-            slots = list(_slots(stencil, i))
+            slots = list(slots_of(stencil, i))
             for a, unit, part, value in slots:
                 gradient.append((unit, (3 * i + a) * n, part, value))
                 for b, other, other_part, other_value in slots:
@@ -102,9 +102,9 @@ class Tables:
         )
 
 
-def _slots(stencil: Stencil, step: int) -> Iterator[tuple[int, int, int, float]]:
-    """(node, unit, part, coefficient) of what the three nodes of a step are made of."""
-    for node in range(3):
+def slots_of(stencil: Stencil, step: int, nodes: int = 3) -> Iterator[tuple[int, int, int, float]]:
+    """(node, unit, part, coefficient) of what a step's nodes, or more of them, are made of."""
+    for node in range(nodes):
         row = step + 2 - node
         for k in np.flatnonzero(stencil.unit[row] >= 0):
             yield (

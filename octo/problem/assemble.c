@@ -75,6 +75,9 @@ static void octo_evaluate_chunk(void *shared, int item) {
 int octo_evaluate(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
   octo_share(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
+#ifdef PAIR_ROWS
+  sweep.failed |= octo_pair_terms(t, threads, 0);
+#endif
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
   return sweep.failed;
 }
@@ -198,6 +201,9 @@ typedef struct {
 /* The multipliers of the FD of step i: ∂E/∂u on the rows of torques, lam of C on the others. */
 static void octo_pull(const octo_task *t, int ma, int member, int i, const octo_cost_values *values, double *lam) {
   octo_pull_torques(values, t->q + ((size_t)member * t->steps + i) * NQ, lam);
+#ifdef PAIR_ROWS
+  octo_pair_pull(t, member, i, lam);
+#endif
   const double *multipliers = t->lam + (size_t)member * t->units * ma, *row_scale = t->row_scale + (size_t)member * MU;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) {
     if (t->test_row[test] < 0) continue;
@@ -263,6 +269,9 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 #else
   const double *slope = 0;
 #endif
+#ifdef PAIR_ROWS
+  octo_pair_keep(t, member, i, s->jac[k]);
+#endif
   octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
   octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
   if (t->carry && i < 2) {
@@ -311,8 +320,15 @@ static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, m
 
 int octo_linearize(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
+#ifdef PAIR_ROWS
+  if (t->lam) sweep.failed |= octo_pair_terms(t, threads, 1);
+#endif
   octo_share(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
   octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+#ifdef PAIR_ROWS
+  if (!t->lam) sweep.failed |= octo_pair_terms(t, threads, 1); /* FD was not known before */
+  sweep.failed |= octo_pair_add_all(t, threads);
+#endif
   return sweep.failed;
 }
 

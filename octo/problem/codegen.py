@@ -29,8 +29,9 @@ from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
-from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.references import References, blamed, sizes
+from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class CostFunctions:
     contact: ContactFunctions | None
     # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
     between: tuple[tuple[int, ca.Function], ...]
+    pairs: PairFunctions | None  # over two steps in a row
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
@@ -72,7 +74,7 @@ class Residuals:
     ----------
     inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
         indices. between: by the index of each term over neighbouring controls c, c_next; contact:
-        those of one contact.
+        those of one contact; pairs: those of two steps in a row.
     """
 
     references: References
@@ -82,6 +84,7 @@ class Residuals:
     controls: list[ca.SX]
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
+    pairs: PairResiduals | None
 
     @cached_property
     def function(self) -> ca.Function:
@@ -100,6 +103,8 @@ class Residuals:
         if self.between:
             over = [*self.controls, *self.inputs[4:]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
+        if self.pairs is not None:
+            written.append(self.pairs.value.serialize())
         own = None if self.contact is None else self.contact.structure
         return kinds, places, tuple(self.terms), *written, own
 
@@ -120,7 +125,7 @@ def residuals_of(
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state, own, between = [], [], {}
     for k, term in enumerate(terms):
-        if isinstance(term, ContactCost):
+        if isinstance(term, (ContactCost, StepPairCost)):
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
@@ -137,7 +142,8 @@ def residuals_of(
     contact = None
     if over and isinstance(dynamics, RobotDynamics):
         contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
-    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact)
+    pairs = pair_residuals(references, nodes, step, p, q)
+    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact, pairs)
 
 
 @postponed()
@@ -163,6 +169,7 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
+        None if made.pairs is None else made.pairs.derived(),
     )
 
 
@@ -230,17 +237,13 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
-    return "\n".join(
-        [
-            *text,
-            tables,
-            *(
-                (resources.files("octo.problem") / name).read_text(encoding="utf-8")
-                for name in parts
-            ),
-        ]
-    )
+    parts = [
+        (resources.files("octo.problem") / name).read_text(encoding="utf-8")
+        for name in ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
+    ]
+    if functions.pairs is not None:
+        parts.insert(-1, functions.pairs.c_text)
+    return "\n".join([*text, tables, *parts])
 
 
 @postponed()

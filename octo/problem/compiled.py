@@ -203,8 +203,9 @@ class CompiledProblem:
         """What evaluates and derives the steps."""
         if self.library is None:
             return Interpreted(self.program, self.plan, self.data)
-        terms = len(self.functions.references.terms)
-        return NativeSteps(self.library, terms, self.plan, self.data, self.threads)
+        terms, pairs = len(self.functions.references.terms), self.functions.pairs
+        room = 0 if pairs is None else pairs.room(self.dynamics)
+        return NativeSteps(self.library, terms, self.plan, self.data, self.threads, room)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""

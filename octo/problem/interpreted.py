@@ -19,6 +19,7 @@ from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
 from octo.problem.data import Data
 from octo.problem.evaluation import Evaluation
+from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
 
@@ -30,6 +31,8 @@ class Interpreted:
 
     def __init__(self, program: Program, plan: Plan, data: Data):
         self.program, self.plan, self.data = program, plan, data
+        pairs = program.functions.pairs
+        self.pairs = None if pairs is None else PairTerms(pairs, plan, program.dynamics.actuated)
 
     def select(self, data: Data) -> Interpreted:
         """For other numbers; what is built stays built."""
@@ -149,6 +152,8 @@ class Interpreted:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
         terms[:] = self.terms(nodes, fd)
+        if self.pairs is not None:
+            self.pairs.add_values(self.data, nodes, fd, terms)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
 
     def terms(self, nodes: Array, fd: Array) -> Array:
@@ -179,6 +184,10 @@ class Interpreted:
         pull[..., dynamics.actuated] = np.einsum(
             "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
         )
+        pairs = None
+        if self.pairs is not None:
+            pairs = self.pairs.slopes(self.data, at.nodes, at.fd)
+            pull[..., dynamics.actuated] += pairs.pull()
         if lam is not None:
             rows = np.matmul(
                 plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
@@ -202,6 +211,8 @@ class Interpreted:
             self._carry_back(self.data.carry, step_hess, gradient, fd_jac)
         constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
         self._scatter(step_hess, gradient, constraints, out)
+        if self.pairs is not None and pairs is not None:
+            self.pairs.add_blocks(pairs, fd_jac, out[0], out[2])
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:

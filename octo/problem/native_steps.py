@@ -20,15 +20,20 @@ Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
 
 
 class NativeSteps:
-    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads."""
+    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads.
 
-    def __init__(self, library: ctypes.CDLL, terms: int, plan: Plan, data: Data, threads: int):
+    room: numbers of a step that terms over two steps in a row keep.
+    """
+
+    def __init__(
+        self, library: ctypes.CDLL, terms: int, plan: Plan, data: Data, threads: int, room: int = 0
+    ):
         self.library, self.terms, self.plan, self.data = library, terms, plan, data
-        self.threads = threads
+        self.threads, self.room = threads, room
 
     def select(self, data: Data) -> NativeSteps:
         """For other numbers."""
-        return NativeSteps(self.library, self.terms, self.plan, data, self.threads)
+        return NativeSteps(self.library, self.terms, self.plan, data, self.threads, self.room)
 
     def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
@@ -94,6 +99,9 @@ class NativeSteps:
         )
         task = task_of(sizes, tables, values, halo)
         kept = [*tables, *values, halo]
+        if self.room:
+            kept.append(np.empty((len(data.p), plan.steps, self.room)))
+            task.pairs = kept[-1].ctypes.data
         if data.carry is not None:
             kept.append(np.ascontiguousarray(data.carry))
             task.carry = kept[-1].ctypes.data
@@ -108,7 +116,7 @@ TABLES = (
 NUMBERS = ("p", "q", "row_scale")
 FIELDS = (
     *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "lam", "h", "a", "b", "c"),
-    *("halo", "carry", "curved"),
+    *("halo", "carry", "curved", "pairs"),
 )
 
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.problem.basis import Basis, Folded, Hermite, Stencil
+from octo.problem.basis import Basis, Folded, Hermite, PairedNodes, Stencil
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -64,9 +64,11 @@ class Plan:
 
     @property
     def idle(self) -> tuple[int, int] | None:
-        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of
-        the pair at the fold."""
-        return (self.K - 2, 1) if isinstance(self.basis, Folded) and self.steps % 2 else None
+        """(unit, part) that no node is made of, of an odd number of steps where two nodes share a
+        unit."""
+        if not isinstance(self.basis, (Folded, PairedNodes)):
+            return None
+        return self.basis.idle(self.steps)
 
     @cached_property
     def test_matrix(self) -> Array:
@@ -97,6 +99,8 @@ class Plan:
         first = np.array([groups * c // count * grain for c in range(count)], dtype=np.int32)
         row = first + (1 if q > 1 else 0)
         unit = first.copy()
+        if isinstance(self.basis, PairedNodes):  # the first unit that no step before it touches
+            unit = row = (first + self.steps % 2 + 1) // 2
         unit[0] = row[0] = 0
         return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
 

@@ -30,6 +30,7 @@ typedef struct {
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
   const int *curved;     /* (batch) with lam: whether the terms over contacts have all of their curvature, or Gauss and Newton's; NULL: all do */
+  double *pairs;         /* (batch, steps, PAIR_ROOM) what is kept of terms over two steps in a row; NULL where there are none */
 } octo_task;
 
 static int octo_halo_size(const octo_task *t) {

@@ -24,8 +24,9 @@ from octo.problem.basis import Hermite
 from octo.problem.codegen import CostFunctions, derived, residuals_of, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
-from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.references import References, blamed, sizes
+from octo.problem.step_pairs import before_step
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -89,6 +90,10 @@ class Reader:
             if isinstance(term, ContactCost):
                 inputs, symbols = self._contact
                 value = term.contact_residual(symbols, view)
+            elif isinstance(term, StepPairCost):
+                nodes, step = self._step
+                inputs, before = before_step(nodes, step)
+                value = term.pair_residual(step, before, view)
             elif self.between and isinstance(term, NeighbourCost):
                 inputs = [ca.SX.sym(name, 2 * self.dynamics.nx) for name in ("c", "c_next")]
                 value = term.between(inputs[0], inputs[1], view)

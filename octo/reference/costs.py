@@ -20,7 +20,7 @@ from octo.dynamics.symbolic import perturbed
 from octo.interrupts import postponed
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_costs import ContactCost
-from octo.problem.costs import NeighbourCost
+from octo.problem.costs import NeighbourCost, StepPairCost
 from octo.problem.symbols import StepSymbols
 from octo.reference.program import has_neighbours
 
@@ -73,7 +73,8 @@ def exact_costs(compiled: CompiledProblem) -> ExactCosts:
     energy, between = ca.SX(0), has_neighbours(compiled)
     for k, term in enumerate(references.terms):
         view = references.view(q, k)
-        if not (isinstance(term, ContactCost) or (between and isinstance(term, NeighbourCost))):
+        elsewhere = isinstance(term, (ContactCost, StepPairCost))
+        if not (elsewhere or (between and isinstance(term, NeighbourCost))):
             energy += q[k] * ca.sumsqr(term.shaped(term.residual(step, view), view))
     z = ca.vertcat(*nodes)
     whole, gradient = ca.hessian(energy, ca.vertcat(z, w))

@@ -16,7 +16,7 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import (
-    has_neighbours,
+    beyond_one_step,
     multipliers_of,
     nlp,
     point_of,
@@ -70,7 +70,7 @@ class Ipopt:
         began = time.perf_counter()
         self.problem, self.options = problem, options
         self.nlp = nlp(problem)
-        self.compiled = native.compiler() is not None and not has_neighbours(self.nlp.compiled)
+        self.compiled = native.compiler() is not None and not beyond_one_step(self.nlp.compiled)
         self.library = (
             Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
         )

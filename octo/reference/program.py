@@ -24,6 +24,7 @@ from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import NeighbourCost
 from octo.problem.problem import Problem
+from octo.problem.step_pairs import has_step_pairs
 
 Array = NDArray[np.float64]
 
@@ -137,10 +138,11 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
     scale = rest[NP + NQ * compiled.steps :]
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
-    energy, rows = step.map(compiled.steps)(
+    energy, rows, torques = step.map(compiled.steps)(
         nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1]
     )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
+    f += _step_pairs(compiled, nodes, torques, dynamics, q)
     tests = ca.sparsify(ca.DM(compiled.plan.test_matrix[live_rows(compiled)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
     at = compiled.unknowns(start_nodes(problem, start)[None])
@@ -236,13 +238,14 @@ def node_matrix(compiled: CompiledProblem) -> ca.DM:
 
 def _step(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
-    FD."""
+    FD, its torques."""
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
     nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", compiled.q.shape[2])
     scale = ca.SX.sym("scale", compiled.m)
     fd = dynamics.symbolic(*nodes, p)
-    r = functions.state(*nodes, fd[[int(j) for j in dynamics.actuated]], p, q)
+    torques = fd[[int(j) for j in dynamics.actuated]]
+    r = functions.state(*nodes, torques, p, q)
     energy = (
         ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
     )
@@ -259,13 +262,36 @@ def _step(compiled: CompiledProblem) -> ca.Function:
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
-    return ca.Function("step", [*nodes, p, q, scale], [energy, ca.densify(rows)], {"cse": True})
+    out = [energy, ca.densify(rows), ca.densify(torques)]
+    return ca.Function("step", [*nodes, p, q, scale], out, {"cse": True})
 
 
 def has_neighbours(compiled: CompiledProblem) -> bool:
-    """True where E has terms that no single step sees."""
+    """True where E has terms over neighbouring Hermite controls."""
     return isinstance(compiled.basis, Hermite) and any(
         isinstance(t, NeighbourCost) for t in compiled.problems[0].costs
+    )
+
+
+def beyond_one_step(compiled: CompiledProblem) -> bool:
+    """True where E has terms that no single step sees."""
+    return has_neighbours(compiled) or has_step_pairs(compiled.problems[0].costs)
+
+
+def _step_pairs(
+    compiled: CompiledProblem, nodes: ca.MX, torques: ca.MX, p: ca.MX, q: ca.MX
+) -> ca.MX:
+    """Terms over two steps in a row, from all nodes and torques."""
+    own, count = compiled.functions.pairs, compiled.steps - 1
+    if own is None or not count:
+        return ca.MX(0)
+    inputs = own.value.sx_in()
+    energy = ca.dot(ca.vertcat(*[inputs[-1][k] for k in own.terms]), own.value(*inputs) ** 2)
+    window = [nodes[:, 3 - k : compiled.steps + 2 - k] for k in range(4)]
+    return ca.sum2(
+        ca.Function("step_pair", inputs, [energy], {"cse": True}).map(count)(
+            *window, torques[:, 1:], torques[:, :-1], ca.repmat(p, 1, count), q[:, 1:]
+        )
     )
 
 

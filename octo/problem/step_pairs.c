@@ -1,0 +1,214 @@
+/* Terms over two steps in a row r(x_{i+1}, x_i, x_{i−1}, x_{i−2}, u_i, u_{i−1}, p, q), i = 1 … N−1, after their functions and tables
+ * (step_pairs.py) and scatter.c, before assemble.c. They pass over the steps on their own: residuals and slopes before the dynamics
+ * are derived, whose multipliers need dE/du of a step and of the one after it; rows, which need the slopes of the FD of two steps,
+ * after that. */
+
+#define W4 (4 * NX)
+#define PAIR_ROOM (PAIR_ROWS + PAIR_ENTRIES + NU * W3)
+#define PAIR_PLACES 16 /* four nodes of at most four slots */
+
+/* What is kept of a step: r, slopes, and the rows of J of its torques. */
+static double *octo_pair_kept(const octo_task *t, int member, int i) { return t->pairs + ((size_t)member * t->steps + i) * PAIR_ROOM; }
+static const double *octo_pair_q(const octo_task *t, int member, int i) { return t->q + ((size_t)member * t->steps + i) * NQ; }
+
+typedef struct { real x[4][NX], u[2][NU + 1], q[NQ], r[PAIR_ROWS], slopes[PAIR_ENTRIES + 1]; } octo_pair_group;
+
+/* r of ``count`` steps from i on and, with ``derive``, their slopes, in the lanes of vectors. */
+static void octo_pair_evaluate(octo_pair_group *g, const octo_task *t, int member, int i, int count, int derive) {
+  const double *x[4][STEPS], *u[2][STEPS], *q[STEPS];
+  double torque[2][STEPS][NU + 1];
+  for (int k = 0; k < STEPS; ++k) {
+    int step = i + (k < count ? k : 0);
+    for (int node = 0; node < 4; ++node) x[node][k] = t->nodes + ((size_t)member * (t->steps + 2) + step + 2 - node) * NX;
+    for (int back = 0; back < 2; ++back) {
+      const double *fd = t->fd + ((size_t)member * t->steps + step - back) * NX;
+      for (int j = 0; j < NU; ++j) torque[back][k][j] = fd[octo_actuated[j]];
+      u[back][k] = torque[back][k];
+    }
+    q[k] = octo_pair_q(t, member, step);
+  }
+  for (int node = 0; node < 4; ++node) octo_gather(x[node], NX, g->x[node]);
+  for (int back = 0; back < 2; ++back) octo_gather(u[back], NU, g->u[back]);
+  octo_gather(q, NQ, g->q);
+  const void *arg[8] = {g->x[0], g->x[1], g->x[2], g->x[3], g->u[0], g->u[1], t->p + (size_t)member * NP, g->q};
+  real *res[2] = {g->r, g->slopes};
+  if (derive) octo_step_pair_jac(arg, res);
+  else octo_step_pair(arg, res);
+}
+
+typedef struct { const octo_task *task; int derive, colour, failed; } octo_pair_sweep;
+
+/* Steps of a chunk: their share of each term or, with ``derive``, what is kept of them. */
+static void octo_pair_chunk(void *shared, int item) {
+  octo_pair_sweep *sweep = shared;
+  const octo_task *t = sweep->task;
+  int member = item / t->chunks, first = t->chunk_step[item % t->chunks], last = t->chunk_step[item % t->chunks + 1];
+  octo_pair_group *g = aligned_alloc(64, (sizeof(octo_pair_group) + 63) / 64 * 64);
+  if (!g) { sweep->failed = 1; return; }
+  for (int i = first > 1 ? first : 1; i < last; i += STEPS) {
+    int count = last - i < STEPS ? last - i : STEPS;
+    double *r[STEPS], *slopes[STEPS], value[STEPS][PAIR_ROWS];
+    octo_pair_evaluate(g, t, member, i, count, sweep->derive);
+    for (int k = 0; k < count; ++k) {
+      r[k] = sweep->derive ? octo_pair_kept(t, member, i + k) : value[k];
+      slopes[k] = r[k] + PAIR_ROWS;
+    }
+    octo_spread(g->r, PAIR_ROWS, r, count);
+    if (sweep->derive) {
+      octo_spread(g->slopes, PAIR_ENTRIES, slopes, count);
+      continue;
+    }
+    for (int k = 0; k < count; ++k)
+      for (int row = 0; row < PAIR_ROWS; ++row) {
+        double c = octo_pair_q(t, member, i + k)[octo_pair_row_term[row]];
+        if (c != 0.0) t->terms[((size_t)member * t->steps + i + k) * NTERM + octo_pair_row_term[row]] += c * value[k][row] * value[k][row];
+      }
+  }
+  free(g);
+}
+
+static int octo_pair_terms(const octo_task *t, int threads, int derive) {
+  octo_pair_sweep sweep = {t, derive, 0, 0};
+  octo_share(octo_pair_chunk, &sweep, t->batch * t->chunks, threads);
+  return sweep.failed;
+}
+
+/* lam (NX) += dE/du of step i: of its own residual, and of that of the step after it. */
+static void octo_pair_pull(const octo_task *t, int member, int i, double *lam) {
+  for (int after = 0; after < 2; ++after) {
+    int step = i + after, first = W4 + after * NU;
+    if (step < 1 || step >= t->steps) continue;
+    const double *r = octo_pair_kept(t, member, step), *slopes = r + PAIR_ROWS, *q = octo_pair_q(t, member, step);
+    for (int z = PAIR_ENTRIES - 1; z >= 0 && octo_pair_entry_column[z] >= first; --z) { /* entries are sorted by column */
+      int row = octo_pair_entry_row[z], j = octo_pair_entry_column[z] - first;
+      double c = q[octo_pair_row_term[row]];
+      if (j < NU && c != 0.0) lam[octo_actuated[j]] += 2.0 * c * r[row] * slopes[z];
+    }
+  }
+}
+
+/* Keeps the rows of J (NX, W3) of the torques of step i. */
+static void octo_pair_keep(const octo_task *t, int member, int i, const double *jac) {
+  double *to = octo_pair_kept(t, member, i) + PAIR_ROWS + PAIR_ENTRIES;
+  for (int j = 0; j < NU; ++j) memcpy(to + j * W3, jac + octo_actuated[j] * W3, W3 * sizeof(double));
+}
+
+/* d residual / d window (count, W4) of step i and its values, scaled by the root of twice the coefficient; rows of terms that leave
+ * the step out are not there. */
+static int octo_pair_rows(const octo_task *t, int member, int i, double (*rows)[W4], double *value) {
+  const double *r = octo_pair_kept(t, member, i), *slopes = r + PAIR_ROWS, *q = octo_pair_q(t, member, i);
+  const double *torques[2] = {slopes + PAIR_ENTRIES, octo_pair_kept(t, member, i - 1) + PAIR_ROWS + PAIR_ENTRIES};
+  int count = 0, place[PAIR_ROWS];
+  double scale[PAIR_ROWS];
+  for (int row = 0; row < PAIR_ROWS; ++row) {
+    double c = q[octo_pair_row_term[row]];
+    place[row] = -1;
+    if (c == 0.0) continue;
+    scale[row] = sqrt(2.0 * c);
+    memset(rows[count], 0, W4 * sizeof(double));
+    value[count] = scale[row] * r[row];
+    place[row] = count++;
+  }
+  for (int z = 0; z < PAIR_ENTRIES; ++z) {
+    int row = octo_pair_entry_row[z], column = octo_pair_entry_column[z];
+    if (place[row] < 0) continue;
+    double slope = scale[row] * slopes[z], *out = rows[place[row]];
+    if (column < W4) {
+      out[column] += slope;
+      continue;
+    }
+    int back = column >= W4 + NU;
+    const double *torque = torques[back] + (column - W4 - back * NU) * W3;
+    double *restrict to = out + back * NX;
+    for (int j = 0; j < W3; ++j) to[j] += slope * torque[j];
+  }
+  return count;
+}
+
+#define PAIR_LD ((NX + 7) / 8 * 8)
+typedef double octo_pair_line[PAIR_LD] __attribute__((aligned(64)));
+
+/* The parts of units that the four nodes of step i are made of, each once, and the rows over them. */
+typedef struct { octo_pair_line rows[PAIR_PLACES][PAIR_ROWS]; int count, unit[PAIR_PLACES], part[PAIR_PLACES]; } octo_pair_places;
+
+static void octo_pair_combine(const octo_task *t, int i, double (*rows)[W4], int count, octo_pair_places *s) {
+  s->count = 0;
+  for (int node = 0; node < 4; ++node)
+    for (int k = 0; k < t->slots; ++k) {
+      size_t at = (size_t)(i + 2 - node) * t->slots + k;
+      if (t->slot_unit[at] < 0) continue;
+      int l = 0;
+      while (l < s->count && (s->unit[l] != t->slot_unit[at] || s->part[l] != t->slot_part[at])) ++l;
+      if (l == s->count) {
+        s->unit[l] = t->slot_unit[at], s->part[l] = t->slot_part[at], s->count++;
+        memset(s->rows[l], 0, sizeof s->rows[l]);
+      }
+      double part = t->slot_value[at];
+      for (int row = 0; row < count; ++row) {
+        const double *from = rows[row] + node * NX;
+        double *restrict to = s->rows[l][row];
+        for (int j = 0; j < NX; ++j) to[j] += part * from[j];
+      }
+    }
+}
+
+/* to (NX) += line (PAIR_LD). */
+static inline __attribute__((always_inline)) void octo_pair_put(const v8 *line, double *to) {
+  for (int j = 0; j < NX / 8; ++j) *(v8_anywhere *)(to + 8 * j) += line[j];
+  for (int j = NX / 8 * 8; j < NX; ++j) to[j] += line[NX / 8][j % 8];
+}
+
+/* to (NX, nc) += leftᵀ right, two of its rows at a time. */
+static void octo_pair_product(const octo_pair_line *left, const octo_pair_line *right, int count, int nc, double *to) {
+  for (int r = 0; r < NX; r += 2) {
+    v8 one[PAIR_LD / 8] = {0}, two[PAIR_LD / 8] = {0};
+    for (int row = 0; row < count; ++row) {
+      double f = left[row][r], g = left[row][r + 1]; /* of an odd NX the last one is the first zero after the row */
+      for (int j = 0; j < PAIR_LD / 8; ++j) {
+        v8 line = *(const v8 *)(right[row] + 8 * j);
+        one[j] += f * line;
+        two[j] += g * line;
+      }
+    }
+    octo_pair_put(one, to + r * nc);
+    if (r + 1 < NX) octo_pair_put(two, to + (r + 1) * nc);
+  }
+}
+
+/* H += rowsᵀ rows and b += rowsᵀ values of step i. */
+static void octo_pair_add(const octo_task *t, int member, int i, octo_pair_places *s) {
+  double rows[PAIR_ROWS][W4], value[PAIR_ROWS];
+  int nc = t->parts * NX, count = octo_pair_rows(t, member, i, rows, value);
+  octo_pair_combine(t, i, rows, count, s);
+  for (int a = 0; a < s->count; ++a) {
+    size_t unit = (size_t)member * t->units + s->unit[a];
+    v8 slope[PAIR_LD / 8] = {0};
+    for (int row = 0; row < count; ++row)
+      for (int j = 0; j < PAIR_LD / 8; ++j) slope[j] += value[row] * *(const v8 *)(s->rows[a][row] + 8 * j);
+    octo_pair_put(slope, t->b + unit * nc + s->part[a] * NX);
+    for (int other = 0; other < s->count; ++other) {
+      int lag = s->unit[a] - s->unit[other];
+      if (lag < 0) continue;
+      double *to = t->h + ((unit * 3 + lag) * nc + s->part[a] * NX) * nc + s->part[other] * NX;
+      octo_pair_product(s->rows[a], s->rows[other], count, nc, to);
+    }
+  }
+}
+
+/* Chunks of one colour, every other one, share no unit. */
+static void octo_pair_add_chunk(void *shared, int item) {
+  octo_pair_sweep *sweep = shared;
+  const octo_task *t = sweep->task;
+  int own = (t->chunks + 1 - sweep->colour) / 2, chunk = 2 * (item % own) + sweep->colour, first = t->chunk_step[chunk];
+  octo_pair_places *s = aligned_alloc(64, (sizeof *s + 63) / 64 * 64);
+  if (!s) { sweep->failed = 1; return; }
+  for (int i = first > 1 ? first : 1; i < t->chunk_step[chunk + 1]; ++i) octo_pair_add(t, item / own, i, s);
+  free(s);
+}
+
+static int octo_pair_add_all(const octo_task *t, int threads) {
+  octo_pair_sweep sweep = {t, 1, 0, 0};
+  for (; sweep.colour < 2; ++sweep.colour)
+    octo_share(octo_pair_add_chunk, &sweep, t->batch * ((t->chunks + 1 - sweep.colour) / 2), threads);
+  return sweep.failed;
+}

@@ -1,0 +1,162 @@
+"""Terms over two steps in a row (StepPairCost) as CasADi functions of four nodes and two torques,
+and as the tables that step_pairs.c works from.
+
+The inputs are x_{i+1}, x_i, x_{i−1}, x_{i−2}, u_i, u_{i−1}, p, q. The slopes are with respect to
+the window of four nodes and to the two torques; what these add to the window comes with the slopes
+of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+
+import casadi as ca
+
+from octo.dynamics.codegen import integers, lanes_text
+from octo.dynamics.evaluate import Dynamics
+from octo.errors import ProblemError
+from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
+from octo.problem.costs import Cost, StepPairCost
+from octo.problem.references import References, blamed, sizes
+from octo.problem.symbols import StepSymbols
+
+WINDOW = 4  # nodes that two steps in a row look at
+
+
+def has_step_pairs(terms: Sequence[Cost]) -> bool:
+    """Whether a term looks at two steps in a row."""
+    return any(isinstance(term, StepPairCost) for term in terms)
+
+
+def refuse_step_pairs(terms: Sequence[Cost], what: str) -> None:
+    """Raise where a term looks at two steps in a row, which ``what`` cannot have.
+
+    Raises
+    ------
+    ProblemError: naming the term.
+    """
+    for term in terms:
+        if isinstance(term, StepPairCost):
+            raise ProblemError(
+                f"{term.label} looks at two steps in a row, which {what} cannot have: leave it out"
+            )
+
+
+def basis_of(name: str | Basis, terms: Sequence[Cost], cycle: bool) -> Basis:
+    """The basis in which a problem with these terms is solved.
+
+    Raises
+    ------
+    ProblemError: a cycle with a term over two steps in a row. UnknownNameError: no such basis.
+    """
+    if cycle:
+        refuse_step_pairs(terms, "a cycle")
+    named = Folded() if cycle else basis_named(name)
+    return PairedNodes() if isinstance(named, Nodes) and has_step_pairs(terms) else named
+
+
+@dataclass(frozen=True, eq=False)
+class PairResiduals:
+    """Residuals of two steps in a row as expressions.
+
+    Attributes
+    ----------
+    inputs: x_next, x, x_prev, x_older, u, u_before, p, q. rows: of each term; terms: their indices.
+    """
+
+    inputs: list[ca.SX]
+    rows: list[ca.SX]
+    terms: list[int]
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """inputs -> all residuals."""
+        r = ca.densify(ca.vertcat(*self.rows))
+        return ca.Function("octo_step_pair", self.inputs, [r], {"cse": True})
+
+    def derived(self) -> PairFunctions:
+        """The functions of the residuals and of their first derivatives."""
+        terms = [k for k, r in zip(self.terms, self.rows, strict=True) for _ in range(r.numel())]
+        r = ca.densify(ca.vertcat(*self.rows))
+        jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
+        nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
+        slopes = ca.Function("octo_step_pair_jac", self.inputs, [r, nonzeros], {"cse": True})
+        return PairFunctions(self.value, slopes, jac.sparsity(), tuple(terms))
+
+
+@dataclass(frozen=True, eq=False)
+class PairFunctions:
+    """The terms over two steps in a row, ready to be evaluated and written as C.
+
+    Attributes
+    ----------
+    value: inputs -> r. slopes: inputs -> r, nonzeros of dr/d(window, u, u_before), at ``sparsity``.
+    terms: of each row.
+    """
+
+    value: ca.Function
+    slopes: ca.Function
+    sparsity: ca.Sparsity
+    terms: tuple[int, ...]
+
+    @property
+    def rows(self) -> int:
+        return len(self.terms)
+
+    def room(self, dynamics: Dynamics) -> int:
+        """Numbers that the native code keeps of a step: r, its slopes, and those of the torques."""
+        return self.rows + self.sparsity.nnz() + 3 * dynamics.nx * dynamics.nu
+
+    @property
+    def tables(self) -> str:
+        """Sizes as macros and index tables, in C that is CUDA too."""
+        entries = self.sparsity.nnz()
+        return "\n".join(
+            [
+                f"#define PAIR_ROWS {self.rows}",
+                f"#define PAIR_ENTRIES {entries}",
+                integers("pair_row_term", self.terms),
+                integers("pair_entry_row", self.sparsity.row()),
+                integers("pair_entry_column", self.sparsity.get_col()),
+            ]
+        )
+
+    @property
+    def c_text(self) -> str:
+        """With a time step in every lane; stands before assemble.c."""
+        made = [lanes_text(function, {6}) for function in (self.value, self.slopes)]  # shared: p
+        text = (resources.files("octo.problem") / "step_pairs.c").read_text(encoding="utf-8")
+        return "\n".join([*made, self.tables, text])
+
+
+def pair_residuals(
+    references: References, nodes: list[ca.SX], step: StepSymbols, p: ca.SX, q: ca.SX
+) -> PairResiduals | None:
+    """Of all such terms; None where there is none.
+
+    Parameters
+    ----------
+    nodes: x_next, x, x_prev, u of a step; step: what a term sees of them.
+    """
+    if not has_step_pairs(references.terms):
+        return None
+    inputs, before = before_step(nodes, step)
+    made = PairResiduals([*inputs, p, q], [], [])
+    for k, term in enumerate(references.terms):
+        if isinstance(term, StepPairCost):
+            view = references.view(q, k)
+            with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
+                made.rows.append(term.shaped(term.pair_residual(step, before, view), view))
+            made.terms.append(k)
+    return made
+
+
+def before_step(nodes: list[ca.SX], step: StepSymbols) -> tuple[list[ca.SX], StepSymbols]:
+    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of the step before ``step``."""
+    x_next, x, x_prev, u = nodes
+    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
+    before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
+    return [x_next, x, x_prev, x_older, u, u_before], before

@@ -1,0 +1,166 @@
+"""Terms over two steps in a row: units of two nodes, E and its model against other forms, what is
+refused."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from extending.torque_rate import PowerChange
+from walker import BASES, START, walker, wiggle_near_ground
+
+import octo
+from octo.errors import ProblemError
+from octo.problem.basis import Nodes, PairedNodes, node_values
+from octo.problem.compiled import CompiledProblem
+from octo.reference.program import free_blocks, nlp, point_of, rows_of
+
+DT = 0.05
+CASES = [
+    (12, "nodes", False),
+    (13, "nodes", False),
+    (13, "nodes", True),
+    (24, "nodes", True),
+    (12, "hermite", False),
+    (12, "hermite", True),
+]
+
+
+def problem(steps: int, basis: str, end: bool, *terms: octo.Cost) -> octo.Problem:
+    costs = [octo.Effort(), *(terms or [octo.TorqueRate(weight=2.0)])]
+    x_end = START + 0.02 if end else None
+    return octo.Problem(
+        walker(), steps=steps, dt=DT, costs=costs, basis=BASES[basis], x0=START, x_end=x_end
+    )
+
+
+@lru_cache
+def compiled(steps: int, basis: str, end: bool, threads: int = 1) -> CompiledProblem:
+    per_step = np.linspace(0.0, 2.0, steps)  # step 1 counts, step 0 has no residual
+    terms = [octo.TorqueRate(weight=per_step), PowerChange(steps="last")]
+    return CompiledProblem([problem(steps, basis, end, *terms)] * 2, threads)
+
+
+def dense(made: CompiledProblem, blocks: np.ndarray) -> np.ndarray:
+    """H of the first member."""
+    K, nc = made.K, made.nc
+    whole = np.zeros((K, nc, K, nc))
+    for k in range(K):
+        for lag in range(min(k, 2) + 1):
+            whole[k, :, k - lag] = blocks[0, k, lag]
+            whole[k - lag, :, k] = blocks[0, k, lag].T
+    return whole.reshape(K * nc, K * nc)
+
+
+@pytest.mark.parametrize("steps", [12, 13])
+def test_two_nodes_a_unit(steps):
+    """The same trajectory as with one a unit; rows and windows of four nodes within three units."""
+    basis, random = PairedNodes(), np.random.default_rng(0)
+    nodes = random.standard_normal((2, steps + 2, 3))
+    constant = basis.constant(steps, nodes[:, 1], nodes[:, 0])
+    stencil = basis.stencil(steps)
+    unknowns = basis.fit(nodes, DT)
+    assert unknowns.shape == (2, basis.units(steps), 6)
+    np.testing.assert_array_equal(node_values(stencil, unknowns, constant), nodes)
+    assert (basis.idle(steps) is None) == (steps % 2 == 0)
+    for i in range(steps):
+        row, window = stencil.test_row[i, 0], stencil.unit[max(i - 1, 0) : i + 3, 0]
+        live = window[window >= 0]
+        assert live.max() - live.min() <= 2 and live.max() == row == stencil.unit[i + 2, 0]
+    places = stencil.unit[2:] * 2 + stencil.part[2:]
+    assert len(np.unique(places)) == steps
+    pinned = basis.fixed_end(steps, nodes[:, -1], np.ones((2, 3)), DT)
+    (unit, value), *others = pinned.items()
+    assert unit == basis.units(steps) - 1 and not others
+    np.testing.assert_array_equal(value, np.hstack([nodes[:, -1] - DT, nodes[:, -1]]))
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("threads", [1, 3])
+def test_native_and_interpreted(case, threads):
+    made = compiled(*case, threads)
+    plain, unknowns = made.interpreted(), wiggle_near_ground(made)
+    lam = np.random.default_rng(0).standard_normal((2, made.K, made.ma))
+    at, other = made.evaluate(unknowns), plain.evaluate(unknowns)
+    np.testing.assert_allclose(at.terms, other.terms, rtol=1e-9, atol=1e-12)
+    assert (at.terms[:, 0, 1:] == 0.0).all() and (at.terms[:, 1:, 1] > 0.0).all()
+    for multipliers in (None, lam):
+        model, expected = made.linearize(at, multipliers), plain.linearize(other, multipliers)
+        for name in ("H", "A", "b", "C"):
+            one, two = getattr(model, name), getattr(expected, name)
+            np.testing.assert_allclose(one, two, rtol=0.0, atol=1e-10 * np.abs(two).max())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_model_is_that_of_casadi(case):
+    """E, its gradient and, of a residual that is linear in the torques, its whole Hessian."""
+    made = nlp(problem(*case))
+    own = made.compiled
+    at = own.evaluate(wiggle_near_ground(own))
+    x, p = point_of(own, at.unknowns), made.parameters
+    lam = np.random.default_rng(0).standard_normal((1, own.K, own.ma))
+    model = own.linearize(at, lam)
+    np.testing.assert_allclose(float(made.objective(x, p)), at.energy[0], rtol=1e-12)
+    gradient = np.asarray(made.gradient(x, p)).ravel()
+    found = point_of(own, model.b)
+    np.testing.assert_allclose(found, gradient, rtol=0.0, atol=1e-10 * np.abs(gradient).max())
+    hessian = np.asarray(made.hessian(x, p, 1.0, rows_of(own, lam[0])))
+    at_free = (free_blocks(own)[:, None] * own.n + np.arange(own.n)).ravel()
+    mine = dense(own, model.H)[np.ix_(at_free, at_free)]
+    np.testing.assert_allclose(mine, hessian, rtol=0.0, atol=1e-10 * np.abs(hessian).max())
+
+
+def test_a_term_without_weight_changes_nothing():
+    """Two nodes a unit are the same problem as one."""
+    idle = problem(13, "nodes", False, octo.TorqueRate(weight=0.0))
+    pairs = CompiledProblem([idle])
+    plain = CompiledProblem([idle.replace(costs=[octo.Effort()])])
+    assert isinstance(pairs.basis, PairedNodes) and isinstance(plain.basis, Nodes)
+    first, second = (made.evaluate(wiggle_near_ground(made)) for made in (pairs, plain))
+    np.testing.assert_array_equal(first.nodes, second.nodes)
+    np.testing.assert_allclose(first.energy, second.energy, rtol=1e-12)
+    one, two = (made.linearize(at, None) for made, at in ((pairs, first), (plain, second)))
+    n = plain.n
+    blocks = dense(pairs, one.H)[n:, n:]  # the first half of the first unit is no node
+    np.testing.assert_allclose(blocks, dense(plain, two.H), rtol=1e-10, atol=1e-10)
+
+
+def test_torques_change_more_slowly():
+    """A motion with the term and without: what it is for."""
+    free = octo.Problem(walker(), steps=25, dt=DT, costs=[octo.Posture(), octo.Effort()], x0=START)
+    slow = free.replace(costs=[*free.costs, octo.TorqueRate(weight=0.5)])
+    rates = []
+    for each in (free, slow):
+        solution = octo.solve(each, passes=1)
+        assert solution.converged
+        rates.append(np.sqrt((np.diff(solution.u, axis=0) ** 2).mean()) / DT)
+    assert rates[1] < 0.7 * rates[0]
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_few_steps(steps):
+    """One step has nothing before it."""
+    made = CompiledProblem([problem(steps, "nodes", False)])
+    plain = made.interpreted()
+    at, other = (each.evaluate(wiggle_near_ground(made)) for each in (made, plain))
+    assert (at.terms[0, :, 1].any()) == (steps == 2)
+    one, two = (each.linearize(e, None) for each, e in ((made, at), (plain, other)))
+    np.testing.assert_allclose(one.H, two.H, rtol=0.0, atol=1e-10 * np.abs(two.H).max())
+    form = nlp(made.problems[0])
+    found = form.objective(point_of(made, at.unknowns), form.parameters)
+    np.testing.assert_allclose(float(found), at.energy[0], rtol=1e-12)
+
+
+def test_refused():
+    rate = octo.TorqueRate()
+    with pytest.raises(ProblemError, match="TorqueRate looks at two steps in a row, which a cycle"):
+        octo.Problem(walker(), costs=[rate], cycle=octo.Cycle(period=0.5, mirror=False))
+    with pytest.raises(ProblemError, match="TorqueRate looks at two .* fatrop"):
+        octo.reference.fatrop(problem(12, "nodes", False))
+    with pytest.raises(ProblemError, match="TorqueRate looks at two .* controller"):
+        octo.mpc.Controller(problem(12, "nodes", False))
+    with pytest.raises(ProblemError, match="TorqueRate looks at two .* animate"):
+        octo.mpc.animate(problem(12, "nodes", False), 1.0)
+    with pytest.raises(octo.errors.ValueRangeError, match="TorqueRate.reference is 0.0 N m/s"):
+        CompiledProblem([problem(12, "nodes", False, octo.TorqueRate(reference=0.0))])
