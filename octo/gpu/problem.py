@@ -213,7 +213,11 @@ class DeviceProblem:
             )
         model = self._gather(at)
         if pairs is not None and slopes is not None:
-            pairs.add(self._tables, pairs.rows(self.q, slopes, scratch["jac"]), model.H, model.b)
+            rows, numbers = pairs.rows(self.q, slopes, scratch["jac"]), (at.fd, self.p, self.q)
+            bends = None
+            if lam is not None:
+                bends = pairs.bends(curved, (at.nodes, *numbers), scratch["jac"])
+            pairs.add(self._tables, rows, bends, model.H, model.b)
         return model
 
     def _derive_costs(

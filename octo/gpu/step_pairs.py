@@ -3,6 +3,8 @@ step_pairs.cu."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from octo.dynamics.codegen import integers
@@ -36,6 +38,7 @@ class StepPairs:
         text = [
             source("common.cuh"),
             *map(function_of_numbers, [functions.value, slopes]),
+            *([] if functions.bend is None else [function_of_numbers(functions.bend)]),
             *(f"#define {name} {size}" for name, size in sizes.items()),
             functions.tables,
             integers("pair_actuated", dynamics.actuated),
@@ -76,13 +79,38 @@ class StepPairs:
             )
         return rows
 
-    def add(self, tables: dict[str, Array], rows: Array, H: Array, b: Array) -> None:
-        """Adds 2 JᵀJ and 2 Jᵀr to H (batch, K, 3, nc, nc) and b (batch, K, nc)."""
+    def bends(self, curved: Array | None, numbers: Sequence[Array], fd_jac: Array) -> Array | None:
+        """(batch, N, 4n, 4n) what exact terms have beside rowsᵀ rows, of the members ``curved``;
+        None where there is nothing.
+
+        numbers: nodes, FD, p, q.
+        """
+        batch, steps, n, _ = fd_jac.shape
+        if self.functions.bend is None or steps < 2:
+            return None
+        bends = self.device.empty((batch, steps, WINDOW * n, WINDOW * n))
+        self.kernel("octo_pair_bends")(
+            (steps - 1, batch),
+            self.device.threads(WIDE),
+            steps,
+            curved,
+            *numbers,
+            fd_jac,
+            bends,
+            shared=8 * self.functions.bends.nnz(),
+        )
+        return bends
+
+    def add(
+        self, tables: dict[str, Array], rows: Array, bends: Array | None, H: Array, b: Array
+    ) -> None:
+        """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
+        (batch, K, nc)."""
         names = [f"{n}_{k}" for n in ("pairs", "pairs_b") for k in ("first", "source", "value")]
         own = [tables[name] for name in names]
         grid = (H.shape[1], 3, H.shape[0])
         self.kernel("octo_pair_add")(
-            grid, self.device.threads(WIDE), rows.shape[1], *own, rows, H, b
+            grid, self.device.threads(WIDE), rows.shape[1], *own, rows, bends, H, b
         )
 
     def _flat(self, name: str, shape: tuple[int, ...], each: int, *arguments: Array) -> None:

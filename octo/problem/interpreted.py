@@ -186,7 +186,10 @@ class Interpreted:
         )
         pairs = None
         if self.pairs is not None:
-            pairs = self.pairs.slopes(self.data, at.nodes, at.fd)
+            whole = np.full(len(r), lam is not None)
+            if curved is not None:
+                whole &= np.asarray(curved, dtype=bool)
+            pairs = self.pairs.slopes(self.data, at.nodes, at.fd, whole)
             pull[..., dynamics.actuated] += pairs.pull()
         if lam is not None:
             rows = np.matmul(

@@ -28,12 +28,15 @@ class PairSlopes:
     r: (batch, N−1, rows). window (batch, N−1, rows, 4n), torques (batch, N−1, 2, rows, nu): dr/d of
         the four nodes, and of u_i and u_{i−1}.
     coefficient: (batch, N−1, rows) what r² is multiplied with in 2E.
+    bends: (batch, N−1, 4n + 2nu, 4n + 2nu) what exact terms have beside Gauss and Newton's model;
+        None where there is nothing.
     """
 
     r: Array
     window: Array
     torques: Array
     coefficient: Array
+    bends: Array | None
 
     def pull(self) -> Array:
         """(batch, N, nu) dE/du of every step."""
@@ -79,8 +82,8 @@ class PairTerms:
             for row, term in enumerate(self.terms):
                 terms[member, 1:, term] += squares[:, row]
 
-    def slopes(self, data: Data, nodes: Array, fd: Array) -> PairSlopes:
-        """Residuals and their derivatives at an iterate."""
+    def slopes(self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]) -> PairSlopes:
+        """Residuals and their derivatives at an iterate; second ones of the members ``curved``."""
         batch, steps, n = len(nodes), self.plan.steps - 1, self.plan.n
         rows, nu = self.functions.rows, len(self.actuated)
         r, jac = np.zeros((batch, steps, rows)), np.zeros((batch, steps, rows, WINDOW * n + 2 * nu))
@@ -93,7 +96,24 @@ class PairTerms:
         live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
         r, jac = np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0)
         torques = jac[..., WINDOW * n :].reshape(batch, steps, rows, 2, nu)
-        return PairSlopes(r, jac[..., : WINDOW * n], np.moveaxis(torques, 3, 2), coefficient)
+        window = jac[..., : WINDOW * n]
+        bends = self._bends(data, nodes, fd, curved)
+        return PairSlopes(r, window, np.moveaxis(torques, 3, 2), coefficient, bends)
+
+    def _bends(
+        self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]
+    ) -> Array | None:
+        own, steps = self.functions, self.plan.steps - 1
+        if own.bend is None or not steps:
+            return None
+        size = own.bends.size1()
+        bends = np.zeros((len(nodes), steps, size, size))
+        rows, columns = own.bends.row(), own.bends.get_col()
+        for member in np.flatnonzero(curved).tolist():
+            numbers = own.bend.map(steps)(*self._arguments(data, member, nodes, fd))
+            bends[member][:, rows, columns] = np.asarray(numbers).T
+            bends[member][:, columns, rows] = np.asarray(numbers).T
+        return bends
 
     def add_blocks(self, slopes: PairSlopes, fd_jac: Array, H: Array, b: Array) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to H (batch, K, 3, nc, nc) and b (batch, K, nc).
@@ -107,6 +127,13 @@ class PairTerms:
         chained[..., n:] += slopes.torques[:, :, 1] @ own[:, :-1]
         gradient = np.einsum("kir,kir,kira->kia", slopes.coefficient, slopes.r, chained)
         hess = np.einsum("kir,kira,kirb->kiab", slopes.coefficient, chained, chained)
+        if slopes.bends is not None:
+            nu = len(self.actuated)
+            chain = np.zeros((*chained.shape[:2], WINDOW * n + 2 * nu, WINDOW * n))
+            chain[:, :, : WINDOW * n] = np.eye(WINDOW * n)
+            chain[:, :, WINDOW * n : -nu, : 3 * n] = own[:, 1:]
+            chain[:, :, -nu:, n:] = own[:, :-1]
+            hess += np.swapaxes(chain, 2, 3) @ slopes.bends @ chain
         for i in range(1, self.plan.steps):
             slots = [
                 (slice(node * n, (node + 1) * n), int(s.unit[at, k]), int(s.part[at, k]) * n, at, k)

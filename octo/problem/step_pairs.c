@@ -4,16 +4,20 @@
  * after that. */
 
 #define W4 (4 * NX)
-#define PAIR_ROOM (PAIR_ROWS + PAIR_ENTRIES + NU * W3)
+#define PAIR_ROOM (PAIR_ROWS + PAIR_ENTRIES + PAIR_BENDS + NU * W3)
 #define PAIR_PLACES 16 /* four nodes of at most four slots */
 
-/* What is kept of a step: r, slopes, and the rows of J of its torques. */
+/* What is kept of a step: r, slopes, second derivatives, and the rows of J of its torques. */
 static double *octo_pair_kept(const octo_task *t, int member, int i) { return t->pairs + ((size_t)member * t->steps + i) * PAIR_ROOM; }
+static double *octo_pair_torques(const octo_task *t, int member, int i) { return octo_pair_kept(t, member, i) + PAIR_ROOM - NU * W3; }
 static const double *octo_pair_q(const octo_task *t, int member, int i) { return t->q + ((size_t)member * t->steps + i) * NQ; }
 
-typedef struct { real x[4][NX], u[2][NU + 1], q[NQ], r[PAIR_ROWS], slopes[PAIR_ENTRIES + 1]; } octo_pair_group;
+/* Whether a member's exact terms have all of their curvature. */
+static int octo_pair_curved(const octo_task *t, int member) { return t->lam && (!t->curved || t->curved[member]); }
 
-/* r of ``count`` steps from i on and, with ``derive``, their slopes, in the lanes of vectors. */
+typedef struct { real x[4][NX], u[2][NU + 1], q[NQ], r[PAIR_ROWS], slopes[PAIR_ENTRIES + 1], bends[PAIR_BENDS + 1]; } octo_pair_group;
+
+/* r of ``count`` steps from i on and, with ``derive``, their slopes and second derivatives, in the lanes of vectors. */
 static void octo_pair_evaluate(octo_pair_group *g, const octo_task *t, int member, int i, int count, int derive) {
   const double *x[4][STEPS], *u[2][STEPS], *q[STEPS];
   double torque[2][STEPS][NU + 1];
@@ -34,6 +38,10 @@ static void octo_pair_evaluate(octo_pair_group *g, const octo_task *t, int membe
   real *res[2] = {g->r, g->slopes};
   if (derive) octo_step_pair_jac(arg, res);
   else octo_step_pair(arg, res);
+#if PAIR_BENDS > 0
+  res[0] = g->bends;
+  if (derive && octo_pair_curved(t, member)) octo_step_pair_bend(arg, res);
+#endif
 }
 
 typedef struct { const octo_task *task; int derive, colour, failed; } octo_pair_sweep;
@@ -47,15 +55,17 @@ static void octo_pair_chunk(void *shared, int item) {
   if (!g) { sweep->failed = 1; return; }
   for (int i = first > 1 ? first : 1; i < last; i += STEPS) {
     int count = last - i < STEPS ? last - i : STEPS;
-    double *r[STEPS], *slopes[STEPS], value[STEPS][PAIR_ROWS];
+    double *r[STEPS], *slopes[STEPS], *bends[STEPS], value[STEPS][PAIR_ROWS];
     octo_pair_evaluate(g, t, member, i, count, sweep->derive);
     for (int k = 0; k < count; ++k) {
       r[k] = sweep->derive ? octo_pair_kept(t, member, i + k) : value[k];
       slopes[k] = r[k] + PAIR_ROWS;
+      bends[k] = slopes[k] + PAIR_ENTRIES;
     }
     octo_spread(g->r, PAIR_ROWS, r, count);
     if (sweep->derive) {
       octo_spread(g->slopes, PAIR_ENTRIES, slopes, count);
+      if (octo_pair_curved(t, member)) octo_spread(g->bends, PAIR_BENDS, bends, count);
       continue;
     }
     for (int k = 0; k < count; ++k)
@@ -89,7 +99,7 @@ static void octo_pair_pull(const octo_task *t, int member, int i, double *lam) {
 
 /* Keeps the rows of J (NX, W3) of the torques of step i. */
 static void octo_pair_keep(const octo_task *t, int member, int i, const double *jac) {
-  double *to = octo_pair_kept(t, member, i) + PAIR_ROWS + PAIR_ENTRIES;
+  double *to = octo_pair_torques(t, member, i);
   for (int j = 0; j < NU; ++j) memcpy(to + j * W3, jac + octo_actuated[j] * W3, W3 * sizeof(double));
 }
 
@@ -97,7 +107,7 @@ static void octo_pair_keep(const octo_task *t, int member, int i, const double *
  * the step out are not there. */
 static int octo_pair_rows(const octo_task *t, int member, int i, double (*rows)[W4], double *value) {
   const double *r = octo_pair_kept(t, member, i), *slopes = r + PAIR_ROWS, *q = octo_pair_q(t, member, i);
-  const double *torques[2] = {slopes + PAIR_ENTRIES, octo_pair_kept(t, member, i - 1) + PAIR_ROWS + PAIR_ENTRIES};
+  const double *torques[2] = {octo_pair_torques(t, member, i), octo_pair_torques(t, member, i - 1)};
   int count = 0, place[PAIR_ROWS];
   double scale[PAIR_ROWS];
   for (int row = 0; row < PAIR_ROWS; ++row) {
@@ -129,7 +139,11 @@ static int octo_pair_rows(const octo_task *t, int member, int i, double (*rows)[
 typedef double octo_pair_line[PAIR_LD] __attribute__((aligned(64)));
 
 /* The parts of units that the four nodes of step i are made of, each once, and the rows over them. */
-typedef struct { octo_pair_line rows[PAIR_PLACES][PAIR_ROWS]; int count, unit[PAIR_PLACES], part[PAIR_PLACES]; } octo_pair_places;
+typedef struct {
+  octo_pair_line rows[PAIR_PLACES][PAIR_ROWS];
+  int count, unit[PAIR_PLACES], part[PAIR_PLACES];
+  double hess[PAIR_BENDS ? W4 : 1][W4]; /* what exact terms have beside rowsᵀ rows */
+} octo_pair_places;
 
 static void octo_pair_combine(const octo_task *t, int i, double (*rows)[W4], int count, octo_pair_places *s) {
   s->count = 0;
@@ -195,6 +209,48 @@ static void octo_pair_add(const octo_task *t, int member, int i, octo_pair_place
   }
 }
 
+#if PAIR_BENDS > 0
+/* hess (W4, W4) = [I; U_i; U_{i−1}]ᵀ S [I; U_i; U_{i−1}], S the second derivatives to the window and the two torques. */
+static void octo_pair_chain(const octo_task *t, int member, int i, double (*hess)[W4]) {
+  const double *second = octo_pair_kept(t, member, i) + PAIR_ROWS + PAIR_ENTRIES;
+  double torques[2 * NU + 1][W4], pulled[2 * NU + 1][W4]; /* of each torque: its slopes, and what stands beside them */
+  memset(torques, 0, sizeof torques);
+  memset(pulled, 0, sizeof pulled);
+  memset(hess, 0, W4 * sizeof *hess);
+  for (int back = 0; back < 2; ++back)
+    for (int j = 0; j < NU; ++j) memcpy(torques[back * NU + j] + back * NX, octo_pair_torques(t, member, i - back) + j * W3, W3 * sizeof(double));
+  for (int z = 0; z < PAIR_BENDS; ++z) {
+    int a = octo_pair_bend_row[z], b = octo_pair_bend_column[z];
+    double value = a == b ? 0.5 * second[z] : second[z]; /* both halves are added */
+    if (b < W4) hess[a][b] += value, hess[b][a] += value;
+    else if (a < W4) pulled[b - W4][a] += value;
+    else for (int j = 0; j < W4; ++j) pulled[b - W4][j] += value * torques[a - W4][j];
+  }
+  for (int u = 0; u < 2 * NU; ++u)
+    for (int r = 0; r < W4; ++r) {
+      double one = torques[u][r], other = pulled[u][r];
+      if (one == 0.0 && other == 0.0) continue;
+      for (int j = 0; j < W4; ++j) hess[r][j] += one * pulled[u][j] + other * torques[u][j];
+    }
+}
+
+/* H += Sᵀ hess S of step i. */
+static void octo_pair_bend(const octo_task *t, int member, int i, octo_pair_places *s) {
+  int nc = t->parts * NX, places = 4 * t->slots;
+  octo_pair_chain(t, member, i, s->hess);
+  for (int pair = 0; pair < places * places; ++pair) {
+    int node = pair / places / t->slots, other = pair % places / t->slots;
+    size_t at = (size_t)(i + 2 - node) * t->slots + pair / places % t->slots, to = (size_t)(i + 2 - other) * t->slots + pair % t->slots;
+    int lag = t->slot_unit[at] - t->slot_unit[to];
+    if (t->slot_unit[at] < 0 || t->slot_unit[to] < 0 || lag < 0) continue;
+    double value = t->slot_value[at] * t->slot_value[to];
+    double *h = t->h + ((((size_t)member * t->units + t->slot_unit[at]) * 3 + lag) * nc + t->slot_part[at] * NX) * nc + t->slot_part[to] * NX;
+    for (int r = 0; r < NX; ++r)
+      for (int j = 0; j < NX; ++j) h[(size_t)r * nc + j] += value * s->hess[node * NX + r][other * NX + j];
+  }
+}
+#endif
+
 /* Chunks of one colour, every other one, share no unit. */
 static void octo_pair_add_chunk(void *shared, int item) {
   octo_pair_sweep *sweep = shared;
@@ -202,7 +258,12 @@ static void octo_pair_add_chunk(void *shared, int item) {
   int own = (t->chunks + 1 - sweep->colour) / 2, chunk = 2 * (item % own) + sweep->colour, first = t->chunk_step[chunk];
   octo_pair_places *s = aligned_alloc(64, (sizeof *s + 63) / 64 * 64);
   if (!s) { sweep->failed = 1; return; }
-  for (int i = first > 1 ? first : 1; i < t->chunk_step[chunk + 1]; ++i) octo_pair_add(t, item / own, i, s);
+  for (int i = first > 1 ? first : 1; i < t->chunk_step[chunk + 1]; ++i) {
+    octo_pair_add(t, item / own, i, s);
+#if PAIR_BENDS > 0
+    if (octo_pair_curved(t, item / own)) octo_pair_bend(t, item / own, i, s);
+#endif
+  }
   free(s);
 }
 

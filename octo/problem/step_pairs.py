@@ -8,7 +8,7 @@ of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
@@ -65,11 +65,13 @@ class PairResiduals:
     Attributes
     ----------
     inputs: x_next, x, x_prev, x_older, u, u_before, p, q. rows: of each term; terms: their indices.
+    exact: the indices of those whose second derivatives are.
     """
 
     inputs: list[ca.SX]
     rows: list[ca.SX]
     terms: list[int]
+    exact: Collection[int]
 
     @cached_property
     def value(self) -> ca.Function:
@@ -82,9 +84,28 @@ class PairResiduals:
         terms = [k for k, r in zip(self.terms, self.rows, strict=True) for _ in range(r.numel())]
         r = ca.densify(ca.vertcat(*self.rows))
         jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
-        nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-        slopes = ca.Function("octo_step_pair_jac", self.inputs, [r, nonzeros], {"cse": True})
-        return PairFunctions(self.value, slopes, jac.sparsity(), tuple(terms))
+        slopes = self._function("octo_step_pair_jac", r, _nonzeros(jac))
+        second = self._second()
+        bend = self._function("octo_step_pair_bend", _nonzeros(second)) if second.nnz() else None
+        return PairFunctions(
+            self.value, slopes, jac.sparsity(), tuple(terms), bend, second.sparsity()
+        )
+
+    def _second(self) -> ca.SX:
+        """The upper triangle of Σ 2 c r ∂²r/∂(window, u, u_before)² of the exact ones, zero where c
+        is: a step that a term leaves out may have no finite residual."""
+        over = ca.vertcat(*self.inputs[: WINDOW + 2])
+        whole = ca.SX(over.numel(), over.numel())
+        for k, r in zip(self.terms, self.rows, strict=True):
+            if k in self.exact:
+                held, c = ca.SX.sym("held", r.numel()), self.inputs[-1][k]
+                own = ca.sparsify(ca.triu(ca.hessian(ca.dot(held, r), over)[0]))
+                numbers = ca.substitute(_nonzeros(own), held, 2.0 * c * r)
+                whole += ca.SX(own.sparsity(), ca.if_else(c != 0.0, numbers, 0.0))
+        return whole
+
+    def _function(self, name: str, *out: ca.SX) -> ca.Function:
+        return ca.Function(name, self.inputs, list(out), {"cse": True})
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,57 +115,71 @@ class PairFunctions:
     Attributes
     ----------
     value: inputs -> r. slopes: inputs -> r, nonzeros of dr/d(window, u, u_before), at ``sparsity``.
-    terms: of each row.
+    terms: of each row. bend: inputs -> what exact terms have beside Gauss and Newton's model, the
+        nonzeros of an upper triangle at ``bends``; None where there is nothing.
     """
 
     value: ca.Function
     slopes: ca.Function
     sparsity: ca.Sparsity
     terms: tuple[int, ...]
+    bend: ca.Function | None
+    bends: ca.Sparsity
 
     @property
     def rows(self) -> int:
         return len(self.terms)
 
     def room(self, dynamics: Dynamics) -> int:
-        """Numbers that the native code keeps of a step: r, its slopes, and those of the torques."""
-        return self.rows + self.sparsity.nnz() + 3 * dynamics.nx * dynamics.nu
+        """Numbers that the native code keeps of a step: r, its derivatives, and the slopes of the
+        torques."""
+        own = self.rows + self.sparsity.nnz() + self.bends.nnz()
+        return own + 3 * dynamics.nx * dynamics.nu
 
     @property
     def tables(self) -> str:
         """Sizes as macros and index tables, in C that is CUDA too."""
-        entries = self.sparsity.nnz()
         return "\n".join(
             [
                 f"#define PAIR_ROWS {self.rows}",
-                f"#define PAIR_ENTRIES {entries}",
+                f"#define PAIR_ENTRIES {self.sparsity.nnz()}",
+                f"#define PAIR_BENDS {self.bends.nnz()}",
                 integers("pair_row_term", self.terms),
                 integers("pair_entry_row", self.sparsity.row()),
                 integers("pair_entry_column", self.sparsity.get_col()),
+                integers("pair_bend_row", self.bends.row()),
+                integers("pair_bend_column", self.bends.get_col()),
             ]
         )
 
     @property
     def c_text(self) -> str:
         """With a time step in every lane; stands before assemble.c."""
-        made = [lanes_text(function, {6}) for function in (self.value, self.slopes)]  # shared: p
+        own = [self.value, self.slopes, *([] if self.bend is None else [self.bend])]
+        made = [lanes_text(function, {6}) for function in own]  # shared: p
         text = (resources.files("octo.problem") / "step_pairs.c").read_text(encoding="utf-8")
         return "\n".join([*made, self.tables, text])
 
 
 def pair_residuals(
-    references: References, nodes: list[ca.SX], step: StepSymbols, p: ca.SX, q: ca.SX
+    references: References,
+    nodes: list[ca.SX],
+    step: StepSymbols,
+    p: ca.SX,
+    q: ca.SX,
+    exact: Collection[int] = (),
 ) -> PairResiduals | None:
     """Of all such terms; None where there is none.
 
     Parameters
     ----------
-    nodes: x_next, x, x_prev, u of a step; step: what a term sees of them.
+    nodes: x_next, x, x_prev, u of a step; step: what a term sees of them. exact: indices of the
+        terms whose second derivatives are.
     """
     if not has_step_pairs(references.terms):
         return None
     inputs, before = before_step(nodes, step)
-    made = PairResiduals([*inputs, p, q], [], [])
+    made = PairResiduals([*inputs, p, q], [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
             view = references.view(q, k)
@@ -160,3 +195,7 @@ def before_step(nodes: list[ca.SX], step: StepSymbols) -> tuple[list[ca.SX], Ste
     x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
     before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
     return [x_next, x, x_prev, x_older, u, u_before], before
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
