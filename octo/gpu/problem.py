@@ -10,7 +10,7 @@ import numpy as np
 
 from octo.gpu.device import Array, Device
 from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
-from octo.gpu.step_pairs import gathers
+from octo.gpu.step_pairs import Numbers, gathers
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 
@@ -57,8 +57,8 @@ class DeviceProblem:
         tables = Tables.of(stencil, self.host.steps, self.host.n)
         dummy = np.zeros((stencil.units, stencil.parts), dtype=np.int32)
         dummy[self.host.fixed] = 1
-        if self.host.idle is not None:
-            dummy[self.host.idle] = 1
+        for place in self.host.idle:
+            dummy[place] = 1
         tests = np.where(
             stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1
         )
@@ -75,7 +75,7 @@ class DeviceProblem:
             name: getattr(tables, name) for name in ("hessian", "gradient", "jacobian", "tests")
         }
         if self.program.pairs is not None:
-            own |= gathers(stencil, self.host.steps)
+            own |= gathers(stencil, self.host.steps, self.carry is not None)
         for name, gather in own.items():
             for part in ("first", "source"):
                 arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)
@@ -158,7 +158,7 @@ class DeviceProblem:
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         if program.pairs is not None:
-            program.pairs.values(at.nodes, at.fd, self.p, self.q, at.terms)
+            program.pairs.values(self._pair_numbers(at), at.terms)
         self._reduce(at.fd, at.C)
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
         program.kernel("octo_summary")(
@@ -170,10 +170,9 @@ class DeviceProblem:
         program, scratch = self.program, self.scratch
         kin = self._kin(at.nodes)
         self._derive_costs(at, lam, curved, kin)
-        pairs = program.pairs
-        slopes = None if pairs is None else pairs.slopes(at.nodes, at.fd, self.p, self.q)
-        if pairs is not None and slopes is not None and lam is not None:
-            pairs.pull(self.q, slopes, scratch["lam"])
+        pairs = None if program.pairs is None else program.pairs.derived(self._pair_numbers(at))
+        if pairs is not None and lam is not None:
+            pairs.pull(scratch["lam"])
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
             self._each_step(
@@ -206,19 +205,20 @@ class DeviceProblem:
                 scratch["gradient"],
             )
             self._each_step("octo_touch", TILED, program.touching, *own)
+        if pairs is not None:
+            pairs.chain(scratch["jac"], lam is not None, curved)
         if self.carry is not None:
             carried = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
         model = self._gather(at)
-        if pairs is not None and slopes is not None:
-            rows, numbers = pairs.rows(self.q, slopes, scratch["jac"]), (at.fd, self.p, self.q)
-            bends = None
-            if lam is not None:
-                bends = pairs.bends(curved, (at.nodes, *numbers), scratch["jac"])
-            pairs.add(self._tables, rows, bends, model.H, model.b)
+        if pairs is not None:
+            pairs.add(self._tables, model.H, model.b)
         return model
+
+    def _pair_numbers(self, at: Evaluation) -> Numbers:
+        return at.nodes, at.fd, self.p, self.q, self.carry
 
     def _derive_costs(
         self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array

@@ -56,6 +56,8 @@ class Program:
         ]
         common = [
             *(f"#define {name} {value}" for name, value in DEFINED.items()),
+            # of the units of a cycle
+            *([] if functions.pairs is None else ["#define FOUR_PARTS"]),
             source("common.cuh"),
         ]
         parts = [

@@ -3,7 +3,7 @@ step_pairs.cu."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -14,6 +14,8 @@ from octo.gpu.tables import Gather, slots_of
 from octo.problem.basis import Stencil
 from octo.problem.compiled import CompiledProblem
 from octo.problem.step_pairs import WINDOW, PairFunctions
+
+Numbers = tuple[Array, Array, Array, Array, Array | None]  # nodes, FD, p, q, carry
 
 FLAT, WIDE = 64, 256  # threads of a block for residuals, a thread each, and for a block of H
 
@@ -46,85 +48,86 @@ class StepPairs:
         ]
         self.kernel = device.module("\n".join(text)).kernel
 
-    def values(self, nodes: Array, fd: Array, p: Array, q: Array, terms: Array) -> None:
+    def values(self, numbers: Numbers, terms: Array) -> None:
         """Adds their share of E to ``terms`` (batch, N, terms)."""
-        self._flat("octo_pair_values", terms.shape, 1, nodes, fd, p, q, terms)
+        self.flat("octo_pair_values", terms.shape, 1, *numbers, terms)
 
-    def slopes(self, nodes: Array, fd: Array, p: Array, q: Array) -> tuple[Array, Array]:
-        """(batch, N, rows) r and (batch, N, entries) its derivatives."""
-        rows, entries = self.functions.rows, self.functions.sparsity.nnz()
-        r, jac = (self.device.empty((*fd.shape[:2], max(k, 1))) for k in (rows, entries))
-        self._flat("octo_pair_slopes", fd.shape, 1, nodes, fd, p, q, r, jac)
-        return r, jac
-
-    def pull(self, q: Array, slopes: tuple[Array, Array], lam: Array) -> None:
-        """Adds dE/du to the multipliers ``lam`` (batch, N, n) of FD."""
-        self._flat("octo_pair_pull", lam.shape, self.nu, q, *slopes, lam)
-
-    def rows(self, q: Array, slopes: tuple[Array, Array], fd_jac: Array) -> Array:
-        """(batch, N, rows, 4n + 1) dr/dwindow and r, scaled, from those of FD (batch, N, n, 3n)."""
-        batch, steps, n, _ = fd_jac.shape
-        count = self.functions.rows
-        rows = self.device.empty((batch, steps, max(count, 1), WINDOW * n + 1))
-        if steps > 1:
-            self.kernel("octo_pair_rows")(
-                (steps - 1, batch),
-                self.device.threads(WIDE),
-                steps,
-                q,
-                *slopes,
-                fd_jac,
-                rows,
-                shared=8 * max(count, 1),
-            )
-        return rows
-
-    def bends(self, curved: Array | None, numbers: Sequence[Array], fd_jac: Array) -> Array | None:
-        """(batch, N, 4n, 4n) what exact terms have beside rowsᵀ rows, of the members ``curved``;
-        None where there is nothing.
-
-        numbers: nodes, FD, p, q.
-        """
-        batch, steps, n, _ = fd_jac.shape
-        if self.functions.bend is None or steps < 2:
-            return None
-        bends = self.device.empty((batch, steps, WINDOW * n, WINDOW * n))
-        self.kernel("octo_pair_bends")(
-            (steps - 1, batch),
-            self.device.threads(WIDE),
-            steps,
-            curved,
-            *numbers,
-            fd_jac,
-            bends,
-            shared=8 * self.functions.bends.nnz(),
+    def derived(self, numbers: Numbers) -> Derived:
+        """Their derivatives at an iterate."""
+        shape, own = numbers[1].shape, self.functions
+        r, jac = (
+            self.device.empty((*shape[:2], max(k, 1))) for k in (own.rows, own.sparsity.nnz())
         )
-        return bends
+        self.flat("octo_pair_slopes", shape, 1, *numbers, r, jac)
+        return Derived(self, numbers, (r, jac))
 
-    def add(
-        self, tables: dict[str, Array], rows: Array, bends: Array | None, H: Array, b: Array
-    ) -> None:
-        """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
-        (batch, K, nc)."""
-        names = [f"{n}_{k}" for n in ("pairs", "pairs_b") for k in ("first", "source", "value")]
-        own = [tables[name] for name in names]
-        grid = (H.shape[1], 3, H.shape[0])
-        self.kernel("octo_pair_add")(
-            grid, self.device.threads(WIDE), rows.shape[1], *own, rows, bends, H, b
-        )
-
-    def _flat(self, name: str, shape: tuple[int, ...], each: int, *arguments: Array) -> None:
+    def flat(self, name: str, shape: tuple[int, ...], each: int, *arguments: Any) -> None:
         """A kernel over the steps of a batch (batch, N, …), ``each`` things of one."""
         threads, count = self.device.threads(FLAT), shape[0] * shape[1] * each
         grid = (min(-(-count // threads), 65535),)
         self.kernel(name)(grid, threads, count, shape[1], *arguments)
 
 
-def gathers(stencil: Stencil, steps: int) -> dict[str, Gather]:
+class Derived:
+    """The derivatives of one iterate, on their way to a model.
+
+    Parameters
+    ----------
+    slopes: (batch, N, rows) r and (batch, N, entries) its derivatives to the window and torques.
+    """
+
+    def __init__(self, pairs: StepPairs, numbers: Numbers, slopes: tuple[Array, Array]):
+        self.pairs, self.numbers, self.slopes = pairs, numbers, slopes
+        self.bends: Array | None = None
+
+    def pull(self, lam: Array) -> None:
+        """Adds dE/du to the multipliers ``lam`` (batch, N, n) of FD."""
+        self.pairs.flat(
+            "octo_pair_pull", lam.shape, self.pairs.nu, *self.numbers[3:], *self.slopes, lam
+        )
+
+    def chain(self, fd_jac: Array, exact: bool, curved: Array | None) -> None:
+        """The rows dr/dwindow and r, scaled, and with ``exact`` what exact terms have beside them,
+        of the members ``curved``.
+
+        fd_jac: (batch, N, n, 3n) slopes of FD.
+        """
+        own, device, width = self.pairs.functions, self.pairs.device, WINDOW * fd_jac.shape[2]
+        count = max(own.rows, 1)
+        self.rows = device.empty((*fd_jac.shape[:2], count, width + 1))
+        rows = (*self.numbers[3:], *self.slopes, fd_jac, self.rows)
+        self._each_window("octo_pair_rows", fd_jac.shape, count, *rows)
+        if exact and own.bend is not None:
+            self.bends = device.empty((*fd_jac.shape[:2], width, width))
+            bends = (curved, *self.numbers, fd_jac, self.bends)
+            self._each_window("octo_pair_bends", fd_jac.shape, own.bends.nnz(), *bends)
+
+    def add(self, tables: dict[str, Array], H: Array, b: Array) -> None:
+        """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
+        (batch, K, nc)."""
+        names = [f"{n}_{k}" for n in ("pairs", "pairs_b") for k in ("first", "source", "value")]
+        out = (*(tables[name] for name in names), self.rows, self.bends, H, b)
+        steps, width = self.rows.shape[1], self.rows.shape[3] - 1
+        grid, threads = (H.shape[1], 3, H.shape[0]), self.pairs.device.threads(WIDE)
+        self.pairs.kernel("octo_pair_add")(
+            grid, threads, steps, WINDOW * H.shape[-1] // width, *out
+        )
+
+    def _each_window(self, name: str, shape: tuple[int, ...], shared: int, *arguments: Any) -> None:
+        """A kernel with a block of ``shared`` doubles for each step with one before it."""
+        batch, steps = shape[:2]
+        first, threads = int(self.numbers[-1] is None), self.pairs.device.threads(WIDE)
+        if steps > first:
+            self.pairs.kernel(name)(
+                (steps - first, batch), threads, steps, first, *arguments, shared=8 * shared
+            )
+
+
+def gathers(stencil: Stencil, steps: int, cycle: bool) -> dict[str, Gather]:
     """Where the blocks of H ("pairs") and b ("pairs_b") take what they have from: (step, node,
     other node) and (step, node) of the windows of four nodes, as one number."""
     hessian, gradient = [], []
-    for i in range(1, steps):
+    for i in range(0 if cycle else 1, steps):
         slots = list(slots_of(stencil, i, WINDOW))
         for a, unit, part, value in slots:
             gradient.append((unit, WINDOW * i + a, part, value))

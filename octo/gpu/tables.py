@@ -103,9 +103,10 @@ class Tables:
 
 
 def slots_of(stencil: Stencil, step: int, nodes: int = 3) -> Iterator[tuple[int, int, int, float]]:
-    """(node, unit, part, coefficient) of what a step's nodes, or more of them, are made of."""
+    """(node, unit, part, coefficient) of what a step's nodes, or more of them, are made of; of a
+    cycle x_{−2} is made of what x_{N−2} is."""
     for node in range(nodes):
-        row = step + 2 - node
+        row = step + 2 - node if node < step + 3 else len(stencil.unit) - 3
         for k in np.flatnonzero(stencil.unit[row] >= 0):
             yield (
                 node,

@@ -108,9 +108,9 @@ class PairedNodes:
     def units(self, steps: int) -> int:
         return (steps + 1) // 2
 
-    def idle(self, steps: int) -> tuple[int, int] | None:
-        """(unit, part) that is no node."""
-        return (0, 0) if steps % 2 else None
+    def idle(self, steps: int) -> list[tuple[int, int]]:
+        """(unit, part) that are no nodes."""
+        return [(0, 0)] if steps % 2 else []
 
     def stencil(self, steps: int) -> Stencil:
         place = np.arange(steps, dtype=np.int32) + steps % 2  # of x_1 … x_N
@@ -254,8 +254,14 @@ class Folded:
     even N FD_{F+1} stand in the rows of a dummy, the last unit. The rows of the first pair stay
     empty; of an odd N half of the pair at the fold is no node, and half of the dummy's rows stay
     empty too.
+
+    Parameters
+    ----------
+    pairs: that stand in one unit: two where a term looks at four nodes, which then are in three
+        neighbouring units.
     """
 
+    pairs: int = 1
     name = "nodes"
 
     def check(self, steps: int) -> None:
@@ -263,28 +269,37 @@ class Folded:
             raise ProblemError(f"steps is {steps}: a cycle needs at least {LEAST_CYCLE} steps")
 
     def units(self, steps: int) -> int:
-        return (steps + 1) // 2 + 1
+        return (steps + 1) // 2 // self.pairs + 1
+
+    def _place(self, pair: NDArray, back: NDArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Unit and part of the pairs' halves."""
+        unit, part = pair // self.pairs, 2 * (pair % self.pairs) + back
+        return unit.astype(np.int32), part.astype(np.int32)
 
     def _fold(self, steps: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Unit and part (N,) of x_1 … x_N."""
-        k = np.arange(steps, dtype=np.int32)
+        k = np.arange(steps)
         back = k >= (steps + 1) // 2
-        return np.where(back, steps - 1 - k, k).astype(np.int32), back.astype(np.int32)
+        return self._place(np.where(back, steps - 1 - k, k), back)
 
-    def idle(self, steps: int) -> tuple[int, int] | None:
-        """(unit, part) that is no node beside the dummy: half of the pair at the fold."""
-        return (self.units(steps) - 2, 1) if steps % 2 else None
+    def idle(self, steps: int) -> list[tuple[int, int]]:
+        """(unit, part) that are no nodes, but for a unit that is none at all."""
+        unused = self.dummies(steps)
+        unused[unused.all(axis=1)] = False
+        return [(int(unit), int(part)) for unit, part in np.argwhere(unused)]
 
     def stencil(self, steps: int) -> Stencil:
         unit, part = self._fold(steps)
         node = np.arange(-1, steps + 1) - 1
         unit, part = unit[node % steps][:, None], part[node % steps][:, None]
-        k, fold = np.arange(steps, dtype=np.int32), (steps + 1) // 2
-        row, row_part = np.where(k <= fold, k, steps + 1 - k), (k > fold).astype(np.int32)
-        row[0], row_part[0] = 1, 1  # FD_0 looks at x_1, x_N and x_{N−1}
-        ones = np.ones((steps + 2, 1))
-        tests = row.astype(np.int32)[:, None], row_part[:, None]
-        return Stencil(self.units(steps), 2, unit, part, ones, *tests, np.ones((steps, 1)))
+        k = np.arange(steps)
+        back = k > (steps + 1) // 2
+        row = np.where(back, steps + 1 - k, k)
+        row[0], back[0] = 1, True  # FD_0 looks at x_1, x_N and x_{N−1}
+        ones, (row, row_part) = np.ones((steps + 2, 1)), self._place(row, back)
+        tests = row[:, None], row_part[:, None]
+        parts = 2 * self.pairs
+        return Stencil(self.units(steps), parts, unit, part, ones, *tests, np.ones((steps, 1)))
 
     def dummies(self, steps: int) -> NDArray[np.bool_]:
         """(K, parts) where no node is made of a part of a unit."""
@@ -303,9 +318,10 @@ class Folded:
         steps = nodes.shape[-2] - 2
         unit, part = self._fold(steps)
         n = nodes.shape[-1]
-        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), 2, n))
+        parts = 2 * self.pairs
+        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), parts, n))
         unknowns[..., unit, part, :] = nodes[..., 2:, :]
-        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), 2 * n)
+        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), parts * n)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         raise ProblemError("a cycle has no end to fix: x_end cannot be given with cycle")

@@ -187,9 +187,10 @@ class NeighbourCost(Cost):
 
 @dataclass(frozen=True, eq=False)
 class StepPairCost(Cost):
-    """A term over two steps in a row, as the rate of a torque: step i and step i−1, i = 1 … N−1.
+    """A term over two steps in a row, i and i−1, such as the rate of a torque.
 
-    Step 0 has none before it and no residual. Not for cycles.
+    Step 0 has none before it and no residual; in a cycle the last step, carried back by a stride,
+    comes before it.
     """
 
     def pair_residual(

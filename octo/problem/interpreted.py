@@ -190,7 +190,7 @@ class Interpreted:
             if curved is not None:
                 whole &= np.asarray(curved, dtype=bool)
             pairs = self.pairs.slopes(self.data, at.nodes, at.fd, whole)
-            pull[..., dynamics.actuated] += pairs.pull()
+            pull[..., dynamics.actuated] += self.pairs.pull(self.data, pairs)
         if lam is not None:
             rows = np.matmul(
                 plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
@@ -199,6 +199,7 @@ class Interpreted:
         order = 1 if lam is None else 2
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
+        slopes = fd_jac  # before they are carried back
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
         step_hess = np.einsum("kir,kira,kirb->kiab", coefficient, chained, chained)
         if hess is not None:
@@ -215,7 +216,7 @@ class Interpreted:
         constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
         self._scatter(step_hess, gradient, constraints, out)
         if self.pairs is not None and pairs is not None:
-            self.pairs.add_blocks(pairs, fd_jac, out[0], out[2])
+            self.pairs.add_blocks(self.data, pairs, slopes, out[0], out[2])
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:

@@ -38,7 +38,9 @@ class Plan:
     def of(cls, basis: Basis, steps: int, n: int, m: int, pinned: Collection[int] = ()) -> Plan:
         """``pinned``: units that are constants of the trajectory: those of a fixed last state."""
         stencil = basis.stencil(steps)
-        fixed = [stencil.units - 1] if isinstance(basis, (Hermite, Folded)) else []
+        fixed = [stencil.units - 1] if isinstance(basis, Hermite) else []
+        if isinstance(basis, Folded) and basis.dummies(steps)[-1].all():
+            fixed = [stencil.units - 1]
         live = ~np.isin(stencil.unit, sorted(pinned))
         free = replace(
             stencil,
@@ -63,11 +65,11 @@ class Plan:
         return self.stencil.parts * self.m
 
     @property
-    def idle(self) -> tuple[int, int] | None:
-        """(unit, part) that no node is made of, of an odd number of steps where two nodes share a
-        unit."""
+    def idle(self) -> list[tuple[int, int]]:
+        """(unit, part) that no node is made of, beside the fixed units: where nodes share units,
+        of some numbers of steps."""
         if not isinstance(self.basis, (Folded, PairedNodes)):
-            return None
+            return []
         return self.basis.idle(self.steps)
 
     @cached_property
@@ -107,7 +109,6 @@ class Plan:
     def fill_dummies(self, H: Array) -> None:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
         H[:, self.fixed, 0] = np.eye(self.nc)
-        if self.idle is not None:
-            unit, part = self.idle
+        for unit, part in self.idle:
             own = np.arange(part * self.n, (part + 1) * self.n)
             H[:, unit, 0, own, own] = 1.0

@@ -1,5 +1,5 @@
-/* Terms over two steps in a row r(x_{i+1}, x_i, x_{i−1}, x_{i−2}, u_i, u_{i−1}, p, q), i = 1 … N−1, after their functions and tables
- * (step_pairs.py) and scatter.c, before assemble.c. They pass over the steps on their own: residuals and slopes before the dynamics
+/* Terms over two steps in a row r(x_{i+1}, x_i, x_{i−1}, x_{i−2}, u_i, u_{i−1}, p, q), i = 1 … N−1, of a cycle 0 … N−1, after their
+ * functions and tables (step_pairs.py) and scatter.c, before assemble.c. They pass over the steps on their own: residuals and slopes before the dynamics
  * are derived, whose multipliers need dE/du of a step and of the one after it; rows, which need the slopes of the FD of two steps,
  * after that. */
 
@@ -10,6 +10,27 @@
 /* What is kept of a step: r, slopes, second derivatives, and the rows of J of its torques. */
 static double *octo_pair_kept(const octo_task *t, int member, int i) { return t->pairs + ((size_t)member * t->steps + i) * PAIR_ROOM; }
 static double *octo_pair_torques(const octo_task *t, int member, int i) { return octo_pair_kept(t, member, i) + PAIR_ROOM - NU * W3; }
+/* The first step with one before it: of a cycle all have, and what comes before the first is the last one carried back. */
+static int octo_pair_first(const octo_task *t, int first) { return first > 0 || t->carry ? first : 1; }
+static const double *octo_pair_carry(const octo_task *t, int member) { return t->carry + (size_t)member * NX * NX; }
+
+/* x_{−2} of a cycle: carried back, as x_{−1} = carry x_{N−1} + constant is. */
+static void octo_pair_oldest(const octo_task *t, int member, double *out) {
+  const double *nodes = t->nodes + (size_t)member * (t->steps + 2) * NX, *last = nodes + (t->steps - 1) * NX, *carry = octo_pair_carry(t, member);
+  for (int j = 0; j < NX; ++j) {
+    out[j] = nodes[j];
+    for (int k = 0; k < NX; ++k) out[j] += carry[j * NX + k] * (last[k] - last[NX + k]);
+  }
+}
+
+/* The torques of step i (NU); of a cycle's step −1 those of the last one, carried back. */
+static void octo_pair_torque(const octo_task *t, int member, int i, double *out) {
+  const double *fd = t->fd + ((size_t)member * t->steps + (i < 0 ? t->steps - 1 : i)) * NX;
+  for (int j = 0; j < NU; ++j) {
+    out[j] = i < 0 ? 0.0 : fd[octo_actuated[j]];
+    for (int k = 0; i < 0 && k < NU; ++k) out[j] += octo_pair_carry(t, member)[octo_actuated[j] * NX + octo_actuated[k]] * fd[octo_actuated[k]];
+  }
+}
 static const double *octo_pair_q(const octo_task *t, int member, int i) { return t->q + ((size_t)member * t->steps + i) * NQ; }
 
 /* Whether a member's exact terms have all of their curvature. */
@@ -20,13 +41,14 @@ typedef struct { real x[4][NX], u[2][NU + 1], q[NQ], r[PAIR_ROWS], slopes[PAIR_E
 /* r of ``count`` steps from i on and, with ``derive``, their slopes and second derivatives, in the lanes of vectors. */
 static void octo_pair_evaluate(octo_pair_group *g, const octo_task *t, int member, int i, int count, int derive) {
   const double *x[4][STEPS], *u[2][STEPS], *q[STEPS];
-  double torque[2][STEPS][NU + 1];
+  double torque[2][STEPS][NU + 1], oldest[NX];
+  if (i == 0) octo_pair_oldest(t, member, oldest);
   for (int k = 0; k < STEPS; ++k) {
     int step = i + (k < count ? k : 0);
-    for (int node = 0; node < 4; ++node) x[node][k] = t->nodes + ((size_t)member * (t->steps + 2) + step + 2 - node) * NX;
+    for (int node = 0; node < 4; ++node)
+      x[node][k] = step + 2 < node ? oldest : t->nodes + ((size_t)member * (t->steps + 2) + step + 2 - node) * NX;
     for (int back = 0; back < 2; ++back) {
-      const double *fd = t->fd + ((size_t)member * t->steps + step - back) * NX;
-      for (int j = 0; j < NU; ++j) torque[back][k][j] = fd[octo_actuated[j]];
+      octo_pair_torque(t, member, step - back, torque[back][k]);
       u[back][k] = torque[back][k];
     }
     q[k] = octo_pair_q(t, member, step);
@@ -53,7 +75,7 @@ static void octo_pair_chunk(void *shared, int item) {
   int member = item / t->chunks, first = t->chunk_step[item % t->chunks], last = t->chunk_step[item % t->chunks + 1];
   octo_pair_group *g = aligned_alloc(64, (sizeof(octo_pair_group) + 63) / 64 * 64);
   if (!g) { sweep->failed = 1; return; }
-  for (int i = first > 1 ? first : 1; i < last; i += STEPS) {
+  for (int i = octo_pair_first(t, first); i < last; i += STEPS) {
     int count = last - i < STEPS ? last - i : STEPS;
     double *r[STEPS], *slopes[STEPS], *bends[STEPS], value[STEPS][PAIR_ROWS];
     octo_pair_evaluate(g, t, member, i, count, sweep->derive);
@@ -86,13 +108,16 @@ static int octo_pair_terms(const octo_task *t, int threads, int derive) {
 /* lam (NX) += dE/du of step i: of its own residual, and of that of the step after it. */
 static void octo_pair_pull(const octo_task *t, int member, int i, double *lam) {
   for (int after = 0; after < 2; ++after) {
-    int step = i + after, first = W4 + after * NU;
-    if (step < 1 || step >= t->steps) continue;
+    int step = (i + after) % t->steps, first = W4 + after * NU;
+    if (step == 0 && !t->carry) continue;
     const double *r = octo_pair_kept(t, member, step), *slopes = r + PAIR_ROWS, *q = octo_pair_q(t, member, step);
     for (int z = PAIR_ENTRIES - 1; z >= 0 && octo_pair_entry_column[z] >= first; --z) { /* entries are sorted by column */
       int row = octo_pair_entry_row[z], j = octo_pair_entry_column[z] - first;
       double c = q[octo_pair_row_term[row]];
-      if (j < NU && c != 0.0) lam[octo_actuated[j]] += 2.0 * c * r[row] * slopes[z];
+      if (j >= NU || c == 0.0) continue;
+      double pull = 2.0 * c * r[row] * slopes[z];
+      if (step >= after) lam[octo_actuated[j]] += pull;
+      else for (int k = 0; k < NU; ++k) lam[octo_actuated[k]] += octo_pair_carry(t, member)[octo_actuated[j] * NX + octo_actuated[k]] * pull;
     }
   }
 }
@@ -103,11 +128,34 @@ static void octo_pair_keep(const octo_task *t, int member, int i, const double *
   for (int j = 0; j < NU; ++j) memcpy(to + j * W3, jac + octo_actuated[j] * W3, W3 * sizeof(double));
 }
 
+/* Slopes (W4) with respect to the nodes of a cycle's first three steps become those with respect to what these are made of. */
+static void octo_pair_carry_line(const octo_task *t, int member, int i, double *line) {
+  for (int node = i + 1; t->carry && node < 4; ++node) {
+    double turned[NX] = {0};
+    for (int j = 0; j < NX; ++j)
+      for (int k = 0; k < NX; ++k) turned[k] += line[node * NX + j] * octo_pair_carry(t, member)[j * NX + k];
+    memcpy(line + node * NX, turned, sizeof turned);
+  }
+}
+
+/* d torques / d window (NU, W4) of step i and, with ``back``, of the one before it, with respect to what the nodes are made of. */
+static void octo_pair_torque_lines(const octo_task *t, int member, int i, int back, double (*lines)[W4]) {
+  int seam = i < back;
+  const double *own = octo_pair_torques(t, member, seam ? t->steps - 1 : i - back);
+  for (int j = 0; j < NU; ++j) {
+    memset(lines[j], 0, W4 * sizeof(double));
+    for (int k = 0; k < NU; ++k) {
+      double part = seam ? octo_pair_carry(t, member)[octo_actuated[j] * NX + octo_actuated[k]] : j == k;
+      for (int c = 0; part != 0.0 && c < W3; ++c) lines[j][back * NX + c] += part * own[k * W3 + c];
+    }
+    if (!seam) octo_pair_carry_line(t, member, i, lines[j]); /* those of the seam are of the last nodes themselves */
+  }
+}
+
 /* d residual / d window (count, W4) of step i and its values, scaled by the root of twice the coefficient; rows of terms that leave
  * the step out are not there. */
 static int octo_pair_rows(const octo_task *t, int member, int i, double (*rows)[W4], double *value) {
   const double *r = octo_pair_kept(t, member, i), *slopes = r + PAIR_ROWS, *q = octo_pair_q(t, member, i);
-  const double *torques[2] = {octo_pair_torques(t, member, i), octo_pair_torques(t, member, i - 1)};
   int count = 0, place[PAIR_ROWS];
   double scale[PAIR_ROWS];
   for (int row = 0; row < PAIR_ROWS; ++row) {
@@ -119,24 +167,29 @@ static int octo_pair_rows(const octo_task *t, int member, int i, double (*rows)[
     value[count] = scale[row] * r[row];
     place[row] = count++;
   }
-  for (int z = 0; z < PAIR_ENTRIES; ++z) {
-    int row = octo_pair_entry_row[z], column = octo_pair_entry_column[z];
+  int z = 0; /* entries are sorted by column: those to the window come first */
+  for (; z < PAIR_ENTRIES && octo_pair_entry_column[z] < W4; ++z) {
+    int row = octo_pair_entry_row[z];
+    if (place[row] >= 0) rows[place[row]][octo_pair_entry_column[z]] += scale[row] * slopes[z];
+  }
+  for (int row = 0; row < count; ++row) octo_pair_carry_line(t, member, i, rows[row]);
+  double lines[2][NU + 1][W4];
+  for (int back = 0; back < 2; ++back) octo_pair_torque_lines(t, member, i, back, lines[back]);
+  for (; z < PAIR_ENTRIES; ++z) {
+    int row = octo_pair_entry_row[z], of = octo_pair_entry_column[z] - W4, back = of >= NU;
     if (place[row] < 0) continue;
-    double slope = scale[row] * slopes[z], *out = rows[place[row]];
-    if (column < W4) {
-      out[column] += slope;
-      continue;
-    }
-    int back = column >= W4 + NU;
-    const double *torque = torques[back] + (column - W4 - back * NU) * W3;
-    double *restrict to = out + back * NX;
-    for (int j = 0; j < W3; ++j) to[j] += slope * torque[j];
+    const double *line = lines[back][of - back * NU];
+    double slope = scale[row] * slopes[z], *restrict to = rows[place[row]];
+    for (int j = back * NX; j < W3 + back * NX; ++j) to[j] += slope * line[j];
   }
   return count;
 }
 
 #define PAIR_LD ((NX + 7) / 8 * 8)
 typedef double octo_pair_line[PAIR_LD] __attribute__((aligned(64)));
+
+/* Where the unknowns of a node of step i stand in the stencil: of x_{−2} those of x_{N−2}. */
+static int octo_pair_node(const octo_task *t, int i, int node) { return i + 2 < node ? t->steps - 1 : i + 2 - node; }
 
 /* The parts of units that the four nodes of step i are made of, each once, and the rows over them. */
 typedef struct {
@@ -149,7 +202,7 @@ static void octo_pair_combine(const octo_task *t, int i, double (*rows)[W4], int
   s->count = 0;
   for (int node = 0; node < 4; ++node)
     for (int k = 0; k < t->slots; ++k) {
-      size_t at = (size_t)(i + 2 - node) * t->slots + k;
+      size_t at = (size_t)octo_pair_node(t, i, node) * t->slots + k;
       if (t->slot_unit[at] < 0) continue;
       int l = 0;
       while (l < s->count && (s->unit[l] != t->slot_unit[at] || s->part[l] != t->slot_part[at])) ++l;
@@ -214,17 +267,26 @@ static void octo_pair_add(const octo_task *t, int member, int i, octo_pair_place
 static void octo_pair_chain(const octo_task *t, int member, int i, double (*hess)[W4]) {
   const double *second = octo_pair_kept(t, member, i) + PAIR_ROWS + PAIR_ENTRIES;
   double torques[2 * NU + 1][W4], pulled[2 * NU + 1][W4]; /* of each torque: its slopes, and what stands beside them */
-  memset(torques, 0, sizeof torques);
   memset(pulled, 0, sizeof pulled);
   memset(hess, 0, W4 * sizeof *hess);
-  for (int back = 0; back < 2; ++back)
-    for (int j = 0; j < NU; ++j) memcpy(torques[back * NU + j] + back * NX, octo_pair_torques(t, member, i - back) + j * W3, W3 * sizeof(double));
+  for (int back = 0; back < 2; ++back) octo_pair_torque_lines(t, member, i, back, torques + back * NU);
   for (int z = 0; z < PAIR_BENDS; ++z) {
     int a = octo_pair_bend_row[z], b = octo_pair_bend_column[z];
+    if (b < W4) hess[a][b] = hess[b][a] = second[z];
+    else if (a < W4) pulled[b - W4][a] += second[z];
+  }
+  for (int r = 0; r < W4; ++r) octo_pair_carry_line(t, member, i, hess[r]);
+  for (int c = 0; t->carry && c < W4; ++c) {
+    double column[W4];
+    for (int r = 0; r < W4; ++r) column[r] = hess[r][c];
+    octo_pair_carry_line(t, member, i, column);
+    for (int r = 0; r < W4; ++r) hess[r][c] = column[r];
+  }
+  for (int u = 0; u < 2 * NU; ++u) octo_pair_carry_line(t, member, i, pulled[u]);
+  for (int z = 0; z < PAIR_BENDS; ++z) {
+    int a = octo_pair_bend_row[z] - W4, b = octo_pair_bend_column[z] - W4;
     double value = a == b ? 0.5 * second[z] : second[z]; /* both halves are added */
-    if (b < W4) hess[a][b] += value, hess[b][a] += value;
-    else if (a < W4) pulled[b - W4][a] += value;
-    else for (int j = 0; j < W4; ++j) pulled[b - W4][j] += value * torques[a - W4][j];
+    for (int j = 0; a >= 0 && j < W4; ++j) pulled[b][j] += value * torques[a][j];
   }
   for (int u = 0; u < 2 * NU; ++u)
     for (int r = 0; r < W4; ++r) {
@@ -240,7 +302,8 @@ static void octo_pair_bend(const octo_task *t, int member, int i, octo_pair_plac
   octo_pair_chain(t, member, i, s->hess);
   for (int pair = 0; pair < places * places; ++pair) {
     int node = pair / places / t->slots, other = pair % places / t->slots;
-    size_t at = (size_t)(i + 2 - node) * t->slots + pair / places % t->slots, to = (size_t)(i + 2 - other) * t->slots + pair % t->slots;
+    size_t at = (size_t)octo_pair_node(t, i, node) * t->slots + pair / places % t->slots;
+    size_t to = (size_t)octo_pair_node(t, i, other) * t->slots + pair % t->slots;
     int lag = t->slot_unit[at] - t->slot_unit[to];
     if (t->slot_unit[at] < 0 || t->slot_unit[to] < 0 || lag < 0) continue;
     double value = t->slot_value[at] * t->slot_value[to];
@@ -258,7 +321,7 @@ static void octo_pair_add_chunk(void *shared, int item) {
   int own = (t->chunks + 1 - sweep->colour) / 2, chunk = 2 * (item % own) + sweep->colour, first = t->chunk_step[chunk];
   octo_pair_places *s = aligned_alloc(64, (sizeof *s + 63) / 64 * 64);
   if (!s) { sweep->failed = 1; return; }
-  for (int i = first > 1 ? first : 1; i < t->chunk_step[chunk + 1]; ++i) {
+  for (int i = octo_pair_first(t, first); i < t->chunk_step[chunk + 1]; ++i) {
     octo_pair_add(t, item / own, i, s);
 #if PAIR_BENDS > 0
     if (octo_pair_curved(t, item / own)) octo_pair_bend(t, item / own, i, s);

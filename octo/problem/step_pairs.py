@@ -50,12 +50,13 @@ def basis_of(name: str | Basis, terms: Sequence[Cost], cycle: bool) -> Basis:
 
     Raises
     ------
-    ProblemError: a cycle with a term over two steps in a row. UnknownNameError: no such basis.
+    UnknownNameError: no such basis.
     """
+    pairs = has_step_pairs(terms)
     if cycle:
-        refuse_step_pairs(terms, "a cycle")
-    named = Folded() if cycle else basis_named(name)
-    return PairedNodes() if isinstance(named, Nodes) and has_step_pairs(terms) else named
+        return Folded(2 if pairs else 1)
+    named = basis_named(name)
+    return PairedNodes() if pairs and isinstance(named, Nodes) else named
 
 
 @dataclass(frozen=True, eq=False)

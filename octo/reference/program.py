@@ -172,11 +172,7 @@ def free_blocks(compiled: CompiledProblem) -> NDArray[np.intp]:
     that a node is made of."""
     parts = compiled.stencil.parts
     blocks = (free_units(compiled)[:, None] * parts + np.arange(parts)).ravel()
-    return (
-        blocks
-        if compiled.idle is None
-        else np.setdiff1d(blocks, compiled.idle[0] * parts + compiled.idle[1])
-    )
+    return np.setdiff1d(blocks, [unit * parts + part for unit, part in compiled.idle])
 
 
 def live_rows(compiled: CompiledProblem) -> NDArray[np.intp]:
@@ -281,16 +277,23 @@ def beyond_one_step(compiled: CompiledProblem) -> bool:
 def _step_pairs(
     compiled: CompiledProblem, nodes: ca.MX, torques: ca.MX, p: ca.MX, q: ca.MX
 ) -> ca.MX:
-    """Terms over two steps in a row, from all nodes and torques."""
-    own, count = compiled.functions.pairs, compiled.steps - 1
+    """Terms over two steps in a row, from all nodes and torques; of a cycle the last step, carried
+    back, comes before the first."""
+    own, first = compiled.functions.pairs, int(compiled.carry is None)
+    count = compiled.steps - first
     if own is None or not count:
         return ca.MX(0)
     inputs = own.value.sx_in()
     energy = ca.dot(ca.vertcat(*[inputs[-1][k] for k in own.terms]), own.value(*inputs) ** 2)
-    window = [nodes[:, 3 - k : compiled.steps + 2 - k] for k in range(4)]
+    if compiled.carry is not None:
+        carry, motors = compiled.carry[0], compiled.dynamics.actuated
+        oldest = nodes[:, 0] + ca.DM(carry) @ (nodes[:, -3] - nodes[:, -2])
+        nodes = ca.horzcat(oldest, nodes)
+        torques = ca.horzcat(ca.DM(carry[np.ix_(motors, motors)]) @ torques[:, -1], torques)
+    window = [nodes[:, 3 - k : 3 - k + count] for k in range(4)]
     return ca.sum2(
         ca.Function("step_pair", inputs, [energy], {"cse": True}).map(count)(
-            *window, torques[:, 1:], torques[:, :-1], ca.repmat(p, 1, count), q[:, 1:]
+            *window, torques[:, 1:], torques[:, :-1], ca.repmat(p, 1, count), q[:, first:]
         )
     )
 
