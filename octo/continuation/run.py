@@ -122,6 +122,7 @@ class Continuation:
             [shifted(*one) for one in zip(self.nodes, before, problems, strict=True)]
         )
         self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
+        self.compiled.check_squares("octo.solve")
         self.setup_seconds += time.perf_counter() - began
 
     def _solve(self, max_iterations: int) -> sqp.Result:

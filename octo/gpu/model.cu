@@ -96,9 +96,10 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
   BARRIER;
 }
 
-/* Each step's share of each term; grid (half of the steps, batch); shared: TOGETHER (MROWS + ARGUMENTS) doubles. */
+/* Each step's share of each term, and the values of the bounded rows; grid (half of the steps, batch); shared: TOGETHER (MROWS + ARGUMENTS) doubles. */
 extern "C" __global__ void __launch_bounds__(SMALL, 2)
-octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd, double *terms) {
+octo_terms(int steps, const double *nodes, const double *kin, const double *p, const double *q, const double *fd, double *terms,
+           double *bounded) {
   SHARED(r);
   int step = TOGETHER * blockIdx.x, count = steps - step < TOGETHER ? steps - step : TOGETHER;
   size_t item = (size_t)blockIdx.y * steps + step;
@@ -106,6 +107,9 @@ octo_terms(int steps, const double *nodes, const double *kin, const double *p, c
   octo_costs_of_steps(&at, count, fd + item * NX, 0, r, 0, 0);
   EACH_OF_STEPS(s, row, MROWS, count) {
     double c = octo_coefficient(at.q + s * NQ, row), *own = r + s * MROWS + row;
+#if NBOUNDED > 0
+    if (row >= SQUARES && row < NR) bounded[(item + s) * NBOUNDED + row - SQUARES] = *own;
+#endif
     *own = c != 0.0 ? c * *own * *own : 0.0; /* a step that a term leaves out may have no finite residual */
   }
   BARRIER;
@@ -176,8 +180,8 @@ octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const
 #pragma unroll 8
     for (int z = NZ - NZU; z < NZ; ++z) { /* those of u */
       int row = octo_state_entry_row[z];
-      double c = at.q[s * NQ + octo_state_row_term[row]], value = r[s * MROWS + row], slope = jac[s * NZ + z];
-      sum += octo_state_entry_column[z] - W3 == j && c != 0.0 ? 2.0 * c * value * slope : 0.0;
+      double shift = octo_row_shift(at.q + s * NQ, row, r[s * MROWS + row]), slope = jac[s * NZ + z];
+      sum += octo_state_entry_column[z] - W3 == j && octo_row_weight(at.q + s * NQ, row) != 0.0 ? shift * slope : 0.0;
     }
 #endif
     lam[s * NX + octo_actuated[j]] = sum;
@@ -249,9 +253,9 @@ octo_step_model(int steps, int held, const double *nodes, const double *kin, con
   hess += item * 6 * NX * NX; gradient += item * W3;
   if (curvature) curvature += item * CURVATURE * NX * NX;
   EACH(row, NR) {
-    double c = octo_coefficient(at.q, row);
-    scale[row] = c != 0.0 ? sqrt(2.0 * c) : 0.0;
-    value[row] = c != 0.0 ? scale[row] * r[item * MROWS + row] : 0.0;
+    double weight = octo_row_weight(at.q, row), own = r[item * MROWS + row];
+    scale[row] = weight != 0.0 ? sqrt(weight) : 0.0;
+    value[row] = weight == 0.0 ? 0.0 : row < SQUARES ? scale[row] * own : octo_row_shift(at.q, row, own) / scale[row];
   }
   int first = 0, last;
   do {

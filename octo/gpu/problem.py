@@ -93,6 +93,13 @@ class DeviceProblem:
         part.batch = len(part.p)
         return part
 
+    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+        """As :meth:`CompiledProblem.set_row_weights`, of arrays on the device; nothing is
+        checked."""
+        rows = len(self.functions.bounded)
+        at = self.functions.numbers - 2 * rows
+        self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts
+
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""
         self.__dict__.pop("scratch", None)
@@ -121,6 +128,7 @@ class DeviceProblem:
             "nodes": (batch, steps + 2, n),
             "fd": (batch, steps, n),
             "terms": (batch, steps, self.program.terms),
+            "rows": (batch, steps, len(self.functions.bounded)),
             "C": (batch, self.K, self.ma),
             "summary": (batch, 4),
         }
@@ -153,6 +161,7 @@ class DeviceProblem:
             self.q,
             at.fd,
             at.terms,
+            at.rows,
             together=TOGETHER,
         )
         if program.between is not None:

@@ -89,6 +89,7 @@ class Controller:
         self.budget = None if budget is None else positive("budget", budget, "s")
         self.convention = Convention(self.robot, convention)
         self.compiled = CompiledProblem([problem])
+        self.compiled.check_squares("the controller")
         self.compiled.prepare()
         self._tuning = Tuning(self.compiled, problem)
         names = problem.dynamics.layout.names

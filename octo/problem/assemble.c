@@ -67,7 +67,10 @@ static void octo_evaluate_chunk(void *shared, int item) {
     for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; rows[k] = r[k]; }
     octo_spread(g->lanes.fd, NX, fd, count);
     octo_spread(g->r, MROWS, rows, count);
-    for (int k = 0; k < count; ++k) octo_sum_terms(t->q + (step + k) * NQ, r[k], t->terms + (step + k) * NTERM);
+    for (int k = 0; k < count; ++k) {
+      octo_sum_terms(t->q + (step + k) * NQ, r[k], t->terms + (step + k) * NTERM);
+      for (int row = 0; row < NBOUNDED && t->rows; ++row) t->rows[(step + k) * NBOUNDED + row] = r[k][SQUARES + row];
+    }
   }
   free(g);
 }
@@ -93,8 +96,8 @@ static void octo_pull_torques(const octo_cost_values *v, const double *q, double
 #if NR > 0
   for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* entries are sorted by column */
     int row = octo_state_entry_row[z];
-    if (q[octo_state_row_term[row]] == 0.0) continue; /* a step that a term leaves out may have no finite residual */
-    lam[octo_actuated[octo_state_entry_column[z] - W3]] += 2.0 * q[octo_state_row_term[row]] * v->r[row] * v->slopes[z];
+    if (octo_row_weight(q, row) == 0.0) continue; /* a step that a term leaves out may have no finite residual */
+    lam[octo_actuated[octo_state_entry_column[z] - W3]] += octo_row_shift(q, row, v->r[row]) * v->slopes[z];
   }
 #endif
 }
@@ -102,12 +105,12 @@ static void octo_pull_torques(const octo_cost_values *v, const double *q, double
 static void octo_build_rows(const octo_cost_values *v, const double *jac, const double *q, octo_rows *rows) {
   int count = 0, place[NR + 1]; double scale[NR + 1];
   for (int row = 0; row < NR; ++row) {
-    double c = octo_coefficient(q, row);
+    double weight = octo_row_weight(q, row);
     place[row] = -1;
-    if (c == 0.0) continue;
-    scale[row] = sqrt(2.0 * c);
+    if (weight == 0.0) continue;
+    scale[row] = sqrt(weight);
     for (int j = 0; j < LD; ++j) rows->row[count][j] = 0.0;
-    rows->value[count] = scale[row] * v->r[row];
+    rows->value[count] = row < SQUARES ? scale[row] * v->r[row] : octo_row_shift(q, row, v->r[row]) / scale[row];
     place[row] = count++;
   }
   rows->count = count;

@@ -49,7 +49,7 @@ class CostFunctions:
     state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
     state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
     state_sparsity: ca.Sparsity
-    state_terms: tuple[int, ...]  # term of each row
+    state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
     contact: ContactFunctions | None
     # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
     between: tuple[tuple[int, ca.Function], ...]
@@ -59,6 +59,18 @@ class CostFunctions:
     def contact_spheres(self) -> tuple[int, ...]:
         """Indices into the character's contacts."""
         return () if self.contact is None else self.contact.spheres
+
+    @property
+    def bounded(self) -> tuple[int, ...]:
+        """The term of each bounded row, the last ones over the state."""
+        terms = self.references.terms
+        return tuple(k for k in self.state_terms if terms[k].kind == "bounded")
+
+    @property
+    def numbers(self) -> int:
+        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
+        row."""
+        return max(self.references.size, 1) + 2 * len(self.bounded)
 
     @property
     def rows(self) -> int:
@@ -124,7 +136,8 @@ def residuals_of(
     nodes, step = step_symbols(dynamics, p)
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state, own, between = [], [], {}
-    for k, term in enumerate(terms):
+    # bounded rows stand last
+    for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
         if isinstance(term, (ContactCost, StepPairCost)):
             continue
         view = references.view(q, k)
@@ -290,7 +303,8 @@ def _tables(
     sizes = {
         "MU": len(dynamics.unactuated),
         "NU": dynamics.nu,
-        "NQ": max(functions.references.size, 1),
+        "NQ": functions.numbers,
+        "NBOUNDED": len(functions.bounded),
         "NTERM": len(functions.references.terms),
         "NR": len(functions.state_terms),
         "NZ": len(rows),

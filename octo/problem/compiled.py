@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import doubles
 from octo.dynamics.evaluate import Dynamics
+from octo.errors import ProblemError, ValueRangeError
 from octo.problem.basis import Basis, Stencil, node_values
 from octo.problem.codegen import CostFunctions
 from octo.problem.data import Data, lowered
@@ -64,8 +65,7 @@ class CompiledProblem:
                 self.__dict__["library"] = like.library
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.weight = first.weight
-        references = self.program.functions.references
-        self.plan, self.data = lowered(problems, references)
+        self.plan, self.data = lowered(problems, self.program.functions)
         self.neighbours: NeighbourTerms | None = None if like is None else like.neighbours
         if like is None and self.functions.between:
             self.neighbours = NeighbourTerms(self.plan, self.functions)
@@ -190,8 +190,44 @@ class CompiledProblem:
     def refresh(self) -> None:
         """Take over references and weights that changed in place in the problems' terms. Nothing is
         recompiled."""
+        references = self.functions.references
         for k, problem in enumerate(self.problems):
-            self.q[k] = self.functions.references.pack(problem.costs, problem.setting)
+            self.q[k][:, : references.size] = references.pack(problem.costs, problem.setting)
+
+    def check_squares(self, solver: str) -> None:
+        """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights.
+
+        Raises
+        ------
+        ProblemError: names the term.
+        """
+        for k in self.functions.bounded:
+            label = self.functions.references.terms[k].label
+            raise ProblemError(
+                f"{label} is a bounded term, whose rows {solver} gives no weights; only squares "
+                "can be given here"
+            )
+
+    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+        """What the bounded rows r (of terms whose kind is "bounded") add to the model from now on:
+        D r' r'ᵀ to H and d r' to b, with d also in the curvature of FD through their torques.
+
+        Parameters
+        ----------
+        weights: D (batch, N, rows) ≥ 0; where it is zero the row is left out.
+        shifts: d (batch, N, rows).
+
+        Raises
+        ------
+        ShapeError, ValueRangeError: ``weights`` or ``shifts`` are not of that kind.
+        """
+        rows = len(self.functions.bounded)
+        shape = (self.batch, self.steps, rows)
+        weights, shifts = doubles("weights", weights, shape), doubles("shifts", shifts, shape)
+        if not (weights >= 0.0).all():
+            raise ValueRangeError("weights of rows have a negative one, must not be negative")
+        at = self.functions.numbers - 2 * rows
+        self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
@@ -234,11 +270,12 @@ class CompiledProblem:
         nodes = doubles("nodes", nodes, (self.batch, self.steps + 2, self.n))
         fd = np.empty((self.batch, self.steps, self.n))
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
+        rows = np.empty((self.batch, self.steps, len(self.functions.bounded)))
         C = np.empty((self.batch, self.K, self.ma))
-        self.steps_code.evaluate(nodes, fd, terms, C)
+        self.steps_code.evaluate(nodes, fd, terms, rows, C)
         if self.neighbours is not None:
             self.neighbours.values(self.data, unknowns, terms)
-        return Evaluation.of(unknowns, nodes, fd, terms, terms.sum(axis=(1, 2)), C)
+        return Evaluation.of(unknowns, nodes, fd, terms, rows, C)
 
     def reduce(self, fd: Array) -> Array:
         """C = (Sᵀ ⊗ U_/) FD, scaled: (batch, K, ma)."""

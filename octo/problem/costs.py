@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -45,6 +45,10 @@ class Cost:
     name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
     """
+
+    # "bounded": its rows are no squares of E; a solver gives each a weight and a shift of its own
+    # at every iterate (CompiledProblem.set_row_weights)
+    kind: ClassVar[Literal["square", "bounded"]] = "square"
 
     weight: float | Array = 1.0
     steps: Steps = "all"

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from octo.errors import ProblemError
 from octo.problem.basis import node_values
+from octo.problem.codegen import CostFunctions
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
-from octo.problem.references import References
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Data:
     Attributes
     ----------
     p: (batch, NP) run-time parameters of FD. q: (batch, N, NQ) coefficients and references of the
-        terms.
+        terms, and a weight D and a shift d of each bounded row.
     row_scale: (batch, m) of C's rows, 1/(mg) or 1/(mg·ℓ).
     start: (batch, n) x_0, rad and m.
     constant: (batch, N+2, n) the part of the nodes that no unknown moves.
@@ -49,8 +49,8 @@ class Data:
         )
 
 
-def lowered(problems: Sequence[Problem], references: References) -> tuple[Plan, Data]:
-    """Plan and numbers of problems of one structure.
+def lowered(problems: Sequence[Problem], functions: CostFunctions) -> tuple[Plan, Data]:
+    """Plan and numbers of problems of one structure; weights and shifts of bounded rows are 0.
 
     Raises
     ------
@@ -73,9 +73,13 @@ def lowered(problems: Sequence[Problem], references: References) -> tuple[Plan, 
             ends[member, unit] = value
     if pinned[0]:
         constant = node_values(basis.stencil(steps), ends, constant)
+    q = np.zeros((len(problems), steps, functions.numbers))
+    for member, problem in enumerate(problems):
+        references = functions.references
+        q[member, :, : references.size] = references.pack(problem.costs, problem.setting)
     data = Data(
         np.stack([problem.p for problem in problems]),
-        np.stack([references.pack(problem.costs, problem.setting) for problem in problems]),
+        q,
         np.stack([problem.row_scale for problem in problems]),
         start,
         constant,

@@ -25,17 +25,19 @@ class Evaluation:
     nodes: Array  # (batch, N+2, n)
     fd: Array  # (batch, N, n), N m or N
     terms: Array  # (batch, N, terms), each step's share of each term
+    rows: Array  # (batch, N, bounded rows), their values
     C: Array  # (batch, K, ma), scaled
     summary: Array  # (batch, 4): E, ‖C‖₁, ‖C‖∞, ‖C‖₂²
 
     @classmethod
     def of(
-        cls, unknowns: Array, nodes: Array, fd: Array, terms: Array, energy: Array, C: Array
+        cls, unknowns: Array, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array
     ) -> Evaluation:
-        """With the summary of E (batch,) and C, in NumPy."""
+        """With the summary of E and C, in NumPy."""
         size = np.abs(C).reshape(len(C), -1)
         norms = [size.sum(axis=1), size.max(axis=1, initial=0.0), (size**2).sum(axis=1)]
-        return cls(unknowns, nodes, fd, terms, C, np.stack([energy, *norms], axis=1))
+        summary = np.stack([terms.sum(axis=(1, 2)), *norms], axis=1)
+        return cls(unknowns, nodes, fd, terms, rows, C, summary)
 
     @cached_property
     def numbers(self) -> Array:

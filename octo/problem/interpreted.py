@@ -49,10 +49,16 @@ class Interpreted:
             "z": 3 * dynamics.nx,
             "u": dynamics.nu,
             "p": dynamics.layout.size,
-            "q": self.data.q.shape[-1],
+            "q": self._numbers,
         }
         z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
         return z, u, p, q
+
+    @property
+    def _numbers(self) -> int:
+        """Of q, that the terms see: all but weights and shifts of bounded rows."""
+        functions = self.program.functions
+        return functions.numbers - 2 * len(functions.bounded)
 
     @property
     def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -85,7 +91,7 @@ class Interpreted:
         functions = self.program.functions
         z, u, p, q = self._symbols
         parts, terms = [functions.state(*self._nodes, u, p, q)], [*functions.state_terms]
-        mask = [1.0] * len(terms)
+        mask = [1.0] * self._squares + [0.0] * len(functions.bounded)
         for _, _, inputs, use in self._contacts:
             assert functions.contact is not None
             parts.append(functions.contact.value(*inputs))
@@ -146,28 +152,35 @@ class Interpreted:
     def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
         p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
-        return [z, fd[k][:, self.program.dynamics.actuated].T, p, self.data.q[k].T]
+        q = self.data.q[k][:, : self._numbers]
+        return [z, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
-        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
+    def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
+        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
+        the bounded rows (batch, N, rows) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
-        terms[:] = self.terms(nodes, fd)
+        self.fill_terms(nodes, fd, terms, rows)
         if self.pairs is not None:
             self.pairs.add_values(self.data, nodes, fd, terms)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
 
-    def terms(self, nodes: Array, fd: Array) -> Array:
-        """(batch, N, terms) coefficient·|r|²."""
+    def fill_terms(self, nodes: Array, fd: Array, out: Array, rows: Array) -> None:
+        """coefficient·|r|² of each term, and r of the bounded rows."""
         value, terms, mask = self._values
-        batch, steps = len(nodes), self.plan.steps
-        out = np.zeros((batch, steps, len(self.program.functions.references.terms)))
-        for k in range(batch):
-            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T
+        steps, squares = self.plan.steps, self._squares
+        for k in range(len(nodes)):
+            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T.reshape(steps, -1)
+            rows[k] = r[:, squares : squares + rows.shape[-1]]
             coefficient = self.data.q[k][:, terms] * mask
-            weighted = coefficient * np.where(coefficient != 0.0, r.reshape(steps, -1), 0.0) ** 2
+            weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
             for t in range(out.shape[-1]):
                 out[k, :, t] = weighted[:, terms == t].sum(axis=1)
-        return out
+
+    @property
+    def _squares(self) -> int:
+        """How many rows over the state are squares of E: the first ones."""
+        functions = self.program.functions
+        return len(functions.state_terms) - len(functions.bounded)
 
     def linearize(
         self,
@@ -179,16 +192,14 @@ class Interpreted:
         """Fills H, A, b, C."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
-        r, jac, coefficient = self._rows(at)
+        weight, shift, jac = self._rows(at)
         pull = np.zeros_like(at.fd)
-        pull[..., dynamics.actuated] = np.einsum(
-            "kir,kir,kirj->kij", coefficient, r, jac[..., 3 * n :]
-        )
+        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
+        whole = np.full(len(shift), lam is not None)
+        if curved is not None:
+            whole &= np.asarray(curved, dtype=bool)
         pairs = None
         if self.pairs is not None:
-            whole = np.full(len(r), lam is not None)
-            if curved is not None:
-                whole &= np.asarray(curved, dtype=bool)
             pairs = self.pairs.slopes(self.data, at.nodes, at.fd, whole)
             pull[..., dynamics.actuated] += self.pairs.pull(self.data, pairs)
         if lam is not None:
@@ -201,14 +212,11 @@ class Interpreted:
         assert fd_jac is not None
         slopes = fd_jac  # before they are carried back
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
-        step_hess = np.einsum("kir,kira,kirb->kiab", coefficient, chained, chained)
+        step_hess = np.einsum("kir,kira,kirb->kiab", weight, chained, chained)
         if hess is not None:
             step_hess += hess
-        gradient = np.einsum("kir,kir,kira->kia", coefficient, r, chained)
+        gradient = np.einsum("kir,kira->kia", shift, chained)
         if self._contacts:
-            whole = np.full(len(r), lam is not None)
-            if curved is not None:
-                whole &= np.asarray(curved, dtype=bool)
             self._add_contacts(at, whole, gradient, step_hess)
         if self.data.carry is not None:
             fd_jac = fd_jac.copy()
@@ -220,8 +228,8 @@ class Interpreted:
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
-        """Residuals over the state (batch, N, rows), their derivatives to (z, u), and what their
-        squares are multiplied with in 2E."""
+        """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
+        rows), 2c and 2cr of squares, and r' to (z, u)."""
         terms = np.array(self.program.functions.state_terms, dtype=np.intp)
         batch, steps, width = len(at.nodes), self.plan.steps, 3 * self.plan.n
         width += self.program.dynamics.nu
@@ -231,9 +239,14 @@ class Interpreted:
             value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
             r[k] = np.asarray(value).T.reshape(steps, len(terms))
             jac[k] = np.asarray(flat).reshape(len(terms), steps, width).transpose(1, 0, 2)
-        coefficient = 2.0 * self.data.q[:, :, terms]
-        live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
-        return np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0), coefficient
+        weight, squares = 2.0 * self.data.q[:, :, terms], self._squares
+        bounded = len(terms) - squares
+        own = self.data.q[:, :, self._numbers :]
+        weight[..., squares:] = own[..., :bounded]
+        live = weight != 0.0  # a step that a term leaves out may have no finite residual
+        shift = weight * np.where(live, r, 0.0)
+        shift[..., squares:] = np.where(live[..., squares:], own[..., bounded:], 0.0)
+        return weight, shift, np.where(live[..., None], jac, 0.0)
 
     def _add_contacts(
         self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array

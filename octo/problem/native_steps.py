@@ -35,12 +35,13 @@ class NativeSteps:
         """For other numbers."""
         return NativeSteps(self.library, self.terms, self.plan, data, self.threads, self.room)
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, C: Array) -> None:
-        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms) and C."""
+    def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
+        """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
+        the bounded rows (batch, N, rows) and C."""
         own = self._own_task()
         task = own[0]
         task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
-        task.terms, task.c = terms.ctypes.data, C.ctypes.data
+        task.terms, task.rows, task.c = (a.ctypes.data for a in (terms, rows, C))
         if self.library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
         self._free_tasks.append(own)
@@ -115,7 +116,7 @@ TABLES = (
 )
 NUMBERS = ("p", "q", "row_scale")
 FIELDS = (
-    *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "lam", "h", "a", "b", "c"),
+    *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "rows", "lam", "h", "a", "b", "c"),
     *("halo", "carry", "curved", "pairs"),
 )
 

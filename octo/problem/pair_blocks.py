@@ -146,7 +146,8 @@ class PairTerms:
             window = [nodes[member, 3 - k : 3 - k + steps].T for k in range(WINDOW)]
             p = np.repeat(data.p[member][:, None], steps, axis=1)
             torques = [u[member, 1:].T, u[member, :-1].T]
-            made.append([*window, *torques, p, data.q[member, first:].T])
+            q = data.q[member, first:, : self.functions.value.size1_in(7)]
+            made.append([*window, *torques, p, q.T])
         return made
 
     def _chain(self, data: Data, torques: Array) -> Array:

@@ -1,7 +1,9 @@
 /* The rows of a step's costs, those over the state before those over contacts: after the tables of the costs (codegen.py), in C
- * that is CUDA too. */
+ * that is CUDA too. Of those over the state the last NBOUNDED are no squares of E: q ends with a weight D and a shift d of each. */
 
 #define MROWS (NR + NFC * CR)
+
+#define SQUARES (NR - NBOUNDED)
 
 /* What a row's square is multiplied with in E, 0 where the row is not used. */
 static inline double octo_coefficient(const double *q, int row) {
@@ -11,7 +13,25 @@ static inline double octo_coefficient(const double *q, int row) {
     return octo_cost_contact_use[k * CR + c] * q[octo_contact_row_term[c]];
   }
 #endif
+#if NBOUNDED > 0
+  if (row >= SQUARES) return 0.0;
+#endif
   return q[octo_state_row_term[row]];
+}
+
+/* What a row over the state adds to the model: D r' r'ᵀ to H and d r' to b, of a square 2c and 2cr. */
+static inline double octo_row_weight(const double *q, int row) {
+#if NBOUNDED > 0
+  if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
+#endif
+  return 2.0 * q[octo_state_row_term[row]];
+}
+
+static inline double octo_row_shift(const double *q, int row, double r) {
+#if NBOUNDED > 0
+  if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
+#endif
+  return 2.0 * q[octo_state_row_term[row]] * r;
 }
 
 /* The term that a row belongs to. */

@@ -25,6 +25,7 @@ typedef struct {
   const double *row_scale; /* (batch, MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
   double *fd;            /* (batch, steps, NX) out of octo_evaluate, in to octo_linearize */
   double *terms;         /* (batch, steps, NTERM); NULL in octo_linearize without lam: fd was not evaluated, it is written */
+  double *rows;          /* (batch, steps, NBOUNDED) out of octo_evaluate: values of the bounded rows; or NULL */
   const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
   double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */

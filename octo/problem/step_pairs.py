@@ -183,6 +183,11 @@ def pair_residuals(
     made = PairResiduals([*inputs, p, q], [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
+            if term.kind != "square":
+                raise ProblemError(
+                    f"{term.label} looks at two steps in a row: its kind is {term.kind!r}, must be "
+                    "'square'"
+                )
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
                 made.rows.append(term.shaped(term.pair_residual(step, before, view), view))

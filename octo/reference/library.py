@@ -41,6 +41,7 @@ class Library:
     """
 
     def __init__(self, compiled: CompiledProblem, layout: Layout):
+        compiled.check_squares("a reference solver")
         costs = exact_costs(compiled)
         hessian, jacobian = patterns(compiled, costs)
         self.layout, self.places = layout, places(layout, compiled.n, hessian, jacobian)

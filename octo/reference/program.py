@@ -128,6 +128,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
         along.
     """
     compiled = CompiledProblem([problem])
+    compiled.check_squares("a reference solver")
     n, blocks = compiled.n, free_blocks(compiled)
     numbers = parameter_vector(compiled)
     x, p = ca.MX.sym("x", n * len(blocks)), ca.MX.sym("p", len(numbers))

@@ -228,6 +228,10 @@ def test_few_steps(steps):
     np.testing.assert_allclose(float(found), at.energy[0], rtol=1e-12)
 
 
+class Hard(octo.TorqueRate):
+    kind = "bounded"
+
+
 def test_refused():
     with pytest.raises(ProblemError, match="TorqueRate looks at two .* fatrop"):
         octo.reference.fatrop(problem("nodes", 12, False))
@@ -235,5 +239,7 @@ def test_refused():
         octo.mpc.Controller(problem("nodes", 12, False))
     with pytest.raises(ProblemError, match="TorqueRate looks at two .* animate"):
         octo.mpc.animate(problem("nodes", 12, False), 1.0)
+    with pytest.raises(ProblemError, match="Hard looks at two .* kind is 'bounded', must be"):
+        CompiledProblem([problem("nodes", 12, False, Hard())])
     with pytest.raises(octo.errors.ValueRangeError, match="TorqueRate.reference is 0.0 N m/s"):
         CompiledProblem([problem("nodes", 12, False, octo.TorqueRate(reference=0.0))])

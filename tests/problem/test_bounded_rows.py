@@ -1,0 +1,150 @@
+"""Rows that are no squares of E: a solver gives each a weight D and a shift d at every iterate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from walker import START, walker, wiggle_near_ground
+
+import octo
+from octo import native
+from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.gpu import emulator
+from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.problem import DeviceProblem
+from octo.problem.basis import Hermite
+from octo.problem.compiled import CompiledProblem
+from octo.reference import nlp
+
+STEPS, DT = 12, 0.05
+FIELDS = ("H", "A", "b", "C")
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+def _residual(step, p):
+    """Over configurations and torques, of two numbers."""
+    return ca.vertcat(0.1 * step.u[0] + step.x_next[4] * step.x[6], p["gain"] * step.u[1] ** 2)
+
+
+class Bounded(octo.CustomCost):
+    kind = "bounded"
+
+
+def problem(own: type[octo.CustomCost], weight: Any, basis: Any) -> octo.Problem:
+    """With terms on both sides of the one that is looked at, which is bounded or a square."""
+    term = own(_residual, {"gain": 0.02}, weight=weight, name="own")
+    costs = [octo.Posture(weight=0.1), term, octo.Effort(), octo.Slip(length=0.03)]
+    return octo.Problem(walker(), steps=STEPS, dt=DT, costs=costs, x0=START, basis=basis)
+
+
+@pytest.fixture(params=["nodes", Hermite(3)], ids=["nodes", "hermite"])
+def pair(request: pytest.FixtureRequest) -> tuple[CompiledProblem, CompiledProblem, np.ndarray]:
+    """A batch of two with the square, the same with bounded rows, and the square's coefficient."""
+    weights = np.stack([np.linspace(0.0, 2.0, STEPS), np.full(STEPS, 0.7)])
+    square = CompiledProblem([problem(octo.CustomCost, w, request.param) for w in weights])
+    bounded = CompiledProblem([problem(Bounded, w, request.param) for w in weights])
+    return square, bounded, weights / STEPS
+
+
+def close(found: Any, expected: Any, relative: float = 1e-12) -> None:
+    scale = max(1e-12, np.abs(expected).max(initial=0.0))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=relative * scale)
+
+
+def on_device(compiled: CompiledProblem) -> Any:
+    if emulator.compiler() is None:
+        pytest.skip("no C++ compiler")
+    return DeviceProblem(compiled, EmulatedDevice(32, 1))
+
+
+BACKENDS: dict[str, Callable[[CompiledProblem], Any]] = {
+    "C": lambda compiled: compiled,
+    "interpreted": CompiledProblem.interpreted,
+    "CUDA": on_device,
+}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_with_two_c_and_two_c_r_it_is_a_square(pair, backend):
+    """E has the square no more; the model is that of E with it, curvature of FD included."""
+    square, bounded, coefficient = pair
+    unknowns = wiggle_near_ground(square)
+    lam = np.random.default_rng(1).standard_normal((2, square.K, square.ma))
+    expected, own = square.evaluate(unknowns), BACKENDS[backend](bounded)
+    found = own.evaluate(unknowns)
+    rows = np.asarray(found.rows)
+    assert rows.shape == (2, STEPS, 2)
+    close(coefficient * (rows**2).sum(axis=2), expected.terms[:, :, 1])
+    close(found.terms[:, :, [0, 2, 3]], expected.terms[:, :, [0, 2, 3]])
+    assert not np.asarray(found.terms)[:, :, 1].any()
+    weights = np.repeat(2.0 * coefficient[:, :, None], 2, axis=2)
+    own.set_row_weights(weights, weights * rows)
+    for multipliers in (None, lam):
+        model, made = square.linearize(expected, multipliers), own.linearize(found, multipliers)
+        for field in FIELDS:
+            close(np.asarray(getattr(made, field)), getattr(model, field), 1e-11)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_without_a_weight_it_is_not_there(pair, backend):
+    """From the start, where nobody gave one, and with a weight of zero."""
+    _, bounded, _ = pair
+    without = CompiledProblem(
+        [p.replace(costs=[c for c in p.costs if c.name != "own"]) for p in bounded.problems]
+    )
+    unknowns = wiggle_near_ground(without)
+    own = BACKENDS[backend](bounded)
+    at, lam = own.evaluate(unknowns), np.ones((2, bounded.K, bounded.ma))
+    expected = without.linearize(without.evaluate(unknowns), lam)
+    close(np.asarray(at.energy), without.evaluate(unknowns).energy)
+    for shift in (None, 1.0):
+        if shift is not None:
+            own.set_row_weights(np.zeros((2, STEPS, 2)), np.full((2, STEPS, 2), shift))
+        made = own.linearize(at, lam)
+        for field in FIELDS:
+            close(np.asarray(getattr(made, field)), getattr(expected, field), 1e-11)
+
+
+def test_shifts_are_a_slope_of_their_own(pair):
+    """b is the gradient of E + Σ d r where d stays as it is."""
+    _, bounded, _ = pair
+    unknowns, rng = wiggle_near_ground(bounded), np.random.default_rng(4)
+    shifts, direction = rng.standard_normal((2, STEPS, 2)), rng.standard_normal(unknowns.shape)
+    direction[:, bounded.fixed] = 0.0
+    bounded.set_row_weights(np.ones((2, STEPS, 2)), shifts)
+
+    def value(h: float) -> float:
+        at = bounded.evaluate(unknowns + h * direction)
+        return float(at.energy.sum() + (shifts * at.rows).sum())
+
+    slope = (bounded.linearize(bounded.evaluate(unknowns), None).b * direction).sum()
+    left = [abs(value(h) - value(0.0) - h * slope) for h in (1e-3, 1e-4)]
+    assert np.log10(left[0] / left[1]) > 1.85
+
+
+def test_references_change_and_the_weights_stay(pair):
+    _, bounded, _ = pair
+    at = bounded.evaluate(wiggle_near_ground(bounded))
+    bounded.set_row_weights(np.full((2, STEPS, 2), 3.0), at.rows)
+    before = bounded.linearize(at, None)
+    bounded.refresh()
+    np.testing.assert_array_equal(bounded.linearize(at, None).H, before.H)
+    one = bounded.take(np.array([1]))
+    np.testing.assert_array_equal(one.linearize(at.take([1]), None).b, before.b[1:])
+
+
+def test_what_is_refused(pair):
+    _, bounded, _ = pair
+    good = np.ones((2, STEPS, 2))
+    with pytest.raises(ShapeError, match="weights"):
+        bounded.set_row_weights(good[:, 1:], good)
+    with pytest.raises(ValueRangeError, match="negative"):
+        bounded.set_row_weights(-good, good)
+    described = problem(Bounded, 1.0, "nodes")
+    for solve in (octo.solve, nlp):
+        with pytest.raises(ProblemError, match="own is a bounded term"):
+            solve(described)
