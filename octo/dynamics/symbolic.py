@@ -68,6 +68,24 @@ def body_poses(character: Character, x: ca.SX) -> list[Pose]:
     return poses
 
 
+def joint_twists(character: Character, x: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """(ω, v of the point at the world's origin) of every degree of freedom, (3,) each, in world
+    axes."""
+    poses, twists = body_poses(character, x), []
+    for body in character.bodies:
+        pose = (ca.SX(ca.DM(body.rotation)), ca.SX(ca.DM(body.position)))
+        if body.parent >= 0:
+            pose = _compose(poses[body.parent], pose)
+        for joint in body.joints:
+            axis = pose[0] @ ca.SX(joint.axis)
+            if joint.kind == "slide":
+                twists.append((ca.SX(3, 1), axis))
+            else:
+                twists.append((axis, ca.cross(pose[0] @ ca.SX(joint.anchor) + pose[1], axis)))
+            pose = _compose(pose, _joint_pose(joint, x[len(twists) - 1] - joint.reference))
+    return twists
+
+
 def center_of_mass(character: Character, x: ca.SX) -> ca.SX:
     """World position (3,) m of the centre of mass of the whole character."""
     poses = body_poses(character, x)

@@ -4,6 +4,7 @@ between.cu."""
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -27,7 +28,7 @@ class Between:
         made: list[list[ca.Function]] = [[], []]  # values, derivatives
         for function in functions:
             inputs = function.sx_in()
-            r, jac = function(*inputs)
+            r, jac = function(*inputs)[:2]
             patterns.append(jac.sparsity())
             for kind, output in zip(
                 made, (r, ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)), strict=True
@@ -60,9 +61,12 @@ class Between:
             f"case {k}: {function.name()}(arg, res); break;"
             for k, function in enumerate([*made[0], *made[1]])
         )
+        bends = _Bends.of(terms)
+        self.bends = bends.size
         text = [
             source("common.cuh"),
             *map(function_of_numbers, [*made[0], *made[1]]),
+            *bends.text(),
             *(f"#define {name} {value}" for name, value in sizes.items()),
             *(
                 f"static const int octo_between_{name}[] = {{{_listed(values)}}};"
@@ -71,6 +75,7 @@ class Between:
             "static void octo_between(int k, const double **arg, double **res) {",
             f"  switch (k) {{ {cases} }}\n}}",
             source("between.cu"),
+            *([source("between_curvature.cu")] if self.bends else []),
         ]
         self.kernel = device.module("\n".join(text)).kernel
 
@@ -99,6 +104,27 @@ class Between:
             (units - 1, 2, batch), self.device.threads(WIDE), dummy, rows, H, b
         )
 
+    def bend(
+        self, anchor: Array, unknowns: Array, q: Array, dummy: Array, curved: Array | None, H: Array
+    ) -> None:
+        """Adds the curvature of exact terms to H of the members ``curved``."""
+        if not self.bends:
+            return
+        batch, units = unknowns.shape[:2]
+        controls, length = self._controls(anchor, unknowns), q.shape[1] // (units - 1)
+        threads = self.device.threads(SMALL)
+        self.kernel("octo_between_bend")(
+            (units - 1, batch),
+            threads,
+            length,
+            curved,
+            dummy,
+            controls,
+            q,
+            H,
+            shared=8 * self.bends,
+        )
+
     def _controls(self, anchor: Array, unknowns: Array) -> Array:
         controls, threads = self.device.empty(unknowns.shape), self.device.threads(WIDE)
         count = int(unknowns.size)
@@ -107,6 +133,67 @@ class Between:
             grid, threads, count, unknowns.shape[1], anchor, unknowns, controls
         )
         return controls
+
+
+@dataclass(frozen=True)
+class _Bends:
+    """The second derivatives of the exact ones of a list of terms.
+
+    functions: (c_k, c_{k+1}, q) -> the upper triangle of Σ r ∂²r of each; terms: their indices.
+    first: where each begins among the numbers, of ``rows`` and ``columns``.
+    """
+
+    functions: list[ca.Function]
+    terms: list[int]
+    first: list[int]
+    rows: list[int]
+    columns: list[int]
+
+    @classmethod
+    def of(cls, terms: NeighbourTerms) -> _Bends:
+        made = cls([], [], [0], [], [])
+        for term, function in terms.functions:
+            inputs = function.sx_in()
+            upper = ca.triu(function(*inputs)[2]) if function.n_out() > 2 else ca.SX(1, 1)
+            if not upper.nnz():
+                continue
+            name, numbers = f"octo_between_bend_{term}", ca.vertcat(*upper.nonzeros())
+            made.functions.append(ca.Function(name, inputs, [numbers], {"cse": True}))
+            made.terms.append(term)
+            made.rows.extend(upper.sparsity().row())
+            made.columns.extend(upper.sparsity().get_col())
+            made.first.append(len(made.rows))
+        return made
+
+    @property
+    def size(self) -> int:
+        """Of a segment."""
+        return len(self.rows)
+
+    def text(self) -> list[str]:
+        """C text of the functions, their sizes and places; nothing where there are none."""
+        if not self.size:
+            return []
+        tables = {
+            "bend_term": self.terms,
+            "bend_first": self.first,
+            "bend_row": self.rows,
+            "bend_column": self.columns,
+        }
+        cases = " ".join(
+            f"case {k}: {function.name()}(arg, res); break;"
+            for k, function in enumerate(self.functions)
+        )
+        return [
+            *map(function_of_numbers, self.functions),
+            f"#define BENT {len(self.functions)}\n#define BS {self.size}",
+            *(
+                f"static const int octo_between_{name}[] = {{{_listed(values)}}};"
+                for name, values in tables.items()
+            ),
+            "static void octo_between_second(int k, const double **arg, double **res) {",
+            f"  switch (k) {{ {cases} }}\n}}",
+        ]
 
 
 def _listed(values: Iterable[int]) -> str:

@@ -204,6 +204,9 @@ class DeviceProblem:
             scratch["hess"],
             scratch["gradient"],
         )
+        if program.bends is not None and lam is not None:
+            numbers = (at.nodes, self.p, self.q, at.fd)
+            program.bends.add(curved, numbers, scratch["jac"], scratch["second"], scratch["hess"])
         if program.touch:
             own = (
                 int(lam is not None),
@@ -221,7 +224,7 @@ class DeviceProblem:
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
-        model = self._gather(at)
+        model = self._gather(at, lam is not None, curved)
         if pairs is not None:
             pairs.add(self._tables, model.H, model.b)
         return model
@@ -263,7 +266,7 @@ class DeviceProblem:
 
     # -- launches ----------------------------------------------------------------------------------
 
-    def _gather(self, at: Evaluation) -> Model:
+    def _gather(self, at: Evaluation, exact: bool, curved: Array | None) -> Model:
         device, tables, scratch = self.device, self._tables, self.scratch
         shape, parts, threads = (self.batch, self.K), self.host.stencil.parts, device.threads(SMALL)
         H = device.empty((*shape, 3, self.nc, self.nc))
@@ -280,7 +283,10 @@ class DeviceProblem:
             grid, threads, self.steps, parts, groups, *hessian, *gradient, *own
         )
         if self.program.between is not None:
-            self.program.between.add(self.anchor, at.unknowns, self.q, tables["dummy"], H, b)
+            between = (self.anchor, at.unknowns, self.q, tables["dummy"])
+            self.program.between.add(*between, H, b)
+            if exact:
+                self.program.between.bend(*between, curved, H)
         if self.ma:
             rows = (self.row_scale, scratch["jac"], A)
             self.program.kernel("octo_gather_constraints")(
@@ -340,6 +346,7 @@ class DeviceProblem:
             "curvature": (program.curvature, n, n),
             "hess": (6, n, n),
             "gradient": (3 * n,),
+            "second": (0 if program.bends is None else program.bends.size,),
         }
         items = (self.batch, self.steps)
         return {

@@ -6,6 +6,7 @@ import numpy as np
 
 from octo.errors import DeviceError
 from octo.gpu.between import Between
+from octo.gpu.curvature import Bends
 from octo.gpu.device import Device, Kernel, source
 from octo.gpu.pieces import Pieces
 from octo.gpu.step_pairs import StepPairs
@@ -68,6 +69,8 @@ class Program:
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
         self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
+        bent = functions.curvature
+        self.bends = None if bent is None else Bends(bent, dynamics, device)
         pairs = functions.pairs
         self.pairs = None if pairs is None else StepPairs(problem, pairs, device)
         size = device.empty((2,), np.int32)
@@ -115,6 +118,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
+    if functions.curvature is not None:
+        scratch += N * len(functions.curvature.rows)
     if problem.neighbours is not None:
         scratch += (
             K

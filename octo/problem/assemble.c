@@ -3,13 +3,16 @@
  * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
  * A step's rows over the state (residuals scaled by the root of twice their coefficient) are stacked, so that their block is
- * rowsᵀ rows; to it comes the curvature of lambdaᵀFD, and of the terms over contacts (contacts.c). Dynamics and costs go STEPS
- * steps at a time, all else step by step. */
+ * rowsᵀ rows; to it comes the curvature of lambdaᵀFD, of the terms over contacts (contacts.c) and of exact ones over the state
+ * (curvature.c). Dynamics and costs go STEPS steps at a time, all else step by step. */
 
 /* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {
   octo_lanes lanes;
   real q[NQ], u[NU + 1], r[MROWS + 1], slopes[NZ + 1];
+#if NS > 0
+  real second[NS];
+#endif
 } octo_group;
 
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
@@ -33,6 +36,18 @@ static void octo_group_states(octo_group *g, const octo_input *in, int derive) {
   else octo_state_cost(state, made);
 #endif
 }
+
+#if NS > 0
+/* Second derivatives of the terms over the state. */
+static void octo_group_second(octo_group *g, const octo_input *in, double (*second)[NS]) {
+  const void *state[6] = {in->x[0], in->x[1], in->x[2], g->u, in->p, g->q};
+  real *made[1] = {g->second};
+  double *steps[STEPS];
+  octo_state_curvature(state, made);
+  for (int k = 0; k < STEPS; ++k) steps[k] = second[k];
+  octo_spread(g->second, NS, steps, STEPS);
+}
+#endif
 
 static int octo_group_count(int i, int last) { return last - i < STEPS ? last - i : STEPS; }
 
@@ -168,9 +183,9 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; with ``half`` nothing of use
- * stands left of the nodes' diagonal blocks. */
-static void octo_gauss_newton(const octo_rows *rows, const double *curvature, const double *touched, int half, double *hess, double *gradient) {
+/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; nothing of use stands left of
+ * the nodes' diagonal blocks. */
+static void octo_gauss_newton(const octo_rows *rows, const double *curvature, const double *touched, double *hess, double *gradient) {
   v8 sum[LD / 8];
   for (int j = 0; j < LD / 8; ++j) sum[j] = touched ? ((const v8 *)touched)[j] : (v8){0};
   for (int r = 0; r < rows->count; ++r)
@@ -179,7 +194,10 @@ static void octo_gauss_newton(const octo_rows *rows, const double *curvature, co
   octo_square(rows, curvature, 0, hess);
   octo_square(rows, curvature, 1, hess);
   octo_square(rows, curvature, 2, hess);
-  if (half) return;
+}
+
+/* What stands left of the nodes' diagonal blocks. */
+static void octo_mirror(double *hess) {
   for (int node = 1; node < 3; ++node)
     for (int i = 0; i < node * NX; ++i)
       for (int j = node * NX; j < (node + 1) * NX; ++j) hess[j * LD + i] = hess[i * LD + j];
@@ -196,6 +214,9 @@ typedef struct {
   double slope[STEPS][LD] __attribute__((aligned(64))); /* of E over contacts */
 #endif
   octo_cost_values values[STEPS];
+#if NS > 0
+  double second[STEPS][NS]; /* of terms over the state */
+#endif
   octo_rows rows;
   octo_places places;
   int zeros; /* what jac and curvature hold where a group writes nothing: 0 zeros, 1 what pairs wrote before, 2 anything */
@@ -235,12 +256,18 @@ static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int mem
   return in;
 }
 
+/* Whether a member's terms have all of their curvature. */
+static int octo_is_curved(const octo_task *t, int member) { return t->lam && (!t->curved || t->curved[member]); }
+
 /* jac and curvature of ``count`` steps from i on. */
 static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int member, int i, int count) {
   octo_lanes *lanes = &s->group.lanes;
   const double *lam[STEPS];
   double *jac[STEPS], *curvature[STEPS];
   octo_input in = octo_derive_costs(t, s, member, i, count);
+#if NS > 0
+  if (octo_is_curved(t, member)) octo_group_second(&s->group, &in, s->second);
+#endif
   for (int k = 0; k < STEPS; ++k) {
     if (t->lam && k < count) octo_pull(t, ma, member, i + k, &s->values[k], s->lam[k]);
     lam[k] = s->lam[k < count ? k : 0];
@@ -256,7 +283,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   double *past[STEPS], *slope[STEPS];
   for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX, slope[k] = s->slope[k];
   if (!t->lam) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
-  octo_touch(&s->touched, &in, s->group.q, t->lam && (!t->curved || t->curved[member]), lanes->hess);
+  octo_touch(&s->touched, &in, s->group.q, octo_is_curved(t, member), lanes->hess);
   octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
   octo_spread(s->touched.gradient, W3, slope, STEPS);
 #endif
@@ -276,7 +303,11 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   octo_pair_keep(t, member, i, s->jac[k]);
 #endif
   octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, t->parts == 1, s->hess, s->gradient);
+  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, s->hess, s->gradient);
+#if NS > 0
+  if (octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], s->hess);
+#endif
+  if (t->parts > 1) octo_mirror(s->hess);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;

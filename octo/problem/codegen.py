@@ -30,6 +30,7 @@ from octo.model.terrain import signed_distance
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost, StepPairCost
+from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
 from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
@@ -51,8 +52,10 @@ class CostFunctions:
     state_sparsity: ca.Sparsity
     state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
     contact: ContactFunctions | None
-    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1})
+    # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}),
+    # and of one that is exact Σ r d²r/d(c_k, c_{k+1})²
     between: tuple[tuple[int, ca.Function], ...]
+    curvature: StateCurvature | None  # of the exact terms over the state
     pairs: PairFunctions | None  # over two steps in a row
 
     @property
@@ -86,7 +89,8 @@ class Residuals:
     ----------
     inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
         indices. between: by the index of each term over neighbouring controls c, c_next; contact:
-        those of one contact; pairs: those of two steps in a row.
+        those of one contact. exact: indices of the terms whose second derivatives are; curved:
+        those of them over a step. pairs: those over two steps in a row.
     """
 
     references: References
@@ -96,6 +100,8 @@ class Residuals:
     controls: list[ca.SX]
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
+    exact: tuple[int, ...]
+    curved: CurvedTerms
     pairs: PairResiduals | None
 
     @cached_property
@@ -118,14 +124,19 @@ class Residuals:
         if self.pairs is not None:
             written.append(self.pairs.value.serialize())
         own = None if self.contact is None else self.contact.structure
-        return kinds, places, tuple(self.terms), *written, own
+        return kinds, places, tuple(self.terms), self.exact, *written, own
 
 
 @postponed()
 def residuals_of(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+    dynamics: Dynamics,
+    terms: Sequence[Cost],
+    setting: Setting,
+    between_controls: bool,
+    exact: bool = False,
 ) -> Residuals:
-    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls.
+    """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
+    ``exact``: all have exact second derivatives, whatever their ``curvature``.
 
     Raises
     ------
@@ -136,6 +147,8 @@ def residuals_of(
     nodes, step = step_symbols(dynamics, p)
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state, own, between = [], [], {}
+    bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
+    curved = CurvedTerms(CenteredStep.of(step))
     # bounded rows stand last
     for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
         if isinstance(term, (ContactCost, StepPairCost)):
@@ -146,6 +159,8 @@ def residuals_of(
                 between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
             state.append(term.shaped(term.residual(step, view), view))
+            if k in bent:
+                curved.add(k, term, view, sum(r.numel() for r in state[:-1]))
         own.append(k)
     over = [term for term in terms if isinstance(term, ContactCost)]
     if over and not isinstance(dynamics, RobotDynamics):
@@ -155,8 +170,10 @@ def residuals_of(
     contact = None
     if over and isinstance(dynamics, RobotDynamics):
         contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
-    pairs = pair_residuals(references, nodes, step, p, q)
-    return Residuals(references, [*nodes, p, q], state, own, controls, between, contact, pairs)
+    inputs, pairs = [*nodes, p, q], pair_residuals(references, nodes, step, p, q, bent)
+    return Residuals(
+        references, inputs, state, own, controls, between, contact, bent, curved, pairs
+    )
 
 
 @postponed()
@@ -165,6 +182,7 @@ def derived(made: Residuals) -> CostFunctions:
     too."""
     inputs = made.inputs
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
+    bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
@@ -182,6 +200,7 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
+        made.curved.derived(inputs[4], inputs[5], len(terms) - bounded, bounded),
         None if made.pairs is None else made.pairs.derived(),
     )
 
@@ -191,6 +210,9 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
     for number, (k, r) in enumerate(made.between.items()):
         inputs = [*made.controls, made.inputs[-1]]
         out = [r, ca.jacobian(r, both)]
+        if k in made.exact:
+            held = ca.SX.sym("held", r.numel())
+            out.append(ca.substitute(ca.hessian(ca.dot(held, r), both)[0], held, r))
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
@@ -238,6 +260,11 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     dynamics' text in lanes."""
     # shared: p
     text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]
+    own_parts: tuple[str, ...] = ()
+    if functions.curvature is not None:
+        text.append(lanes_text(functions.curvature.function, {4}))
+        text.append(functions.curvature.tables())
+        own_parts = ("curvature.c",)
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
@@ -250,10 +277,8 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    parts = [
-        (resources.files("octo.problem") / name).read_text(encoding="utf-8")
-        for name in ("threads.c", "rows.c", "scatter.c", "contacts.c", "assemble.c")
-    ]
+    names = ("threads.c", "rows.c", "scatter.c", "contacts.c", *own_parts, "assemble.c")
+    parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
     if functions.pairs is not None:
         parts.insert(-1, functions.pairs.c_text)
     return "\n".join([*text, tables, *parts])

@@ -45,6 +45,8 @@ class CompiledProblem:
     problems: all with the same model, terms, basis and number of steps.
     threads: of the native code.
     like: a batch with the same model and terms, whose generated code is shared.
+    exact: all terms have exact second derivatives, whatever their ``curvature``; of ``like`` it is
+        as there.
 
     Attributes
     ----------
@@ -53,12 +55,16 @@ class CompiledProblem:
     """
 
     def __init__(
-        self, problems: Sequence[Problem], threads: int = 1, like: CompiledProblem | None = None
+        self,
+        problems: Sequence[Problem],
+        threads: int = 1,
+        like: CompiledProblem | None = None,
+        exact: bool = False,
     ):
         first = problems[0]
         if like is None:
             check_alike(problems)
-            self.program = Program(first.dynamics, functions_of(first))
+            self.program = Program(first.dynamics, functions_of(first, exact))
         else:
             self.program = like.program
             if "library" in like.__dict__:
@@ -285,15 +291,17 @@ class CompiledProblem:
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None
     ) -> Model:
         """Eq. 9 at an evaluated iterate; with ``lam`` (batch, K, ma) the curvature of lamᵀC and of
-        the terms over torques, and of the terms over contacts for the members ``curved`` (batch,)
-        bool, all by default."""
+        the terms over torques, and of the terms over contacts and the exact ones for the members
+        ``curved`` (batch,) bool, all by default."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         shape = (self.batch, self.K)
         H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
         b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
         self.steps_code.linearize(at, lam, curved, (H, A, b, C))
         if self.neighbours is not None:
-            self.neighbours.add(self.plan, self.data, at.unknowns, H, b)
+            members = np.ones(self.batch, dtype=bool) if curved is None else curved
+            exact = (lam is not None) & np.asarray(members, dtype=bool)
+            self.neighbours.add(self.plan, self.data, at.unknowns, exact, H, b)
         self.plan.fill_dummies(H)
         return Model(H, A, b, C)
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 LOSS = "loss."  # how the names of a loss's references begin
 Steps = Literal["all", "last"]
+Curvature = Literal["gauss_newton", "exact"]
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -44,6 +45,9 @@ class Cost:
     steps: "all", or "last" for the last step alone.
     name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
+    curvature: what the solver's model of E has of the term once E has settled: Gauss and
+        Newton's, which leaves out how its residual bends, or the exact second derivative. Of terms
+        over contacts, and of a residual's way through the torques, it is exact either way.
     """
 
     # "bounded": its rows are no squares of E; a solver gives each a weight and a shift of its own
@@ -54,6 +58,7 @@ class Cost:
     steps: Steps = "all"
     name: str = ""
     loss: Loss | None = None
+    curvature: Curvature = "gauss_newton"
 
     def __post_init__(self) -> None:
         for each in fields(self):  # the caller's arrays, lists and dicts stay the caller's
@@ -62,6 +67,7 @@ class Cost:
         for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
             instance(f"{kind}.{name}", getattr(self, name), str, "a text")
         one_of(f"{self.label}.steps", self.steps, ("all", "last"))
+        one_of(f"{self.label}.curvature", self.curvature, get_args(Curvature))
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
 
@@ -123,7 +129,11 @@ class SizedCost(Cost):
             else np.multiply(made.weight, self.weight)
         )
         return replace(
-            made, weight=weight, name=made.name if self.name == made.label else self.name
+            made,
+            weight=weight,
+            name=made.name if self.name == made.label else self.name,
+            loss=made.loss if self.loss is None else self.loss,
+            curvature=made.curvature if self.curvature == "gauss_newton" else self.curvature,
         )
 
 

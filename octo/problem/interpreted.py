@@ -114,6 +114,23 @@ class Interpreted:
             "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
         )
 
+    @cached_property
+    @postponed()
+    def _bend(self) -> ca.Function | None:
+        """(z, u, p, q) -> the second derivatives of exact terms over the state, to (z, u)."""
+        own = self.program.functions.curvature
+        if own is None:
+            return None
+        z, u, p, _ = self._symbols
+        q = ca.SX.sym("q", self.program.functions.numbers)
+        numbers = own.function(*self._nodes, u, p, q)
+        size = z.numel() + u.numel()
+        upper = ca.SX(
+            ca.Sparsity.triplet(size, size, own.rows.tolist(), own.columns.tolist()), numbers
+        )
+        bend = ca.densify(ca.triu2symm(upper))
+        return ca.Function("bend", [z, u, p, q], [bend], {"cse": True})
+
     @postponed()
     def _touch(self, exact: bool) -> ca.Function:
         """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over
@@ -216,6 +233,8 @@ class Interpreted:
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kira->kia", shift, chained)
+        if self._bend is not None:
+            self._add_bends(at, whole, fd_jac[:, :, dynamics.actuated], step_hess)
         if self._contacts:
             self._add_contacts(at, whole, gradient, step_hess)
         if self.data.carry is not None:
@@ -247,6 +266,21 @@ class Interpreted:
         shift = weight * np.where(live, r, 0.0)
         shift[..., squares:] = np.where(live[..., squares:], own[..., bounded:], 0.0)
         return weight, shift, np.where(live[..., None], jac, 0.0)
+
+    def _add_bends(
+        self, at: Evaluation, curved: NDArray[np.bool_], torque_jac: Array, hess: Array
+    ) -> None:
+        """Adds [I; U]ᵀ S [I; U] of exact terms to the members ``curved``; U: ``torque_jac``
+        (batch, N, nu, 3n)."""
+        assert self._bend is not None
+        size, steps, width = 3 * self.plan.n, self.plan.steps, self._bend.size1_out(0)
+        for k in np.flatnonzero(curved).tolist():
+            given = [*self._arguments(k, at.nodes, at.fd)[:3], self.data.q[k].T]
+            flat = np.asarray(self._bend.map(steps)(*given))
+            bend = flat.reshape(width, steps, width).transpose(1, 0, 2)
+            eye = np.broadcast_to(np.eye(size), (steps, size, size))
+            chain = np.concatenate([eye, torque_jac[k]], axis=1)
+            hess[k] += np.swapaxes(chain, 1, 2) @ bend @ chain
 
     def _add_contacts(
         self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array

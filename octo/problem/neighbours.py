@@ -65,14 +65,17 @@ class NeighbourTerms:
                 squares = np.where(weight > 0.0, (r**2).sum(axis=0), 0.0)
                 terms[member, self.segment - 1 :: self.segment, k] = weight * squares
 
-    def add(self, plan: Plan, data: Data, unknowns: Array, H: Array, b: Array) -> None:
-        """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z."""
+    def add(
+        self, plan: Plan, data: Data, unknowns: Array, curved: NDArray[np.bool_], H: Array, b: Array
+    ) -> None:
+        """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z; to JᵀJ of exact terms their
+        residuals' curvature, of the members ``curved`` (batch,)."""
         size, last = self.size, self.segments - 1  # unit k is c_{k+1}
         free = ~np.isin(np.arange(self.segments), plan.fixed)
         for member, controls in enumerate(self._controls(data, unknowns)):
             for k, function in self._over_segments:
                 weight, rows = self._parts(data, k, member)
-                value, flat = function(controls[:-1].T, controls[1:].T, rows)
+                value, flat, *bend = function(controls[:-1].T, controls[1:].T, rows)
                 r = value.full().T
                 jac = (
                     flat.full()
@@ -84,8 +87,19 @@ class NeighbourTerms:
                 r[weight == 0.0], jac[weight == 0.0] = 0.0, 0.0  # it may not be finite there
                 gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)
                 block = 2.0 * np.einsum("k,kra,krb->kab", weight, jac, jac)
+                if bend and curved[member]:
+                    block += self._bend(2.0 * weight, bend[0].full(), free)
                 H[member, : self.segments, 0] += block[:, size:, size:]
                 b[member, : self.segments] += gradient[:, size:]
                 H[member, :last, 0] += block[1:, :size, :size]
                 b[member, :last] += gradient[1:, :size]
                 H[member, 1 : self.segments, 1] += block[1:, size:, :size]
+
+    def _bend(self, weight: Array, flat: Array, free: NDArray[np.bool_]) -> Array:
+        """(Z, 2·2n, 2·2n) Σ r ∂²r times ``weight`` (Z,), out of (2·2n, Z·2·2n); a control that is
+        not ``free`` (Z,) is pinned."""
+        size = self.size
+        bend = flat.reshape(2 * size, self.segments, 2 * size).transpose(1, 0, 2).copy()
+        bend[~free, size:], bend[~free, :, size:] = 0.0, 0.0
+        bend[weight == 0.0] = 0.0
+        return np.asarray(weight[:, None, None] * bend)

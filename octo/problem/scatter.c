@@ -30,7 +30,7 @@ typedef struct {
   double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
-  const int *curved;     /* (batch) with lam: whether the terms over contacts have all of their curvature, or Gauss and Newton's; NULL: all do */
+  const int *curved;     /* (batch) with lam: whether terms over contacts and exact ones have all of their curvature, or Gauss and Newton's; NULL: all do */
   double *pairs;         /* (batch, steps, PAIR_ROOM) what is kept of terms over two steps in a row; NULL where there are none */
 } octo_task;
 

@@ -38,7 +38,7 @@ AT_THE_START = "contacts (those on the ground at the start)"
 class Structure(NamedTuple):
     """Of one term."""
 
-    kind: tuple[type, str, str]  # class, label, steps
+    kind: tuple[type, str, str, str]  # class, label, steps, curvature
     references: tuple[tuple[str, int], ...]  # names and sizes
     residual: str  # the expression, serialised
     contacts: frozenset[int]  # that it acts on
@@ -102,7 +102,7 @@ class Reader:
                 value = term.residual(step, view)
             function = ca.Function("residual", [*inputs, self._p, q], [term.shaped(value, view)])
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
-        kind = (type(term), term.label, term.steps)
+        kind = (type(term), term.label, term.steps, term.curvature)
         return Structure(kind, named, function.serialize(), self.contacts(term))
 
     def contacts(self, term: Cost) -> frozenset[int]:
@@ -123,16 +123,16 @@ _functions: OrderedDict[Any, CostFunctions] = OrderedDict()
 
 
 @postponed()
-def functions_of(problem: Problem) -> CostFunctions:
+def functions_of(problem: Problem, exact: bool = False) -> CostFunctions:
     """The functions of the terms; those of the last few problems are kept, for others of the same
-    dynamics and structure.
+    dynamics and structure. ``exact``: of all terms with exact second derivatives.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
     between = isinstance(problem.basis_object, Hermite)
-    made = residuals_of(problem.dynamics, problem.costs, problem.setting, between)
+    made = residuals_of(problem.dynamics, problem.costs, problem.setting, between, exact)
     key = (problem.dynamics, between, made.structure)
     found = _functions.pop(key, None)
     if found is None:

@@ -36,9 +36,10 @@ class SqpOptions:
 
     Attributes
     ----------
-    hessian: "exact" adds to JᵀJ the curvature of lamᵀC and of the torque terms, and of the terms
-        over contacts once E has settled: of itself less than ``settled`` over ten iterations;
-        "dynamics" leaves the contacts' out; "gauss_newton" is JᵀJ.
+    hessian: "exact" adds to JᵀJ the curvature of lamᵀC and of the torque terms, and once E has
+        settled, of itself less than ``settled`` over ten iterations, that of the terms over
+        contacts and of those whose ``curvature`` is "exact"; "dynamics" leaves these out;
+        "gauss_newton" is JᵀJ.
     step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.

@@ -68,10 +68,13 @@ BACKENDS: dict[str, Callable[[CompiledProblem], Any]] = {
 }
 
 
+@pytest.mark.parametrize("exact", [False, True], ids=["gauss_newton", "exact"])
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_with_two_c_and_two_c_r_it_is_a_square(pair, backend):
+def test_with_two_c_and_two_c_r_it_is_a_square(pair, backend, exact):
     """E has the square no more; the model is that of E with it, curvature of FD included."""
     square, bounded, coefficient = pair
+    if exact:
+        square, bounded = (CompiledProblem(each.problems, exact=True) for each in (square, bounded))
     unknowns = wiggle_near_ground(square)
     lam = np.random.default_rng(1).standard_normal((2, square.K, square.ma))
     expected, own = square.evaluate(unknowns), BACKENDS[backend](bounded)

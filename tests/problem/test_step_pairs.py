@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from extending.pseudo_huber import PseudoHuber
 from extending.torque_rate import PowerChange
 from walker import BASES, START, walker, wiggle_near_ground
 
@@ -78,6 +79,12 @@ def dense(made: CompiledProblem, blocks: np.ndarray) -> np.ndarray:
             whole[k, :, k - lag] = blocks[0, k, lag]
             whole[k - lag, :, k] = blocks[0, k, lag].T
     return whole.reshape(K * nc, K * nc)
+
+
+def free(made: CompiledProblem, blocks: np.ndarray) -> np.ndarray:
+    """The same over the unknowns that a node is made of."""
+    at = (free_blocks(made)[:, None] * made.n + np.arange(made.n)).ravel()
+    return dense(made, blocks)[np.ix_(at, at)]
 
 
 def close(found: np.ndarray, expected: np.ndarray, relative: float = 1e-10) -> None:
@@ -171,9 +178,29 @@ def test_the_model_is_that_of_casadi(case):
     close(np.asarray(made.objective(x, p)).ravel(), at.energy)
     close(np.asarray(made.constraints(x, p)).ravel(), rows_of(own, at.C[0]))
     close(point_of(own, model.b), np.asarray(made.gradient(x, p)).ravel())
-    at_free = (free_blocks(own)[:, None] * own.n + np.arange(own.n)).ravel()
-    mine = dense(own, model.H)[np.ix_(at_free, at_free)]
-    close(mine, np.asarray(made.hessian(x, p, 1.0, rows_of(own, lam[0]))))
+    close(free(own, model.H), np.asarray(made.hessian(x, p, 1.0, rows_of(own, lam[0]))))
+
+
+@pytest.mark.skipif(emulator.compiler() is None, reason="no C++ compiler")
+@pytest.mark.parametrize("case", [CASES[2], CASES[4], CASES[7], CASES[8]])
+def test_exact_terms(case):
+    """A residual that bends: its Hessian by CasADi, in C, interpreted and on a device."""
+    terms = [PowerChange(loss=PseudoHuber(0.1)), octo.TorqueRate(loss=octo.Huber(0.1))]
+    described = problem(*case, *terms)
+    form, made = nlp(described), CompiledProblem([described], exact=True)
+    unknowns = wiggle(made)
+    lam = np.random.default_rng(0).standard_normal((1, made.K, made.ma))
+    at = made.evaluate(unknowns)
+    model = made.linearize(at, lam)
+    x, p = point_of(made, unknowns), form.parameters
+    close(free(made, model.H), np.asarray(form.hessian(x, p, 1.0, rows_of(made, lam[0]))))
+    without = made.linearize(at, lam, np.zeros(1, dtype=bool)).H
+    assert np.abs(without - model.H).max() > 1e-3 * np.abs(model.H).max()
+    plain, device = made.interpreted(), DeviceProblem(made, EmulatedDevice(32, 1))
+    close(plain.linearize(plain.evaluate(unknowns), lam).H, model.H)
+    close(plain.linearize(plain.evaluate(unknowns), lam, np.zeros(1, dtype=bool)).H, without)
+    found = device.linearize(device.evaluate(device.device.array(unknowns)), lam)
+    close(np.asarray(found.H), model.H)
 
 
 def test_a_term_without_weight_changes_nothing():

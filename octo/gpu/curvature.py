@@ -1,0 +1,105 @@
+"""Exact second derivatives of terms over the state on a device: their generated code and the
+kernels of curvature.cu."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics.codegen import integers
+from octo.dynamics.emit import function_of_numbers
+from octo.dynamics.evaluate import Dynamics
+from octo.gpu.device import Array, Device, source
+from octo.problem.curvature import StateCurvature
+
+WARP, SMALL = 32, 128  # threads of a block for 32 steps, and for one
+SIZES = ("NX", "NU", "NP", "NQ")
+
+
+class Bends:
+    """The compiled text of S (octo.problem.curvature) and what adds it to the Hessians of steps.
+
+    size: numbers of a step's S.
+    """
+
+    def __init__(self, made: StateCurvature, dynamics: Dynamics, device: Device):
+        self.device, n = device, dynamics.nx
+        inputs = made.function.sx_in()
+        values, order = made.function(*inputs), _groups(made, n)
+        self.size, self.width = len(made.rows), 3 * n
+        rows, columns = (
+            np.concatenate([own[at] for at in order]) for own in (made.rows, made.columns)
+        )
+        straight = int((columns < self.width).sum())
+        torques, counts = np.unique(columns[straight:] - self.width, return_counts=True)
+        self.torques, self.pieces = len(torques), len(order)
+        pieces = [
+            ca.Function(f"octo_bend_piece_{k}", inputs, [values[at.tolist()]], {"cse": True})
+            for k, at in enumerate(order)
+        ]
+        numbers = [int(symbol.numel()) for symbol in inputs]
+        sizes = {
+            **dict(zip(SIZES, (n, dynamics.nu, numbers[4], numbers[5]), strict=True)),
+            **{"NS": self.size, "STRAIGHT": straight, "TORQUES": self.torques},
+            **{"WARP": WARP, "SMALL": SMALL},
+        }
+        tables = {
+            "row": rows,
+            "column": columns,
+            "at": np.cumsum([0, *(len(at) for at in order)])[:-1],
+            "torque": torques,
+            "first": straight + np.cumsum([0, *counts]),
+            "actuated": dynamics.actuated,
+        }
+        cases = " ".join(f"case {k}: {f.name()}(arg, res); break;" for k, f in enumerate(pieces))
+        text = [
+            source("common.cuh"),
+            *map(function_of_numbers, pieces),
+            *(f"#define {name} {value}" for name, value in sizes.items()),
+            *(integers(f"bend_{name}", values) for name, values in tables.items()),
+            "static void octo_bend_piece(int k, const double **arg, double **res) {",
+            f"  switch (k) {{ {cases} }}\n}}",
+            source("curvature.cu"),
+        ]
+        self.text = "\n".join(text)
+        self.kernel = device.module(self.text).kernel
+
+    def add(
+        self,
+        curved: Array | None,
+        numbers: tuple[Array, Array, Array, Array],
+        jac: Array,
+        second: Array,
+        hess: Array,
+    ) -> None:
+        """Adds to ``hess`` (batch, N, 6, n, n) of the members ``curved``; numbers: nodes, p, q, FD.
+
+        ``second`` (batch, N, size) is written on the way.
+        """
+        batch, steps = hess.shape[:2]
+        nodes, p, q, fd = numbers
+        threads = self.device.threads(WARP)
+        grid = (-(-steps // threads), self.pieces, batch)
+        self.kernel("octo_second")(grid, threads, steps, curved, nodes, p, q, fd, second)
+        shared = 8 * self.torques * self.width
+        self.kernel("octo_bend")(
+            (steps, batch),
+            self.device.threads(SMALL),
+            steps,
+            curved,
+            second,
+            jac,
+            hess,
+            shared=shared,
+        )
+
+
+def _groups(made: StateCurvature, n: int) -> list[NDArray[np.intp]]:
+    """The numbers of each piece: those of each block of two nodes, then those of torques, sorted by
+    torque."""
+    blocks: dict[tuple[int, int], list[int]] = {}
+    for z, (a, b) in enumerate(zip(made.rows // n, made.columns // n, strict=True)):
+        blocks.setdefault((int(a), int(b)) if b < 3 else (3, 3), []).append(z)
+    torques = blocks.pop((3, 3), None)
+    return [np.array(own) for own in (*blocks.values(), *([torques] if torques else []))]

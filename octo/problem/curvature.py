@@ -1,0 +1,198 @@
+"""Exact second derivatives of terms over the state: what Gauss and Newton's model of E leaves out.
+
+Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
+rows with shifts d it is Σ d ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left to
+those who have the slopes of FD, and FD's own curvature to ∂E/∂u (``octo_pull_torques`` of
+assemble.c).
+
+A centre of mass is a long expression of all coordinates: terms are differentiated to the two
+centres, whose own derivatives have a closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.dynamics import slots, symbolic
+from octo.dynamics.codegen import integers
+from octo.dynamics.long import check_length
+from octo.model.character import Character
+from octo.problem.costs import Cost
+from octo.problem.symbols import StepSymbols
+
+NAME = "octo_state_curvature"
+
+
+@dataclass(frozen=True, eq=False)
+class StateCurvature:
+    """S of the terms that ask for it.
+
+    function: (x_next, x, x_prev, u, p, q) -> the nonzeros (NS,) of the upper triangle of S. rows,
+    columns (NS,): their places, as indices into (x_next, x, x_prev, u).
+    """
+
+    function: ca.Function
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    def tables(self) -> str:
+        """C text of their count and places, for curvature.c."""
+        places = {"bend_row": self.rows, "bend_column": self.columns}
+        lines = [integers(name, values) for name, values in places.items()]
+        return "\n".join([f"#undef NS\n#define NS {len(self.rows)}", *lines])
+
+
+@dataclass(frozen=True, eq=False)
+class CenteredStep(StepSymbols):
+    """A time step whose centres of mass are symbols of their own.
+
+    centers: (6,) m, at x_next and at x.
+    """
+
+    centers: ca.SX = field(kw_only=True)
+
+    @classmethod
+    def of(cls, step: StepSymbols) -> CenteredStep:
+        """The same step with symbols for its centres of mass, none without bodies."""
+        given = {each.name: getattr(step, each.name) for each in fields(step)}
+        centers = ca.SX.sym("centers", 0 if step.robot is None else 6)
+        made = cls(**given, centers=centers)
+        if step.robot is not None:
+            velocity = (centers[:3] - centers[3:]) / step.dt
+            made.__dict__.update(com=centers[:3], com_velocity=velocity)
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedTerms:
+    """The terms over a step whose curvature is exact, as expressions of a centred step.
+
+    rows: (index of the term, its residual, the place of its first row among those over the state).
+    """
+
+    step: CenteredStep
+    rows: list[tuple[int, ca.SX, int]] = field(default_factory=list)
+
+    def add(self, k: int, term: Cost, view: Mapping[str, ca.SX], first: int) -> None:
+        """Takes term ``k`` in, whose references are ``view`` and whose rows begin at ``first``."""
+        self.rows.append((k, term.shaped(term.residual(self.step, view), view), first))
+
+    def _weighted(self, q: ca.SX, own: ca.SX, squares: int) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
+        """Residuals, and what is their weight and what their second derivatives are multiplied
+        with: those of a square together, bounded ones one by one. ``own``: weights and shifts of
+        the bounded rows, which stand after ``squares`` others."""
+        bounded = own.numel() // 2
+        for k, r, first in self.rows:
+            if first < squares:
+                yield r, q[k], 2.0 * q[k] * r
+                continue
+            for i in range(r.numel()):
+                at = first - squares + i
+                yield r[i], own[at], own[bounded + at]
+
+    def derived(self, p: ca.SX, q: ca.SX, squares: int, bounded: int) -> StateCurvature | None:
+        """S as a function; None where it is zero whatever the numbers. Of the rows over the state
+        the first ``squares`` are squares, the others ``bounded``."""
+        step, own = self.step, ca.SX.sym("own", 2 * bounded)
+        nodes = [step.x_next, step.x, step.x_prev]
+        state = ca.vertcat(*nodes, step.u)
+        size, centers = state.numel(), step.centers
+        whole, pull = ca.SX(size, size), ca.SX(centers.numel(), 1)
+        motion = _center_slopes(step)
+        for r, weight, shift in self._weighted(q, own, squares):
+            second, mixed, centered, slope = _second(r, weight, shift, state, centers)
+            whole += second
+            if mixed.nnz():
+                whole += mixed @ motion + (mixed @ motion).T
+            if centered.nnz():
+                whole += motion.T @ centered @ motion
+            pull += slope
+        if pull.nnz():
+            assert step.character is not None
+            n = step.x.numel()
+            for t in range(2):
+                at = slice(t * n, (t + 1) * n)
+                whole[at, at] += _center_curvature(
+                    step.character, motion[3 * t : 3 * t + 3, at], nodes[t], pull[3 * t : 3 * t + 3]
+                )
+        upper = ca.sparsify(ca.triu(whole))
+        if not upper.nnz():
+            return None
+        value = ca.vertcat(*upper.nonzeros())
+        if step.character is not None:
+            at_nodes = [symbolic.center_of_mass(step.character, node) for node in nodes[:2]]
+            value = ca.substitute(value, centers, ca.vertcat(*at_nodes))
+        function = ca.Function(
+            NAME, [*nodes, step.u, p, ca.vertcat(q, own)], [value], {"cse": True}
+        )
+        check_length("exact terms of E", function.n_instructions(), "take Gauss and Newton's model")
+        sparsity = upper.sparsity()
+        return StateCurvature(
+            function, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
+        )
+
+
+def _second(r: ca.SX, weight: ca.SX, shift: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
+    """Second derivatives of shiftᵀr, the shift held fixed: to the state, to the state and the
+    centres, to the centres; and the first one to the centres. All are zero where the weight is: a
+    step that a term leaves out may have no finite residual."""
+    held = ca.SX.sym("held", r.numel())
+    pulled = ca.dot(held, r)
+    both = ca.vertcat(state, centers)
+    whole, n = ca.hessian(pulled, both)[0], state.numel()
+    made = [whole[:n, :n], whole[:n, n:], whole[n:, n:], ca.gradient(pulled, centers)]
+    return [_gated(one, held, shift, weight) for one in made]
+
+
+def _gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
+    value = ca.sparsify(value)
+    if not value.nnz():
+        return ca.SX(*value.shape)
+    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, shift)
+    return ca.SX(value.sparsity(), ca.if_else(weight != 0.0, numbers, 0.0))
+
+
+def _center_slopes(step: CenteredStep) -> ca.SX:
+    """(6, 3n + nu) derivatives of the centres of mass at x_next and at x, to (z, u)."""
+    width, n, robot = 3 * step.x.numel() + step.u.numel(), step.x.numel(), step.character
+    if robot is None:
+        return ca.SX(0, width)
+    slopes = [_center_slope(robot, node) for node in (step.x_next, step.x)]
+    return ca.horzcat(ca.diagcat(*slopes), ca.SX(6, width - 2 * n))
+
+
+def _center_slope(robot: Character, x: ca.SX) -> ca.SX:
+    """(3, n) D_j = ∂com/∂x_j: the share of the mass that joint j carries, along its twist."""
+    mass, moment = list(robot.masses), []
+    poses = symbolic.body_poses(robot, x)
+    for body, (R, t), m in zip(robot.bodies, poses, robot.masses, strict=True):
+        moment.append((R @ ca.SX(body.com) + t) * m)
+    for b in reversed(range(len(robot.bodies))):
+        parent = robot.bodies[b].parent
+        if parent >= 0:
+            mass[parent] += mass[b]
+            moment[parent] = moment[parent] + moment[b]
+    owner = [b for b, body in enumerate(robot.bodies) for _ in body.joints]
+    columns = [
+        (ca.cross(turn, moment[b]) + mass[b] * move) / robot.mass
+        for b, (turn, move) in zip(owner, symbolic.joint_twists(robot, x), strict=True)
+    ]
+    return ca.horzcat(*columns)
+
+
+def _center_curvature(robot: Character, slope: ca.SX, x: ca.SX, pull: ca.SX) -> ca.SX:
+    """(n, n) ∂²(pull·com)/∂x_i∂x_j = ω_i·(D_j × pull) for i that carries j."""
+    turns = [turn for turn, _ in symbolic.joint_twists(robot, x)]
+    whole = ca.SX(x.numel(), x.numel())
+    for j, path in enumerate(slots.paths(robot)):
+        arm = ca.cross(slope[:, j], pull)
+        for i in path:
+            value = ca.dot(turns[i], arm)
+            if not value.is_zero():
+                whole[i, j] = whole[j, i] = value
+    return whole
