@@ -30,6 +30,7 @@ _HOME = {
     "SpringDamper": "octo.model.spring",
     "Plane": "octo.model.terrain",
     "Terrain": "octo.model.terrain",
+    "CodeStage": "octo.problem.code_stage",
     "CustomDynamics": "octo.dynamics.evaluate",
     "replay": "octo.replay",
     "simulate": "octo.dynamics.simulate",
@@ -165,6 +166,7 @@ if TYPE_CHECKING:
     from octo.plot import plot as plot
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes
+    from octo.problem.code_stage import CodeStage as CodeStage
     from octo.problem.cycle import Cycle as Cycle
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay

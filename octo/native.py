@@ -18,6 +18,7 @@ import shutil
 import subprocess
 import tempfile
 from functools import partial
+from importlib import resources
 from pathlib import Path
 
 from octo import cache
@@ -83,6 +84,11 @@ def compiler() -> tuple[str, ...] | None:
 def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def threads() -> str:
+    """C text of the pool of threads, which stands before the text that shares work out."""
+    return (resources.files("octo") / "threads.c").read_text(encoding="utf-8")
 
 
 def run_compiler(command: list[str], scratch: Path, seconds: float | None = None) -> str:

@@ -33,9 +33,7 @@ class TreeSweep:
 
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
         library = (
-            native.load(dynamics.text() + codegen.source("batch.c"))
-            if single
-            else dynamics._library
+            native.load(dynamics.text() + codegen.batch_source()) if single else dynamics._library
         )
         assert library is not None
         self.library, self.count, n = library, min(RUN, len(nodes) - 2), dynamics.nx

@@ -1,7 +1,6 @@
 /* All steps of a batch, appended to the text of the dynamics: threads take runs of neighbouring steps, so that each node's
  * poses and twists are evaluated once and shared by the three steps that use it. */
 
-#include <pthread.h>
 #include <stdlib.h>
 
 typedef struct {
@@ -13,11 +12,11 @@ typedef struct {
 } octo_run_of_steps;
 
 #ifndef STEPS
-static void *octo_run_steps(void *argument) {
-  octo_run_of_steps *run = argument;
+static void octo_run_steps(void *shared, int number) {
+  octo_run_of_steps *run = (octo_run_of_steps *)shared + number;
   const size_t kin_size = KIN + 1;
   double *memory = malloc((3 * kin_size + WORK + 1) * sizeof(double)), *work = memory + 3 * kin_size;
-  if (!memory) { run->failed = 1; return 0; }
+  if (!memory) { run->failed = 1; return; }
   for (long item = run->first; item < run->last; ++item) {
     long member = item / run->steps, step = item % run->steps;
     const double *x_prev = run->nodes + (member * (run->steps + 2) + step) * NX, *x = x_prev + NX, *x_next = x + NX;
@@ -29,7 +28,6 @@ static void *octo_run_steps(void *argument) {
               run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * CURVATURE * NX * NX, work);
   }
   free(memory);
-  return 0;
 }
 #else
 
@@ -51,10 +49,10 @@ static void octo_run_group(const octo_run_of_steps *run, long item, int count, c
   if (run->order == 2) octo_scatter(s->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, s->touching, 2, hess, count);
 }
 
-static void *octo_run_steps(void *argument) {
-  octo_run_of_steps *run = argument;
+static void octo_run_steps(void *shared, int number) {
+  octo_run_of_steps *run = (octo_run_of_steps *)shared + number;
   octo_lanes *s = aligned_alloc(64, (sizeof(octo_lanes) + 63) / 64 * 64);
-  if (!s) { run->failed = 1; return 0; }
+  if (!s) { run->failed = 1; return; }
   octo_lanes_clear(s);
   for (long item = run->first; item < run->last;) {
     long member = item / run->steps, step = item % run->steps, end = run->steps;
@@ -67,7 +65,6 @@ static void *octo_run_steps(void *argument) {
     }
   }
   free(s);
-  return 0;
 }
 #endif
 
@@ -76,21 +73,12 @@ int octo_batch(int batch, int steps, int order, int threads, const double *nodes
   long items = (long)batch * steps;
   if (threads > items) threads = items > 0 ? (int)items : 1;
   octo_run_of_steps *runs = calloc(threads, sizeof(octo_run_of_steps));
-  pthread_t *handles = calloc(threads, sizeof(pthread_t));
-  int failed = !runs || !handles;
-  for (int k = 0; k < threads && !failed; ++k) {
-    octo_run_of_steps run = {steps, order, nodes, p, lam, fd, jac, hess, items * k / threads, items * (k + 1) / threads, 0};
-    runs[k] = run;
-    if (k == threads - 1 || pthread_create(&handles[k], 0, octo_run_steps, &runs[k]) != 0) {
-      handles[k] = 0; /* the caller takes the last run, and those that got no thread */
-      octo_run_steps(&runs[k]);
-    }
-  }
-  for (int k = 0; k < threads && runs && handles; ++k) {
-    if (handles[k]) pthread_join(handles[k], 0);
-    failed |= runs[k].failed;
-  }
+  int failed = 0;
+  if (!runs) return 1;
+  for (int k = 0; k < threads; ++k)
+    runs[k] = (octo_run_of_steps){steps, order, nodes, p, lam, fd, jac, hess, items * k / threads, items * (k + 1) / threads, 0};
+  octo_parallel_for(octo_run_steps, runs, threads, threads);
+  for (int k = 0; k < threads; ++k) failed |= runs[k].failed;
   free(runs);
-  free(handles);
   return failed;
 }

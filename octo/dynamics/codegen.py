@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from octo import native
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
@@ -46,6 +47,11 @@ def source(name: str) -> str:
     return (resources.files("octo.dynamics") / name).read_text(encoding="utf-8")
 
 
+def batch_source() -> str:
+    """C text that evaluates all steps of a batch, for the text of a model's functions."""
+    return native.threads() + source("batch.c")
+
+
 @postponed()
 def robot_text(
     character: Character,
@@ -63,7 +69,7 @@ def robot_text(
             stages.contact(order, layout, law, terrain),
             stages.joint(order, layout),
         ]
-    elements = elements_of(character, layout, _Links(character).of)
+    elements = elements_of(character, layout, Links(character).of)
     functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
@@ -154,17 +160,21 @@ def _generated(functions: Sequence[ca.Function]) -> str:
 
 
 def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
-    """Refuse a curvature that would take too long to write down: its columns each cost about as
-    much as the gradient.
+    check_curvature("these user-written dynamics", [z, p, lam], gradient, HINT)
+
+
+def check_curvature(what: str, inputs: Sequence[ca.SX], gradient: ca.SX, hint: str) -> None:
+    """Refuse second derivatives, of a ``gradient`` to the first of ``inputs``, that would take too
+    long to write down: their columns each cost about as much as the gradient.
 
     Measured: a dense one of 3n columns has 0.6 · 3n times the gradient's instructions.
     """
-    function = ca.Function("gradient", [z, p, lam], [gradient])
+    function = ca.Function("gradient", list(inputs), [gradient])
     pattern = ca.Sparsity(function.jac_sparsity(0, 0))
     columns = max(np.diff(pattern.colind()), default=0)
     expected = int(0.6 * columns * function.n_instructions())
     if expected > 2 * MOST or function.n_instructions() > MOST:
-        check_length("these user-written dynamics", max(expected, function.n_instructions()), HINT)
+        check_length(what, max(expected, function.n_instructions()), hint)
 
 
 @postponed()
@@ -198,7 +208,7 @@ def _literal(value: float) -> str:
 
 def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
-    links = _Links(character)
+    links = Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
     sizes = {
         "NX": character.nx,
@@ -313,7 +323,7 @@ def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     ]
 
 
-class _Links:
+class Links:
     """Bodies welded together are one link: one inertia, in the frame of the link's first body.
 
     ``of`` is the link of each body (-1: fixed to the world), ``first`` each link's first body.

@@ -5,6 +5,7 @@
 #define NCOUPLED 0
 
 typedef struct { char none; } octo_work;
+static inline void octo_work_begin(octo_work *s) {}
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
 
 static void octo_kin(const real *x, real *kin) {}

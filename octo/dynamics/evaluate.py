@@ -86,7 +86,7 @@ class Dynamics:
 
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
-        return native.load(self.lanes_text() + codegen.source("batch.c"))
+        return native.load(self.lanes_text() + codegen.batch_source())
 
     @cached_property
     @postponed()

@@ -72,6 +72,7 @@ static void octo_lanes_load(octo_lanes *s, int first, real *out) {
 /* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
 static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
   s->from = nodes, s->node = first, s->last = last, s->ring = 0;
+  octo_work_begin(&s->work);
   octo_lanes_load(s, first, s->nodes[0]);
 }
 

@@ -5,11 +5,16 @@
  * then what the pairs alone couple. */
 
 #define JAC_SLOTS (1 + 6 * NRELATED + NCOUPLED)
-#define HESS_SLOTS (1 + 7 * NRELATED + NCOUPLED)
+#define HESS_SLOTS (1 + 9 * NRELATED + NCOUPLED) /* the last two runs are of block 12, which is not written here */
+
+/* Adds more to a link's composite: to the blocks of its curvature, order 2. */
+typedef void octo_adder(void *from, const octo_input *in, int link, octo_link_blocks *to);
 
 typedef struct {
   octo_link_blocks link[SOME(NSLOT)];
   octo_touch_blocks touch;
+  octo_mask active[SOME(NC)]; /* of each contact, in the step that was evaluated last */
+  octo_adder *adder; void *adds; /* or NULL, and what it gets as ``from`` */
   octo_loops pairs;
 #if NELEMENT > 0
   octo_elements elements;
@@ -17,6 +22,8 @@ typedef struct {
 #endif
   real V[SOME(NX)][6], eta[SOME(NX)][6]; /* order 2: virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a, and η_j = ad_{V_j} ξ_j */
 } octo_work;
+
+static inline void octo_work_begin(octo_work *s) { s->adder = 0; }
 
 static inline real octo_along(const real *a, const real *b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5];
@@ -59,6 +66,7 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
     octo_touch_blocks *k = &s->touch;
     if (octo_contact_link[c] != l) continue;
     octo_contact(in, c, V, k);
+    s->active[c] = k->active;
     if (!ANY(k->active)) continue;
     octo_add_where(k->active, order == 0 ? 6 : 78, k->W, to->W);
     if (order == 2) { octo_add_where(k->active, 72, k->T[0], to->T[0]); octo_add_where(k->active, 36, k->L, to->L[0]); }
@@ -74,6 +82,7 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
 #endif
   for (int child = NLINK - 1; child > l; --child)
     if (octo_link_parent[child] == l) octo_add(order == 0 ? 6 : order == 1 ? 114 : 294, s->link[octo_link_slot[child]].W, to->W);
+  if (order == 2 && s->adder) s->adder(s->adds, in, l, to);
 }
 
 #define UP(at, kind) at[(kind) * NRELATED] /* the kind of entry, of the slots that ``at`` stands in */
@@ -146,7 +155,7 @@ static inline void octo_couple_jacobian(int i, int j, real value, real *jac) {
 }
 static inline void octo_couple_curvature(int i, int j, real value, real *hess) {
   int at = octo_coupled[i * NX + j];
-  hess[1 + (at < NRELATED ? 0 : 6 * NRELATED) + at] += value;
+  hess[1 + (at < NRELATED ? 0 : 8 * NRELATED) + at] += value;
 }
 #endif
 

@@ -48,7 +48,8 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
     -------
     places (n, n): of i and j in a run of slots, -1 where they are not coupled; their count beyond
         the related ones; the slots
-    of jac (n, 3n) and hess (5, n, n), 0 for what is zero.
+    of jac (n, 3n) and hess (6, n, n), 0 for what is zero. The last block of hess is that of x and
+    x_prev, which is zero in FD and not in terms over contacts.
     """
     n, start = character.nx, 0
     places = np.full((n, n), -1)
@@ -57,11 +58,11 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
         start += len(path)
     above, below = np.nonzero(places >= 0)
     at = 1 + places[above, below]
-    jac, hess = np.zeros((n, 3, n), dtype=int), np.zeros((5, n, n), dtype=int)
+    jac, hess = np.zeros((n, 3, n), dtype=int), np.zeros((6, n, n), dtype=int)
     for node in range(3):
         jac[below, node, above] = at + (3 + node) * start
         jac[above, node, below] = at + node * start
-    for block, (upper, lower) in enumerate(((0, 0), (1, 3), (2, 4), (5, 5), (6, 6))):
+    for block, (upper, lower) in enumerate(((0, 0), (1, 3), (2, 4), (5, 5), (6, 6), (7, 8))):
         hess[block, below, above] = at + lower * start
         hess[block, above, below] = at + upper * start
     places = np.maximum(places, places.T)
@@ -73,7 +74,7 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
             for j in dofs:
                 if places[i, j] < 0:
                     places[i, j] = places[j, i] = count
-                    jac[i, 0, j], hess[0, i, j] = 1 + 5 * start + count, 1 + 6 * start + count
+                    jac[i, 0, j], hess[0, i, j] = 1 + 5 * start + count, 1 + 8 * start + count
                     jac[j, 0, i], hess[0, j, i] = jac[i, 0, j], hess[0, i, j]
                     count += 1
     return places, count - start, jac, hess
@@ -82,7 +83,7 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
 def _of_elements(character: Character, start: int, jac: Integers, hess: Integers) -> int:
     """Slots of what pairs and elements couple beyond the related ones, and their count: no two
     entries of jac share one, and of hess H00 and H11 their equal ones."""
-    used = [6 * start, 7 * start]
+    used = [6 * start, 9 * start]
 
     def slot(table: Integers, which: int, *entries: tuple[int, int, int]) -> None:
         if table[entries[0]] == 0:
@@ -100,20 +101,7 @@ def _of_elements(character: Character, start: int, jac: Integers, hess: Integers
                 if nodes == 2:
                     slot(hess, 1, (1, i, j))
                     slot(hess, 1, (3, i, j), (3, j, i))
-    return max(used[0] - 6 * start, used[1] - 7 * start)
-
-
-def of_past(character: Character, first: int) -> Integers:
-    """(n, n) slots from ``first`` on of a block that couples the present node with the previous
-    one; 0 for what is zero."""
-    block, start = np.zeros((character.nx, character.nx), dtype=int), 0
-    related = paths(character)
-    count = sum(map(len, related))
-    for j, path in enumerate(related):
-        at = first + start + np.arange(len(path))
-        block[j, path[::-1]], block[path[::-1], j] = at + count, at
-        start += len(path)
-    return block
+    return max(used[0] - 6 * start, used[1] - 9 * start)
 
 
 def table(jac: Integers, hess: Integers) -> str:

@@ -49,9 +49,14 @@ class DeviceBackend(Backend):
 
         Raises
         ------
-        DeviceError: the device has too little memory, or the robot is too large for its shared
-            memory.
+        DeviceError: the device has too little memory, the robot is too large for its shared
+            memory, or its units have extra unknowns.
         """
+        if problem.plan.extra or problem.plan.extra_rows:
+            raise DeviceError(
+                f"units have {problem.plan.extra} extra unknowns and {problem.plan.extra_rows} "
+                "extra rows, must have none on a GPU: solve with device='cpu'"
+            )
         # before what is free is measured: the passes of a solve come one after another
         self._release()
         before = self._own.last

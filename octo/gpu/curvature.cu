@@ -14,7 +14,12 @@ octo_second(int steps, const int *curved, const double *nodes, const double *p, 
     const double *x = nodes + (item + 2 * member) * NX;
     double u[NU + 1];
     for (int j = 0; j < NU; ++j) u[j] = fd[item * NX + octo_bend_actuated[j]];
-    const double *arg[6] = {x + 2 * NX, x + NX, x, u, p + member * NP, q + item * NQ};
+    const double *arg[7] = {x + 2 * NX, x + NX, x, u, p + member * NP, q + item * NQ};
+#ifdef CALLS
+    double v[NV];
+    arg[6] = v;
+    for (int k = 0; k < CALLS; ++k) octo_call(k, arg, v, 2); /* each piece's own */
+#endif
     double *res[1] = {second + item * NS + octo_bend_at[blockIdx.y]};
     octo_bend_piece(blockIdx.y, arg, res);
   }

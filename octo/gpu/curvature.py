@@ -11,6 +11,7 @@ from octo.dynamics.codegen import integers
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics
 from octo.gpu.device import Array, Device, source
+from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import StateCurvature
 
 WARP, SMALL = 32, 128  # threads of a block for 32 steps, and for one
@@ -23,8 +24,10 @@ class Bends:
     size: numbers of a step's S.
     """
 
-    def __init__(self, made: StateCurvature, dynamics: Dynamics, device: Device):
+    def __init__(self, functions: CostFunctions, dynamics: Dynamics, device: Device):
         self.device, n = device, dynamics.nx
+        made, calls = functions.curvature, functions.calls
+        assert made is not None
         inputs = made.function.sx_in()
         values, order = made.function(*inputs), _groups(made, n)
         self.size, self.width = len(made.rows), 3 * n
@@ -54,7 +57,9 @@ class Bends:
         }
         cases = " ".join(f"case {k}: {f.name()}(arg, res); break;" for k, f in enumerate(pieces))
         text = [
+            calls.stages_text,
             source("common.cuh"),
+            calls.numbers_text,
             *map(function_of_numbers, pieces),
             *(f"#define {name} {value}" for name, value in sizes.items()),
             *(integers(f"bend_{name}", values) for name, values in tables.items()),

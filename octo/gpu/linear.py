@@ -309,7 +309,9 @@ class DeviceBlocks(KKTBlocks):
 
     def hessian_times(self, v: Array, sigma: Array | None = None) -> Array:
         product = self.linear.hessian_times(self.H, v)
-        return product if sigma is None else product + sigma[:, :, None] * v
+        if sigma is None:
+            return product
+        return product + sigma.reshape(*sigma.shape, *(1,) * (v.ndim - 2)) * v
 
     def constraints_times(self, v: Array) -> Array:
         return self.linear.rows_times(self.A, v)

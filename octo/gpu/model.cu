@@ -30,10 +30,15 @@ octo_nodes(int count, int steps, int units, int slots, int parts, const int *slo
   }
 }
 
-/* x, kin: of the next node, those of the two before it stand before them; u: (NU), then sine and cosine of ANGLES */
+/* x, kin: of the next node, those of the two before it stand before them; u: (NU), then sine and cosine of ANGLES, then what
+ * stages of code give (problem/calls.py) */
 typedef struct { const double *x, *kin, *p, *q; double *u; } octo_place_of_step;
 
+#ifdef CALLS
+#define ARGUMENTS (NU + 2 * ANGLES + NV)
+#else
 #define ARGUMENTS (NU + 2 * ANGLES)
+#endif
 
 static __device__ inline octo_place_of_step octo_place_at(int steps, size_t member, size_t step, const double *nodes, const double *kin,
                                                           const double *p, const double *q, double *u) {
@@ -52,6 +57,21 @@ static __device__ inline octo_place_of_step octo_place_after(const octo_place_of
 #define EACH_OF_STEPS(s, e, count, steps) /* the steps and numbers of each */ \
   for (int s##e = LANE, s, e; s##e < TOGETHER * (count) && (s = s##e % TOGETHER, e = s##e / TOGETHER, 1); s##e += LANES) if (s < (steps))
 
+#ifdef CALLS
+/* What stages of code give, one call a thread; those of a wave do not ask for one another. */
+static __device__ inline void octo_calls_of_steps(const octo_place_of_step *first, int count, int order) {
+  for (int wave = 0; wave < CALLS; wave = octo_call_end[wave]) {
+    EACH_OF_STEPS(s, k, octo_call_end[wave] - wave, count) {
+      octo_place_of_step at = octo_place_after(first, s);
+      double *v = at.u + NU + 2 * ANGLES;
+      const double *arg[7] = {at.x, at.x - NX, at.x - 2 * NX, at.u, at.p, at.q, v};
+      octo_call(wave + k, arg, v, order);
+    }
+    BARRIER;
+  }
+}
+#endif
+
 /* Residuals r (count, MROWS); or, with jac and touch, those over the state, their derivatives, and what the terms over contacts have,
  * ``exact`` or by Gauss and Newton: a warp for each piece, over contacts a thread for each. */
 static __device__ inline void octo_costs_of_steps(const octo_place_of_step *first, int count, const double *fd, int exact, double *r,
@@ -64,6 +84,9 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
     sincos(source[octo_angle_element[k]] + octo_angle_offset[k], turn, turn + 1);
   }
   BARRIER;
+#ifdef CALLS
+  octo_calls_of_steps(first, count, jac != 0);
+#endif
   const double *arg[8];
   double *res[1];
   int skipped = !jac ? 0 : CONTACT_VALUES, end = !jac ? CONTACT_VALUES : exact ? CONTACT_PIECES : CONTACT_MODEL;
@@ -75,6 +98,9 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
       for (int s = LANE % 32; s < count && k < pieces; s += lanes) { /* k < pieces: the compiler sees which are never called */
         octo_place_of_step at = octo_place_after(first, s);
         arg[0] = at.x; arg[1] = at.x - NX; arg[2] = at.x - 2 * NX; arg[3] = at.u; arg[4] = at.p; arg[5] = at.q; arg[6] = at.u + NU;
+#ifdef CALLS
+        arg[7] = at.u + NU + 2 * ANGLES;
+#endif
         res[0] = (k < VALUES ? r + s * MROWS : jac + s * NZ) + octo_piece_at[k];
         octo_piece(k, arg, res);
       }

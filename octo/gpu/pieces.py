@@ -35,8 +35,9 @@ class Pieces:
     """state, contact: functions and the place of what they write: those of values (r), then those
     of derivatives.
 
-    angles: (input, element, what is added to it) whose sine and cosine are the last input of
-    ``state``. rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
+    angles: (input, element, what is added to it) whose sine and cosine are an input of ``state``,
+    the last one but for v.
+    rows, columns (NZ,): of the derivatives over the state, those with respect to u last.
     """
 
     state: _Cut
@@ -57,7 +58,7 @@ class Pieces:
         values, first = len(whole), 0  # of which the first are values
         for group in inputs[:4]:
             for term in own:
-                jac = ca.jacobian(r[term.tolist()], group)
+                jac = functions.calls.jacobian(r[term.tolist()], inputs, group)
                 if jac.nnz():
                     whole.append((ca.vertcat(*jac.nonzeros()), len(entry_rows)))
                     entry_rows += [int(term[k]) for k in jac.sparsity().row()]
@@ -65,9 +66,8 @@ class Pieces:
             first += group.numel()
         made = _Rewritten(inputs, [piece for piece, _ in whole])
         columns = [(output, at) for output, (_, at) in zip(made.outputs, whole, strict=True)]
-        state = _Cut.of(
-            "octo_piece", [*inputs, made.sines], [columns[:values], columns[values:]], LIVE
-        )
+        given = [*inputs[:6], made.sines, *inputs[6:]]
+        state = _Cut.of("octo_piece", given, [columns[:values], columns[values:]], LIVE)
         places = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
         return cls(state, _contact_pieces(functions.contact), made.angles, *places)
 

@@ -48,7 +48,7 @@ class Program:
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        pieces = Pieces.of(functions)
+        pieces, stages = Pieces.of(functions), functions.calls.stages_text
         costs = [
             codegen.residual_text(
                 functions, dynamics, pieces.functions, pieces.rows, pieces.columns
@@ -63,14 +63,14 @@ class Program:
         ]
         parts = [
             [text, *common, source("dynamics.cu")],
-            [text, *costs, *common, source("model.cu"), source("gather.cu")],
+            [stages + text, *costs, *common, source("model.cu"), source("gather.cu")],
         ]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
         self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
-        bent = functions.curvature
-        self.bends = None if bent is None else Bends(bent, dynamics, device)
+        bent = functions.curvature is not None
+        self.bends = Bends(functions, dynamics, device) if bent else None
         pairs = functions.pairs
         self.pairs = None if pairs is None else StepPairs(problem, pairs, device)
         size = device.empty((2,), np.int32)
@@ -78,7 +78,7 @@ class Program:
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
         self.rows = functions.rows
         # doubles that the costs of a step share
-        self.arguments = dynamics.nu + 2 * len(pieces.angles)
+        self.arguments = dynamics.nu + 2 * len(pieces.angles) + functions.calls.size
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
         self.touching = 8 * (

@@ -1,15 +1,19 @@
-/* E, C and their model (Eq. 9) over all time steps, appended to the text of the dynamics, of the costs and of scatter.c.
+/* E, C and their model (Eq. 9) over all time steps, appended to the text of the dynamics, of the costs and of scatter.c,
+ * sparse_rows.c and contacts.c.
  *
  * The generated text before this one defines: NX NU MU KIN NP CURVATURE and octo_lanes_* (the dynamics, lanes_group.c);
  * NQ NTERM NR NZ CR NFC and the tables and functions of the costs (problem/codegen.py).
- * A step's rows over the state (residuals scaled by the root of twice their coefficient) are stacked, so that their block is
- * rowsᵀ rows; to it comes the curvature of lambdaᵀFD, of the terms over contacts (contacts.c) and of exact ones over the state
- * (curvature.c). Dynamics and costs go STEPS steps at a time, all else step by step. */
+ * A step's block is rowsᵀ rows of its rows over the state (sparse_rows.c); to it comes the curvature of lambdaᵀFD, of the terms
+ * over contacts (contacts.c) and of exact ones over the state (curvature.c). Dynamics and costs go STEPS steps at a time, all else
+ * step by step. */
 
 /* Steps first … last of a member, STEPS at a time: dynamics and costs, unscaled, in the lanes of vectors. */
 typedef struct {
   octo_lanes lanes;
-  real q[NQ], u[NU + 1], r[MROWS + 1], slopes[NZ + 1];
+  real q[NQ], u[NU + 1], r[NR + 1], slopes[NZ + 1];
+#if NFC > 0
+  octo_rests rests;
+#endif
 #if NS > 0
   real second[NS];
 #endif
@@ -18,6 +22,9 @@ typedef struct {
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
   octo_lanes_clear(&g->lanes);
   octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
+#if NFC > 0
+  octo_rests_begin(&g->rests);
+#endif
 }
 
 static void octo_group_arguments(octo_group *g, const octo_task *t, int member, int i, int count) {
@@ -51,14 +58,6 @@ static void octo_group_second(octo_group *g, const octo_input *in, double (*seco
 
 static int octo_group_count(int i, int last) { return last - i < STEPS ? last - i : STEPS; }
 
-static void octo_sum_terms(const double *q, const double *r, double *terms) {
-  for (int k = 0; k < NTERM; ++k) terms[k] = 0.0;
-  for (int row = 0; row < MROWS; ++row) {
-    double c = octo_coefficient(q, row);
-    if (c != 0.0) terms[octo_row_term(row)] += c * r[row] * r[row];
-  }
-}
-
 typedef struct { const octo_task *task; int failed; } octo_sweep;
 
 static void octo_evaluate_chunk(void *shared, int item) {
@@ -71,28 +70,31 @@ static void octo_evaluate_chunk(void *shared, int item) {
   for (int i = first; i < last; i += STEPS) {
     int count = octo_group_count(i, last);
     size_t step = (size_t)member * t->steps + i;
-    double r[STEPS][MROWS + 1], *rows[STEPS], *fd[STEPS];
+    real shares[NTERM + 1];
+    double *fd[STEPS], *terms[STEPS];
     octo_input in = octo_lanes_turn(&g->lanes, t->p + (size_t)member * NP, 0);
     octo_lanes_run(&g->lanes, &in);
     octo_group_arguments(g, t, member, i, count);
     octo_group_states(g, &in, 0);
+    octo_sum_rows(g->q, g->r, shares);
 #if NFC > 0
-    octo_contact_values(&in, g->q, g->r + NR);
+    octo_sum_contacts(&g->rests, &g->lanes.work, &in, g->q, shares);
 #endif
-    for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; rows[k] = r[k]; }
+    for (int k = 0; k < count; ++k) { fd[k] = t->fd + (step + k) * NX; terms[k] = t->terms + (step + k) * NTERM; }
     octo_spread(g->lanes.fd, NX, fd, count);
-    octo_spread(g->r, MROWS, rows, count);
-    for (int k = 0; k < count; ++k) {
-      octo_sum_terms(t->q + (step + k) * NQ, r[k], t->terms + (step + k) * NTERM);
-      for (int row = 0; row < NBOUNDED && t->rows; ++row) t->rows[(step + k) * NBOUNDED + row] = r[k][SQUARES + row];
-    }
+    octo_spread(shares, NTERM, terms, count);
+#if NBOUNDED > 0
+    double *bounded[STEPS];
+    for (int k = 0; k < count; ++k) bounded[k] = t->rows + (step + k) * NBOUNDED;
+    if (t->rows) octo_spread(g->r + SQUARES, NBOUNDED, bounded, count);
+#endif
   }
   free(g);
 }
 
 int octo_evaluate(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
-  octo_share(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
 #ifdef PAIR_ROWS
   sweep.failed |= octo_pair_terms(t, threads, 0);
 #endif
@@ -100,60 +102,17 @@ int octo_evaluate(octo_task *t, int threads) {
   return sweep.failed;
 }
 
-/* rows (count, LD) of d residual / d (x_next, x, x_prev), scaled; value of each row; lam (NX) gets dE/du. */
-typedef struct { double row[NR + 1][LD] __attribute__((aligned(64))); double value[NR + 1]; int count; } octo_rows;
+/* What of the curvature (HESS in phases.c) stands in the rows of hess (W3, LD), from the nodes' diagonal blocks on. */
+static octo_slot octo_line_slot[W3 * LD];
+static char octo_line_use[W3 * LD / STEPS];
 
-typedef struct { double r[NR + 1], slopes[NZ + 1]; } octo_cost_values;
-
-/* ∂E/∂u of a step, by rows of FD. */
-static void octo_pull_torques(const octo_cost_values *v, const double *q, double *lam) {
-  for (int j = 0; j < NX; ++j) lam[j] = 0.0;
-#if NR > 0
-  for (int z = NZ - 1; z >= 0 && octo_state_entry_column[z] >= W3; --z) { /* entries are sorted by column */
-    int row = octo_state_entry_row[z];
-    if (octo_row_weight(q, row) == 0.0) continue; /* a step that a term leaves out may have no finite residual */
-    lam[octo_actuated[octo_state_entry_column[z] - W3]] += octo_row_shift(q, row, v->r[row]) * v->slopes[z];
-  }
-#endif
-}
-
-static void octo_build_rows(const octo_cost_values *v, const double *jac, const double *q, octo_rows *rows) {
-  int count = 0, place[NR + 1]; double scale[NR + 1];
-  for (int row = 0; row < NR; ++row) {
-    double weight = octo_row_weight(q, row);
-    place[row] = -1;
-    if (weight == 0.0) continue;
-    scale[row] = sqrt(weight);
-    for (int j = 0; j < LD; ++j) rows->row[count][j] = 0.0;
-    rows->value[count] = row < SQUARES ? scale[row] * v->r[row] : octo_row_shift(q, row, v->r[row]) / scale[row];
-    place[row] = count++;
-  }
-  rows->count = count;
-#if NR > 0
-  for (int z = 0; z < NZ; ++z) {
-    int row = octo_state_entry_row[z], column = octo_state_entry_column[z];
-    if (place[row] < 0) continue;
-    double value = scale[row] * v->slopes[z], *out = rows->row[place[row]];
-    if (column < W3) out[column] += value;
-    else {
-      const double *source = jac + octo_actuated[column - W3] * W3;
-      for (int j = 0; j < W3; ++j) out[j] += value * source[j];
-    }
-  }
-#endif
-}
-
-/* Columns 8j … 8j+7 of row r of a node's row of blocks of the curvature (HESS in phases.c), from its diagonal block on. */
-static inline __attribute__((always_inline)) v8 octo_curved(const double *curvature, const int node, int r, int j) {
-  v8 line = {0};
-  for (int other = node; other < 3; ++other) {
-    int block = node == 0 ? other : node == other ? 2 + node : 5, column = 8 * j - other * NX;
-    if (block >= BLOCKS || column <= -8 || column >= NX) continue;
-    v8_integers at = column + (v8_integers){0, 1, 2, 3, 4, 5, 6, 7};
-    v8 part = *(const v8_anywhere *)(curvature + (block * NX + r) * NX + column);
-    line = (v8)((v8_integers)line | ((v8_integers)part & (at >= 0) & (at < NX)));
-  }
-  return line;
+__attribute__((constructor)) static void octo_find_lines(void) {
+  static const int block[3][3] = {{0, 1, 2}, {0, 3, 5}, {0, 0, 4}};
+  for (int node = 0; node < 3; ++node)
+    for (int other = node; other < 3; ++other)
+      for (int e = 0; e < NX * NX && block[node][other] < (NFC > 0 ? 6 : CURVATURE); ++e)
+        octo_line_slot[(node * NX + e / NX) * LD + other * NX + e % NX] = octo_hess_slot[block[node][other] * NX * NX + e];
+  octo_find_use(octo_line_slot, W3 * LD, HESS_SLOTS - NCOUPLED, octo_line_use);
 }
 
 /* A node's rows of hess = curvature (or 0) + rowsᵀ rows, from its diagonal block on and two at a time; what stands left of
@@ -164,8 +123,8 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
     int i = node * NX + r;
     v8 one[LD / 8], two[LD / 8];
     for (int j = first; j < LD / 8; ++j) {
-      one[j] = curvature ? octo_curved(curvature, node, r, j) : (v8){0};
-      two[j] = curvature ? octo_curved(curvature, node, r + 1, j) : (v8){0};
+      one[j] = curvature ? *(const v8 *)(curvature + i * LD + 8 * j) : (v8){0};
+      two[j] = curvature ? *(const v8 *)(curvature + (i + 1) * LD + 8 * j) : (v8){0};
     }
     for (int k = 0; k < rows->count; ++k) {
       const double *row = rows->row[k], f = row[i], g = row[i + 1];
@@ -183,17 +142,19 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which that over contacts (LD) is added, or 0; nothing of use stands left of
- * the nodes' diagonal blocks. */
-static void octo_gauss_newton(const octo_rows *rows, const double *curvature, const double *touched, double *hess, double *gradient) {
+/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which ``slope`` (LD) is added, or 0; nothing of use stands left of the nodes'
+ * diagonal blocks. */
+static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums, const double *curvature, const double *slope,
+                              double *hess, double *gradient) {
   v8 sum[LD / 8];
-  for (int j = 0; j < LD / 8; ++j) sum[j] = touched ? ((const v8 *)touched)[j] : (v8){0};
+  for (int j = 0; j < LD / 8; ++j) sum[j] = slope ? ((const v8 *)slope)[j] : (v8){0};
   for (int r = 0; r < rows->count; ++r)
     for (int j = 0; j < LD / 8; ++j) sum[j] += rows->value[r] * *(const v8 *)(rows->row[r] + 8 * j);
   for (int j = 0; j < LD / 8; ++j) ((v8 *)gradient)[j] = sum[j];
   octo_square(rows, curvature, 0, hess);
   octo_square(rows, curvature, 1, hess);
   octo_square(rows, curvature, 2, hess);
+  octo_add_squares(sums, hess);
 }
 
 /* What stands left of the nodes' diagonal blocks. */
@@ -207,24 +168,28 @@ typedef struct {
   octo_group group;
   double hess[(W3 + 1) * LD] __attribute__((aligned(64))), gradient[LD] __attribute__((aligned(64)));
   double jac[STEPS][(NX * W3 + 7) / 8 * 8] __attribute__((aligned(64)));
-  double curvature[STEPS][((BLOCKS * NX + 1) * NX + 15) / 8 * 8] __attribute__((aligned(64)));
+  double curvature[STEPS][(W3 + 1) * LD] __attribute__((aligned(64)));
   double lam[STEPS][NX];
 #if NFC > 0
   octo_touched touched;
-  double slope[STEPS][LD] __attribute__((aligned(64))); /* of E over contacts */
 #endif
-  octo_cost_values values[STEPS];
+#if SLOPED
+  double slope[STEPS][LD] __attribute__((aligned(64))); /* of E but for the rows written out */
+#endif
 #if NS > 0
   double second[STEPS][NS]; /* of terms over the state */
 #endif
+  octo_row_sums sums;
+  real pull[NU + 1], gradient_sum[W3]; /* ∂E/∂u; of E but for the rows written out */
+  octo_step_sums step_sums[STEPS];
   octo_rows rows;
   octo_places places;
   int zeros; /* what jac and curvature hold where a group writes nothing: 0 zeros, 1 what pairs wrote before, 2 anything */
 } octo_scratch;
 
-/* The multipliers of the FD of step i: ∂E/∂u on the rows of torques, lam of C on the others. */
-static void octo_pull(const octo_task *t, int ma, int member, int i, const octo_cost_values *values, double *lam) {
-  octo_pull_torques(values, t->q + ((size_t)member * t->steps + i) * NQ, lam);
+/* The multipliers of the FD of step i on the rows that are no torques: lam of C; on the others ∂E/∂u of terms over two steps. */
+static void octo_pull(const octo_task *t, int ma, int member, int i, double *lam) {
+  for (int j = 0; j < NX; ++j) lam[j] = 0.0;
 #ifdef PAIR_ROWS
   octo_pair_pull(t, member, i, lam);
 #endif
@@ -239,20 +204,19 @@ static void octo_pull(const octo_task *t, int ma, int member, int i, const octo_
 /* Costs of ``count`` steps from i on, and FD where it is not known yet. */
 static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int member, int i, int count) {
   octo_lanes *lanes = &s->group.lanes;
-  double *fd[STEPS], *r[STEPS], *slopes[STEPS];
+  double *fd[STEPS], *sums[STEPS];
   octo_input in = octo_lanes_turn(lanes, t->p + (size_t)member * NP, t->lam ? 2 : 1);
   for (int k = 0; k < STEPS; ++k) {
     fd[k] = t->fd + ((size_t)member * t->steps + i + (k < count ? k : 0)) * NX;
-    r[k] = s->values[k].r;
-    slopes[k] = s->values[k].slopes;
+    sums[k] = (double *)&s->step_sums[k];
   }
   if (t->lam) octo_gather((const double *const *)fd, NX, lanes->fd);
   else octo_lanes_run(lanes, &in);
   if (!t->lam && !t->terms) octo_spread(lanes->fd, NX, fd, count);
   octo_group_arguments(&s->group, t, member, i, count);
   octo_group_states(&s->group, &in, 1);
-  octo_spread(s->group.r, NR, r, STEPS);
-  octo_spread(s->group.slopes, NZ, slopes, STEPS);
+  octo_derive_rows(s->group.q, s->group.r, s->group.slopes, &s->sums, s->pull, s->gradient_sum);
+  octo_spread((const real *)&s->sums, sizeof s->sums / sizeof(real), sums, count);
   return in;
 }
 
@@ -269,32 +233,36 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   if (octo_is_curved(t, member)) octo_group_second(&s->group, &in, s->second);
 #endif
   for (int k = 0; k < STEPS; ++k) {
-    if (t->lam && k < count) octo_pull(t, ma, member, i + k, &s->values[k], s->lam[k]);
+    if (t->lam && k < count) octo_pull(t, ma, member, i + k, s->lam[k]);
     lam[k] = s->lam[k < count ? k : 0];
     jac[k] = s->jac[k];
     curvature[k] = s->curvature[k];
   }
+#if NFC > 0
+  octo_touch_begin(&s->touched, &s->group.rests, lanes, s->group.q, octo_is_curved(t, member), s->gradient_sum);
+#endif
   if (t->lam) {
     octo_gather(lam, NX, lanes->lam);
+    for (int j = 0; j < NU; ++j) lanes->lam[octo_actuated[j]] += s->pull[j];
     octo_lanes_run(lanes, &in);
   }
   int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
 #if NFC > 0
-  double *past[STEPS], *slope[STEPS];
-  for (int k = 0; k < STEPS; ++k) past[k] = curvature[k] + 5 * NX * NX, slope[k] = s->slope[k];
-  if (!t->lam) memset(lanes->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
-  octo_touch(&s->touched, &in, s->group.q, octo_is_curved(t, member), lanes->hess);
-  octo_scatter(s->touched.past, octo_past_slot, NX * NX, octo_past_use, 0, 2, past, STEPS);
-  octo_spread(s->touched.gradient, W3, slope, STEPS);
+  if (!t->lam) octo_touch_alone(&s->touched, &in);
+#endif
+#if SLOPED
+  double *slope[STEPS];
+  for (int k = 0; k < STEPS; ++k) slope[k] = s->slope[k];
+  octo_spread(s->gradient_sum, W3, slope, STEPS);
 #endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
-  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_hess_slot, CURVATURE * NX * NX, octo_hess_use, lanes->touching, kept, curvature, STEPS);
+  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_line_slot, W3 * LD, octo_line_use, lanes->touching, kept, curvature, STEPS);
   s->zeros = lanes->touching;
 }
 
 static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch *s, int member, int i, int k) {
-  const double *q = t->q + ((size_t)member * t->steps + i) * NQ, *fd = t->fd + ((size_t)member * t->steps + i) * NX;
-#if NFC > 0
+  const double *fd = t->fd + ((size_t)member * t->steps + i) * NX;
+#if SLOPED
   const double *slope = s->slope[k];
 #else
   const double *slope = 0;
@@ -302,12 +270,12 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 #ifdef PAIR_ROWS
   octo_pair_keep(t, member, i, s->jac[k]);
 #endif
-  octo_build_rows(&s->values[k], s->jac[k], q, &s->rows);
-  octo_gauss_newton(&s->rows, t->lam || NFC > 0 ? s->curvature[k] : 0, slope, s->hess, s->gradient);
+  octo_build_rows(&s->step_sums[k], s->jac[k], &s->rows);
+  octo_gauss_newton(&s->rows, &s->step_sums[k], t->lam || NFC > 0 ? s->curvature[k] : 0, slope, s->hess, s->gradient);
 #if NS > 0
   if (octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], s->hess);
 #endif
-  if (t->parts > 1) octo_mirror(s->hess);
+  if (t->nc > NX) octo_mirror(s->hess);
   if (t->carry && i < 2) {
     octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
     s->zeros = 2;
@@ -316,9 +284,9 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   int units = g->clear_unit, rows = g->clear_row;
   for (int l = 0; l < s->places.count; ++l) units = s->places.unit[l] >= units ? s->places.unit[l] + 1 : units;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
-  int fresh = t->parts == 1 && s->places.count == 3 && units > g->clear_unit;
+  int fresh = t->nc == NX && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->parts == 1) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (t->nc == NX) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
@@ -326,7 +294,7 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 static void octo_linearize_chunk(void *shared, int item) {
   octo_sweep *sweep = shared;
   const octo_task *t = sweep->task;
-  int nc = t->parts * NX, ma = t->parts * MU;
+  int nc = t->nc, ma = t->ma;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc, halo_size = octo_halo_size(t);
   int member = item / t->chunks, chunk = item % t->chunks;
   size_t unit0 = (size_t)member * t->units;
@@ -357,8 +325,8 @@ int octo_linearize(octo_task *t, int threads) {
 #ifdef PAIR_ROWS
   if (t->lam) sweep.failed |= octo_pair_terms(t, threads, 1);
 #endif
-  octo_share(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
-  octo_share(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+  octo_parallel_for(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
 #ifdef PAIR_ROWS
   if (!t->lam) sweep.failed |= octo_pair_terms(t, threads, 1); /* FD was not known before */
   sweep.failed |= octo_pair_add_all(t, threads);

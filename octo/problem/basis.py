@@ -341,12 +341,14 @@ def basis_named(name: str | Basis) -> Basis:
 def node_values(
     stencil: Stencil, unknowns: Array, constant: Array, carry: Array | None = None
 ) -> Array:
-    """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, parts·n): T_x = (S ⊗ I) T_c.
+    """x_{-1} … x_N (…, N+2, n) of unknowns (…, K, nc): T_x = (S ⊗ I) T_c, of the first parts·n
+    numbers of each unit.
 
     carry (…, n, n): of a cycle, what the unknowns in x_{-1} and x_0 are multiplied with.
     """
     n = constant.shape[-1]
-    split = unknowns.reshape(*unknowns.shape[:-1], stencil.parts, n)
+    nodal = unknowns[..., : stencil.parts * n]
+    split = nodal.reshape(*unknowns.shape[:-1], stencil.parts, n)
     nodes = constant.copy()
     for s in range(stencil.unit.shape[1]):
         live = np.flatnonzero(stencil.unit[:, s] >= 0)

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.dynamics import slots
+from octo import native
 from octo.dynamics.codegen import integers, lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
@@ -27,10 +27,12 @@ from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import signed_distance
+from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
+from octo.problem.lane_tables import contact_tables, row_tables
 from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
@@ -47,7 +49,7 @@ class CostFunctions:
     """The residuals of a list of terms, ready to be evaluated, differentiated and written as C."""
 
     references: References
-    state: ca.Function  # (x_next, x, x_prev, u, p, q) -> r (NR,)
+    state: ca.Function  # (x_next, x, x_prev, u, p, q, v if there are calls) -> r (NR,)
     state_jac: ca.Function  # -> r, nonzeros of dr/d(x_next, x, x_prev, u)
     state_sparsity: ca.Sparsity
     state_terms: tuple[int, ...]  # term of each row, those of bounded terms last
@@ -55,6 +57,7 @@ class CostFunctions:
     # each term over neighbours' place in the list, and (c_k, c_{k+1}, q) -> r, dr/d(c_k, c_{k+1}),
     # and of one that is exact Σ r d²r/d(c_k, c_{k+1})²
     between: tuple[tuple[int, ca.Function], ...]
+    calls: Calls  # of stages of code
     curvature: StateCurvature | None  # of the exact terms over the state
     pairs: PairFunctions | None  # over two steps in a row
 
@@ -87,10 +90,11 @@ class Residuals:
 
     Attributes
     ----------
-    inputs: x_next, x, x_prev, u, p, q. state: (rows,) of each term over a step; terms: their
-        indices. between: by the index of each term over neighbouring controls c, c_next; contact:
-        those of one contact. exact: indices of the terms whose second derivatives are; curved:
-        those of them over a step. pairs: those over two steps in a row.
+    inputs: x_next, x, x_prev, u, p, q, and v where stages of code are called; calls: these.
+    state: (rows,) of each term over a step; terms: their indices. between: by the index of each
+        term over neighbouring controls c, c_next; contact: those of one contact. exact: indices of
+        the terms whose second derivatives are; curved: those of them over a step. pairs: those over
+        two steps in a row.
     """
 
     references: References
@@ -100,6 +104,7 @@ class Residuals:
     controls: list[ca.SX]
     between: dict[int, ca.SX]
     contact: ContactResiduals | None
+    calls: Calls
     exact: tuple[int, ...]
     curved: CurvedTerms
     pairs: PairResiduals | None
@@ -119,12 +124,13 @@ class Residuals:
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
         written = [self.function.serialize()]
         if self.between:
-            over = [*self.controls, *self.inputs[4:]]
+            over = [*self.controls, *self.inputs[4:6]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
         if self.pairs is not None:
             written.append(self.pairs.value.serialize())
         own = None if self.contact is None else self.contact.structure
-        return kinds, places, tuple(self.terms), self.exact, *written, own
+        whole = kinds, places, tuple(self.terms), self.exact
+        return *whole, *written, own, self.calls.structure
 
 
 @postponed()
@@ -146,7 +152,8 @@ def residuals_of(
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     nodes, step = step_symbols(dynamics, p)
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
-    state, own, between = [], [], {}
+    state: list[ca.SX] = []
+    own, between = [], {}
     bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
     curved = CurvedTerms(CenteredStep.of(step))
     # bounded rows stand last
@@ -158,9 +165,10 @@ def residuals_of(
             if between_controls and isinstance(term, NeighbourCost):
                 between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
+            first, called = sum(r.numel() for r in state), len(step.calls)
             state.append(term.shaped(term.residual(step, view), view))
             if k in bent:
-                curved.add(k, term, view, sum(r.numel() for r in state[:-1]))
+                curved.add(k, term, view, first, step.calls[called:])
         own.append(k)
     over = [term for term in terms if isinstance(term, ContactCost)]
     if over and not isinstance(dynamics, RobotDynamics):
@@ -171,8 +179,11 @@ def residuals_of(
     if over and isinstance(dynamics, RobotDynamics):
         contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
     inputs, pairs = [*nodes, p, q], pair_residuals(references, nodes, step, p, q, bent)
+    calls = Calls.of(step.calls, inputs)
+    inputs += [ca.vertcat(*[call.given for call in step.calls])] if calls else []
+    exact_terms = bent, curved
     return Residuals(
-        references, inputs, state, own, controls, between, contact, bent, curved, pairs
+        references, inputs, state, own, controls, between, contact, calls, *exact_terms, pairs
     )
 
 
@@ -184,7 +195,7 @@ def derived(made: Residuals) -> CostFunctions:
     terms = [k for k, r in zip(made.terms, made.state, strict=True) for _ in range(r.numel())]
     bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
-    jac = ca.jacobian(r, ca.vertcat(*inputs[:4]))
+    jac = made.calls.jacobian(r, inputs, ca.vertcat(*inputs[:4]))
     nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
     jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
     length = jacobian.n_instructions()
@@ -200,7 +211,8 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(terms),
         None if made.contact is None else made.contact.derived(),
         tuple(_over_neighbours(made)),
-        made.curved.derived(inputs[4], inputs[5], len(terms) - bounded, bounded),
+        made.calls,
+        made.curved.derived(inputs[4:], len(terms) - bounded, bounded),
         None if made.pairs is None else made.pairs.derived(),
     )
 
@@ -208,7 +220,7 @@ def derived(made: Residuals) -> CostFunctions:
 def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
     both = ca.vertcat(*made.controls)
     for number, (k, r) in enumerate(made.between.items()):
-        inputs = [*made.controls, made.inputs[-1]]
+        inputs = [*made.controls, made.inputs[5]]
         out = [r, ca.jacobian(r, both)]
         if k in made.exact:
             held = ca.SX.sym("held", r.numel())
@@ -259,29 +271,29 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the
     dynamics' text in lanes."""
     # shared: p
-    text = [lanes_text(function, {4}) for function in (functions.state, functions.state_jac)]
+    calls = functions.calls
+    text = [calls.lanes_text] if calls else []
+    text += [calls.in_lanes(functions.state, 0), calls.in_lanes(functions.state_jac, 1)]
     own_parts: tuple[str, ...] = ()
     if functions.curvature is not None:
-        text.append(lanes_text(functions.curvature.function, {4}))
+        text.append(calls.in_lanes(functions.curvature.function, 2))
         text.append(functions.curvature.tables())
         own_parts = ("curvature.c",)
     if functions.contact is not None:  # sphere, p, use
         own = functions.contact
         text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
     sparsity = functions.state_sparsity
-    tables = _tables(
-        functions,
-        dynamics,
-        np.array(sparsity.row(), dtype=int),
-        np.array(sparsity.get_col(), dtype=int),
-    )
+    rows = np.array(sparsity.row(), dtype=int)
+    columns = np.array(sparsity.get_col(), dtype=int)
+    tables = _tables(functions, dynamics, rows, columns)
+    tables += "\n" + row_tables(rows, columns, dynamics.nx)
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
-        tables += "\n" + slots.one_table("past", slots.of_past(dynamics.character, 1))
-    names = ("threads.c", "rows.c", "scatter.c", "contacts.c", *own_parts, "assemble.c")
+        tables += "\n" + contact_tables(functions.contact, dynamics.character)
+    names = ("rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts, "assemble.c")
     parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
     if functions.pairs is not None:
         parts.insert(-1, functions.pairs.c_text)
-    return "\n".join([*text, tables, *parts])
+    return "\n".join([*text, tables, native.threads(), *parts])
 
 
 @postponed()
@@ -297,7 +309,8 @@ def residual_text(
 
     rows, columns (NZ,): of the derivatives over the state, in the order that ``made`` writes them.
     """
-    written = [function_of_numbers(function) for function in made]
+    called = [functions.calls.numbers_text] if functions.calls else []
+    written = [*called, *(function_of_numbers(function) for function in made)]
     rows_text = (resources.files("octo.problem") / "rows.c").read_text(encoding="utf-8")
     tables = [
         _tables(functions, dynamics, rows, columns),
@@ -353,10 +366,6 @@ def _tables(
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
-        tables["cost_contact_joint"] = [
-            robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres
-        ]
-        tables["cost_contact_resting"] = own.resting
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]

@@ -261,9 +261,7 @@ class CompiledProblem:
 
     def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
-        unknowns = self.basis.fit(np.asarray(nodes, dtype=float), float(self.problems[0].dt))
-        unknowns[:, self.fixed] = 0.0
-        return np.ascontiguousarray(unknowns)
+        return self.plan.unknowns(np.asarray(nodes, dtype=float), float(self.problems[0].dt))
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""

@@ -19,21 +19,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import slots, symbolic
-from octo.dynamics.codegen import integers
+from octo.dynamics.codegen import check_curvature, integers
 from octo.dynamics.long import check_length
 from octo.model.character import Character
+from octo.problem.calls import Call, gradient, jacobian, with_numbers_of
 from octo.problem.costs import Cost
 from octo.problem.symbols import StepSymbols
 
 NAME = "octo_state_curvature"
+HINT = 'leave it at curvature="gauss_newton", or write it in fewer operations'
 
 
 @dataclass(frozen=True, eq=False)
 class StateCurvature:
     """S of the terms that ask for it.
 
-    function: (x_next, x, x_prev, u, p, q) -> the nonzeros (NS,) of the upper triangle of S. rows,
-    columns (NS,): their places, as indices into (x_next, x, x_prev, u).
+    function: (x_next, x, x_prev, u, p, q, v if there are calls) -> the nonzeros (NS,) of the upper
+        triangle of S.
+    rows, columns (NS,): their places, as indices into (x_next, x, x_prev, u).
     """
 
     function: ca.Function
@@ -59,7 +62,7 @@ class CenteredStep(StepSymbols):
     @classmethod
     def of(cls, step: StepSymbols) -> CenteredStep:
         """The same step with symbols for its centres of mass, none without bodies."""
-        given = {each.name: getattr(step, each.name) for each in fields(step)}
+        given = {each.name: getattr(step, each.name) for each in fields(step)} | {"calls": []}
         centers = ca.SX.sym("centers", 0 if step.robot is None else 6)
         made = cls(**given, centers=centers)
         if step.robot is not None:
@@ -69,43 +72,81 @@ class CenteredStep(StepSymbols):
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedTerms:
-    """The terms over a step whose curvature is exact, as expressions of a centred step.
+class CurvedTerm:
+    """One term over a step, the residual ``r`` as an expression of a centred step.
 
-    rows: (index of the term, its residual, the place of its first row among those over the state).
+    place: in the list of terms. first: the place of its first row among those over the state.
+    calls: of stages of code, in ``r``.
     """
 
+    place: int
+    label: str
+    r: ca.SX
+    first: int
+    calls: list[Call]
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedTerms:
+    """The terms over a step whose curvature is exact."""
+
     step: CenteredStep
-    rows: list[tuple[int, ca.SX, int]] = field(default_factory=list)
+    terms: list[CurvedTerm] = field(default_factory=list)
 
-    def add(self, k: int, term: Cost, view: Mapping[str, ca.SX], first: int) -> None:
-        """Takes term ``k`` in, whose references are ``view`` and whose rows begin at ``first``."""
-        self.rows.append((k, term.shaped(term.residual(self.step, view), view), first))
+    def add(
+        self,
+        place: int,
+        term: Cost,
+        view: Mapping[str, ca.SX],
+        first: int,
+        calls: Sequence[Call] = (),
+    ) -> None:
+        """Takes a term in, whose references are ``view``, see :class:`CurvedTerm`; ``calls``: those
+        of the step that is not centred, whose symbols v stand for what is given here too."""
+        self.step.calls.clear()
+        r = term.shaped(term.residual(self.step, view), view)
+        own = with_numbers_of(calls, self.step.calls, r)
+        self.terms.append(CurvedTerm(place, term.label, own[0], first, own[1]))
 
-    def _weighted(self, q: ca.SX, own: ca.SX, squares: int) -> Iterator[tuple[ca.SX, ca.SX, ca.SX]]:
-        """Residuals, and what is their weight and what their second derivatives are multiplied
-        with: those of a square together, bounded ones one by one. ``own``: weights and shifts of
-        the bounded rows, which stand after ``squares`` others."""
+    def _weighted(
+        self, q: ca.SX, own: ca.SX, squares: int
+    ) -> Iterator[tuple[CurvedTerm, ca.SX, ca.SX, ca.SX]]:
+        """Terms, residuals, and what is their weight and what their second derivatives are
+        multiplied with: those of a square together, bounded ones one by one. ``own``: weights and
+        shifts of the bounded rows, which stand after ``squares`` others."""
         bounded = own.numel() // 2
-        for k, r, first in self.rows:
-            if first < squares:
-                yield r, q[k], 2.0 * q[k] * r
+        for term in self.terms:
+            if term.first < squares:
+                yield term, term.r, q[term.place], 2.0 * q[term.place] * term.r
                 continue
-            for i in range(r.numel()):
-                at = first - squares + i
-                yield r[i], own[at], own[bounded + at]
+            for i in range(term.r.numel()):
+                at = term.first - squares + i
+                yield term, term.r[i], own[at], own[bounded + at]
 
-    def derived(self, p: ca.SX, q: ca.SX, squares: int, bounded: int) -> StateCurvature | None:
+    def derived(self, inputs: Sequence[ca.SX], squares: int, bounded: int) -> StateCurvature | None:
         """S as a function; None where it is zero whatever the numbers. Of the rows over the state
-        the first ``squares`` are squares, the others ``bounded``."""
+        the first ``squares`` are squares, the others ``bounded``; ``inputs``: p, q and v, if any.
+
+        Raises
+        ------
+        ModelError: it is too long.
+        """
+        p, q, *v = inputs
         step, own = self.step, ca.SX.sym("own", 2 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
         size, centers = state.numel(), step.centers
         whole, pull = ca.SX(size, size), ca.SX(centers.numel(), 1)
         motion = _center_slopes(step)
-        for r, weight, shift in self._weighted(q, own, squares):
-            second, mixed, centered, slope = _second(r, weight, shift, state, centers)
+        for term, r, weight, shift in self._weighted(q, own, squares):
+            held = ca.SX.sym("held", r.numel())
+            pulled, both = ca.dot(held, r), ca.vertcat(state, centers)
+            what, slopes = f"second derivatives of {term.label}", gradient(term.calls, pulled, both)
+            check_curvature(what, [both, held, p, q, *v], slopes, HINT)
+            second, mixed, centered, slope = (
+                _gated(value, held, shift, weight)
+                for value in _second(pulled, term.calls, state, centers)
+            )
             whole += second
             if mixed.nnz():
                 whole += mixed @ motion + (mixed @ motion).T
@@ -128,28 +169,29 @@ class CurvedTerms:
             at_nodes = [symbolic.center_of_mass(step.character, node) for node in nodes[:2]]
             value = ca.substitute(value, centers, ca.vertcat(*at_nodes))
         function = ca.Function(
-            NAME, [*nodes, step.u, p, ca.vertcat(q, own)], [value], {"cse": True}
+            NAME, [*nodes, step.u, p, ca.vertcat(q, own), *v], [value], {"cse": True}
         )
-        check_length("exact terms of E", function.n_instructions(), "take Gauss and Newton's model")
+        check_length("second derivatives of terms", function.n_instructions(), HINT)
         sparsity = upper.sparsity()
         return StateCurvature(
             function, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
         )
 
 
-def _second(r: ca.SX, weight: ca.SX, shift: ca.SX, state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
-    """Second derivatives of shiftᵀr, the shift held fixed: to the state, to the state and the
-    centres, to the centres; and the first one to the centres. All are zero where the weight is: a
-    step that a term leaves out may have no finite residual."""
-    held = ca.SX.sym("held", r.numel())
-    pulled = ca.dot(held, r)
-    both = ca.vertcat(state, centers)
-    whole, n = ca.hessian(pulled, both)[0], state.numel()
-    made = [whole[:n, :n], whole[:n, n:], whole[n:, n:], ca.gradient(pulled, centers)]
-    return [_gated(one, held, shift, weight) for one in made]
+def _second(pulled: ca.SX, calls: Sequence[Call], state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
+    """Second derivatives to the state, to the state and the centres, to the centres; and the first
+    one to the centres."""
+    n, both = state.numel(), ca.vertcat(state, centers)
+    if calls:
+        whole = jacobian(calls, gradient(calls, pulled, both), both)
+    else:
+        whole = ca.hessian(pulled, both)[0]
+    return whole[:n, :n], whole[:n, n:], whole[n:, n:], gradient(calls, pulled, centers)
 
 
 def _gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
+    """With ``shift`` for ``held``, and zero where the weight is: a step that a term leaves out may
+    have no finite residual."""
     value = ca.sparsify(value)
     if not value.nnz():
         return ca.SX(*value.shape)

@@ -67,7 +67,7 @@ def lowered(problems: Sequence[Problem], functions: CostFunctions) -> tuple[Plan
         constant[:, 1] = constant[:, 0] = np.stack([closure.constant for closure in closures])
     pinned = _pinned(problems)
     plan = Plan.of(basis, steps, dynamics.nx, len(dynamics.unactuated), pinned[0])
-    ends = np.zeros((len(problems), plan.K, plan.nc))
+    ends = np.zeros((len(problems), plan.K, plan.nodal))
     for member, values in enumerate(pinned):
         for unit, value in values.items():
             ends[member, unit] = value

@@ -42,8 +42,8 @@ class Interpreted:
 
     @cached_property
     @postponed()
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """z (3n,) of (x_next, x, x_prev), u, p, q of one step."""
+    def _symbols(self) -> list[ca.SX]:
+        """z (3n,) of (x_next, x, x_prev), u, p, q of one step, and v where stages are called."""
         dynamics = self.program.dynamics
         sizes = {
             "z": 3 * dynamics.nx,
@@ -51,8 +51,14 @@ class Interpreted:
             "p": dynamics.layout.size,
             "q": self._numbers,
         }
-        z, u, p, q = (ca.SX.sym(name, size) for name, size in sizes.items())
-        return z, u, p, q
+        if self.program.functions.calls:
+            sizes["v"] = self.program.functions.calls.size
+        return [ca.SX.sym(name, size) for name, size in sizes.items()]
+
+    @property
+    def _inputs(self) -> list[ca.SX]:
+        """The same as the functions of a step have them: x_next, x, x_prev, u, …"""
+        return [*self._nodes, *self._symbols[1:]]
 
     @property
     def _numbers(self) -> int:
@@ -71,7 +77,7 @@ class Interpreted:
         """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
         functions, and ``use``."""
         dynamics, functions = self.program.dynamics, self.program.functions
-        _, _, p, q = self._symbols
+        p, q = self._symbols[2:4]
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
             return []
         robot, made = dynamics.character, []
@@ -89,8 +95,7 @@ class Interpreted:
     def _values(self) -> tuple[ca.Function, NDArray[np.intp], Array]:
         """All residuals of one step, with the term of each and its mask."""
         functions = self.program.functions
-        z, u, p, q = self._symbols
-        parts, terms = [functions.state(*self._nodes, u, p, q)], [*functions.state_terms]
+        parts, terms = [functions.state(*self._inputs)], [*functions.state_terms]
         mask = [1.0] * self._squares + [0.0] * len(functions.bounded)
         for _, _, inputs, use in self._contacts:
             assert functions.contact is not None
@@ -99,7 +104,7 @@ class Interpreted:
             mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
         return (
-            ca.Function("residuals", [z, u, p, q], [r], {"cse": True}),
+            ca.Function("residuals", self._symbols, [r], {"cse": True}),
             np.array(terms, dtype=np.intp),
             np.array(mask),
         )
@@ -108,11 +113,10 @@ class Interpreted:
     @postponed()
     def _slopes(self) -> ca.Function:
         """Residuals over the state and their derivatives to (z, u)."""
-        z, u, p, q = self._symbols
-        r = self.program.functions.state(*self._nodes, u, p, q)
-        return ca.Function(
-            "slopes", [z, u, p, q], [r, ca.densify(ca.jacobian(r, ca.vertcat(z, u)))], {"cse": True}
-        )
+        functions, inputs = self.program.functions, self._inputs
+        r = functions.state(*inputs)
+        jac = functions.calls.jacobian(r, inputs, ca.vertcat(*self._symbols[:2]))
+        return ca.Function("slopes", self._symbols, [r, ca.densify(jac)], {"cse": True})
 
     @cached_property
     @postponed()
@@ -121,15 +125,15 @@ class Interpreted:
         own = self.program.functions.curvature
         if own is None:
             return None
-        z, u, p, _ = self._symbols
+        z, u, p, _, *v = self._symbols
         q = ca.SX.sym("q", self.program.functions.numbers)
-        numbers = own.function(*self._nodes, u, p, q)
+        numbers = own.function(*self._nodes, u, p, q, *v)
         size = z.numel() + u.numel()
         upper = ca.SX(
             ca.Sparsity.triplet(size, size, own.rows.tolist(), own.columns.tolist()), numbers
         )
         bend = ca.densify(ca.triu2symm(upper))
-        return ca.Function("bend", [z, u, p, q], [bend], {"cse": True})
+        return ca.Function("bend", [z, u, p, q, *v], [bend], {"cse": True})
 
     @postponed()
     def _touch(self, exact: bool) -> ca.Function:
@@ -158,7 +162,7 @@ class Interpreted:
                 if a != b:
                     hess[places[b], places[a]] += block.T
         return ca.Function(
-            "touch", list(self._symbols), [ca.densify(gradient), ca.densify(hess)], {"cse": True}
+            "touch", self._symbols, [ca.densify(gradient), ca.densify(hess)], {"cse": True}
         )
 
     @cached_property
@@ -170,7 +174,17 @@ class Interpreted:
         z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
         p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
         q = self.data.q[k][:, : self._numbers]
-        return [z, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
+        given = [z, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
+        return [*given, *self.program.functions.calls.evaluate(self._called_with, given)]
+
+    @cached_property
+    @postponed()
+    def _called_with(self) -> list[ca.Function]:
+        """The argument of each call, of all steps."""
+        return [
+            ca.Function("argument", self._symbols, [argument(*self._inputs)]).map(self.plan.steps)
+            for argument in self.program.functions.calls.arguments
+        ]
 
     def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
@@ -220,8 +234,9 @@ class Interpreted:
             pairs = self.pairs.slopes(self.data, at.nodes, at.fd, whole)
             pull[..., dynamics.actuated] += self.pairs.pull(self.data, pairs)
         if lam is not None:
+            tested = lam[..., : plan.tested]
             rows = np.matmul(
-                plan.test_matrix.T, lam.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
+                plan.test_matrix.T, tested.reshape(len(lam), plan.K * plan.stencil.parts, plan.m)
             )
             pull[..., dynamics.unactuated] = rows * scale[:, None]
         order = 1 if lam is None else 2
@@ -275,7 +290,8 @@ class Interpreted:
         assert self._bend is not None
         size, steps, width = 3 * self.plan.n, self.plan.steps, self._bend.size1_out(0)
         for k in np.flatnonzero(curved).tolist():
-            given = [*self._arguments(k, at.nodes, at.fd)[:3], self.data.q[k].T]
+            z, u, p, _, *v = self._arguments(k, at.nodes, at.fd)
+            given = [z, u, p, self.data.q[k].T, *v]
             flat = np.asarray(self._bend.map(steps)(*given))
             bend = flat.reshape(width, steps, width).transpose(1, 0, 2)
             eye = np.broadcast_to(np.eye(size), (steps, size, size))

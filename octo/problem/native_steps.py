@@ -95,7 +95,8 @@ class NativeSteps:
             s.units,
             s.unit.shape[1],
             s.test_row.shape[1],
-            s.parts,
+            plan.nc,
+            plan.ma,
             len(chunks[1]),
         )
         task = task_of(sizes, tables, values, halo)
@@ -109,7 +110,7 @@ class NativeSteps:
         return task, kept
 
 
-SIZES = ("batch", "steps", "units", "slots", "tests", "parts", "chunks")
+SIZES = ("batch", "steps", "units", "slots", "tests", "nc", "ma", "chunks")
 TABLES = (
     *("chunk_step", "chunk_unit", "chunk_row", "slot_unit", "slot_part", "slot_value"),
     *("test_row", "test_part", "test_value"),

@@ -29,7 +29,7 @@ class NeighbourTerms:
         assert isinstance(plan.basis, Hermite)
         self.segment = plan.basis.steps_per_segment
         self.segments = plan.K - 1
-        self.size = plan.nc
+        self.size = plan.nodal
         self.count = len(functions.references.terms)
         self.references = max(functions.references.size, 1)
         self.functions = functions.between
@@ -45,7 +45,7 @@ class NeighbourTerms:
     def _controls(self, data: Data, unknowns: Array) -> Array:
         """(batch, Z+1, 2n) c_0 … c_Z."""
         controls = self.anchors(data)
-        controls[:, 1:] += unknowns[:, :-1]
+        controls[:, 1:] += unknowns[:, :-1, : self.size]
         return controls
 
     def _parts(self, data: Data, k: int, member: int) -> tuple[Array, Array]:
@@ -89,11 +89,12 @@ class NeighbourTerms:
                 block = 2.0 * np.einsum("k,kra,krb->kab", weight, jac, jac)
                 if bend and curved[member]:
                     block += self._bend(2.0 * weight, bend[0].full(), free)
-                H[member, : self.segments, 0] += block[:, size:, size:]
-                b[member, : self.segments] += gradient[:, size:]
-                H[member, :last, 0] += block[1:, :size, :size]
-                b[member, :last] += gradient[1:, :size]
-                H[member, 1 : self.segments, 1] += block[1:, size:, :size]
+                own_H, own_b = H[member, ..., :size, :size], b[member, :, :size]
+                own_H[: self.segments, 0] += block[:, size:, size:]
+                own_b[: self.segments] += gradient[:, size:]
+                own_H[:last, 0] += block[1:, :size, :size]
+                own_b[:last] += gradient[1:, :size]
+                own_H[1 : self.segments, 1] += block[1:, size:, :size]
 
     def _bend(self, weight: Array, flat: Array, free: NDArray[np.bool_]) -> Array:
         """(Z, 2·2n, 2·2n) Σ r ∂²r times ``weight`` (Z,), out of (2·2n, Z·2·2n); a control that is

@@ -25,6 +25,9 @@ class Plan:
     ----------
     stencil: what makes the nodes of the unknowns; pinned units are in none.
     fixed: units that are dummies of the KKT matrix.
+    extra: unknowns of a unit that no node is made of (contact forces, activations), behind those
+        that nodes are made of; they are free in pinned units too. Their terms write their blocks.
+    extra_rows: rows of C of a unit on which no residual is tested, behind the others.
     """
 
     basis: Basis
@@ -33,14 +36,14 @@ class Plan:
     m: int
     stencil: Stencil
     fixed: NDArray[np.intp]
+    extra: int = 0
+    extra_rows: int = 0
 
     @classmethod
     def of(cls, basis: Basis, steps: int, n: int, m: int, pinned: Collection[int] = ()) -> Plan:
         """``pinned``: units that are constants of the trajectory: those of a fixed last state."""
         stencil = basis.stencil(steps)
-        fixed = [stencil.units - 1] if isinstance(basis, Hermite) else []
-        if isinstance(basis, Folded) and basis.dummies(steps)[-1].all():
-            fixed = [stencil.units - 1]
+        fixed = [stencil.units - 1] if _carries_rows(basis, steps) else []
         live = ~np.isin(stencil.unit, sorted(pinned))
         free = replace(
             stencil,
@@ -55,14 +58,24 @@ class Plan:
         return self.stencil.units
 
     @property
+    def nodal(self) -> int:
+        """Numbers of a unit that nodes are made of: the first ones."""
+        return self.stencil.parts * self.n
+
+    @property
     def nc(self) -> int:
         """Numbers of a unit."""
-        return self.stencil.parts * self.n
+        return self.nodal + self.extra
+
+    @property
+    def tested(self) -> int:
+        """Rows of C of a unit on which residuals are tested: the first ones."""
+        return self.stencil.parts * self.m
 
     @property
     def ma(self) -> int:
         """Rows of C of a unit."""
-        return self.stencil.parts * self.m
+        return self.tested + self.extra_rows
 
     @property
     def idle(self) -> list[tuple[int, int]]:
@@ -83,11 +96,18 @@ class Plan:
             matrix[rows, live] += s.test_coefficient[live, k]
         return matrix
 
+    def unknowns(self, nodes: Array, dt: float) -> Array:
+        """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); pinned and extra ones are
+        zero."""
+        fitted = self.basis.fit(nodes, dt)
+        fitted[:, self.fixed] = 0.0
+        return np.ascontiguousarray(_widened(fitted, self.extra))
+
     def reduce(self, fd: Array, row_scale: Array) -> Array:
         """C (batch, K, ma) = (Sᵀ ⊗ I) of the unactuated rows of FD (batch, N, m), scaled (batch,
-        m)."""
+        m); extra rows are zero."""
         rows = np.matmul(self.test_matrix, fd * row_scale[:, None])
-        return rows.reshape(len(fd), self.K, self.ma)
+        return _widened(rows.reshape(len(fd), self.K, self.tested), self.extra_rows)
 
     def chunks(self, threads: int) -> tuple[Integers, Integers, Integers]:
         """First own step, unit and row of each chunk of neighbouring steps (see assemble.c)."""
@@ -108,7 +128,21 @@ class Plan:
 
     def fill_dummies(self, H: Array) -> None:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
-        H[:, self.fixed, 0] = np.eye(self.nc)
+        size = self.nodal
+        H[:, self.fixed, 0, :size, :size] = np.eye(size)
+        if _carries_rows(self.basis, self.steps):
+            H[:, -1, 0, size:, size:] = np.eye(self.extra)
         for unit, part in self.idle:
             own = np.arange(part * self.n, (part + 1) * self.n)
             H[:, unit, 0, own, own] = 1.0
+
+
+def _carries_rows(basis: Basis, steps: int) -> bool:
+    """Whether the last unit is no unknown at all: it has the rows that are left over."""
+    folded = isinstance(basis, Folded) and bool(basis.dummies(steps)[-1].all())
+    return isinstance(basis, Hermite) or folded
+
+
+def _widened(values: Array, extra: int) -> Array:
+    """(batch, K, size) with as many zeros more in each unit."""
+    return np.pad(values, ((0, 0), (0, 0), (0, extra))) if extra else values

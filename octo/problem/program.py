@@ -24,7 +24,8 @@ class Program:
 
     def c_text(self) -> str:
         """A time step in every lane, then assemble.c."""
-        return self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
+        stages = self.functions.calls.stages_text
+        return stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
 
     def interpreted(self) -> Program:
         """The same for CasADi's virtual machine, dynamics included."""

@@ -5,6 +5,12 @@
 
 #define SQUARES (NR - NBOUNDED)
 
+#ifdef STEPS /* a step in every lane */
+typedef real octo_row_number;
+#else
+typedef double octo_row_number;
+#endif
+
 /* What a row's square is multiplied with in E, 0 where the row is not used. */
 static inline double octo_coefficient(const double *q, int row) {
 #if NFC > 0
@@ -20,14 +26,14 @@ static inline double octo_coefficient(const double *q, int row) {
 }
 
 /* What a row over the state adds to the model: D r' r'ᵀ to H and d r' to b, of a square 2c and 2cr. */
-static inline double octo_row_weight(const double *q, int row) {
+static inline octo_row_number octo_row_weight(const octo_row_number *q, int row) {
 #if NBOUNDED > 0
   if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
 #endif
   return 2.0 * q[octo_state_row_term[row]];
 }
 
-static inline double octo_row_shift(const double *q, int row, double r) {
+static inline octo_row_number octo_row_shift(const octo_row_number *q, int row, octo_row_number r) {
 #if NBOUNDED > 0
   if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
 #endif

@@ -15,7 +15,7 @@ typedef long long v8_integers __attribute__((vector_size(64)));
 typedef double v8_anywhere __attribute__((vector_size(64), aligned(8), may_alias));
 
 typedef struct {
-  int batch, steps, units, slots, tests, parts, chunks;
+  int batch, steps, units, slots, tests, nc, ma, chunks; /* nc, ma: numbers and rows of a unit, also those that no node is made of */
   const int *chunk_step, *chunk_unit, *chunk_row;             /* (chunks+1), (chunks), (chunks): first own step, unit, row */
   const int *slot_unit, *slot_part; const double *slot_value;  /* (steps+2, slots) */
   const int *test_row, *test_part; const double *test_value;   /* (steps, tests) */
@@ -26,7 +26,7 @@ typedef struct {
   double *fd;            /* (batch, steps, NX) out of octo_evaluate, in to octo_linearize */
   double *terms;         /* (batch, steps, NTERM); NULL in octo_linearize without lam: fd was not evaluated, it is written */
   double *rows;          /* (batch, steps, NBOUNDED) out of octo_evaluate: values of the bounded rows; or NULL */
-  const double *lam;     /* (batch, units, parts*MU) or NULL: Gauss-Newton */
+  const double *lam;     /* (batch, units, ma) or NULL: Gauss-Newton */
   double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
@@ -35,7 +35,7 @@ typedef struct {
 } octo_task;
 
 static int octo_halo_size(const octo_task *t) {
-  int nc = t->parts * NX, ma = t->parts * MU;
+  int nc = t->nc, ma = t->ma;
   return 2 * 3 * nc * nc + 3 * ma * nc + 2 * nc + ma;
 }
 
@@ -123,7 +123,7 @@ static void octo_carry_back(const double *carry, int i, double *hess, double *gr
   }
 }
 
-/* Nodes: a part is a whole node. The first step that sees a unit, with both units before it, writes all of its blocks. */
+/* Nodes: a unit is a whole node. The first step that sees a unit, with both units before it, writes all of its blocks. */
 static void octo_scatter_nodes(const octo_target *g, const octo_places *s, int fresh, const double *hess, const double *gradient) {
   for (int a = 0; a < s->count; ++a) {
     const double *from = hess + s->node[a][0] * NX * LD;
@@ -180,11 +180,11 @@ static void octo_scatter_constraints(const octo_task *t, const octo_target *g, c
 
 /* C of one member. */
 static void octo_reduce(const octo_task *t, int member) {
-#if MU > 0
-  int ma = t->parts * MU;
-  const double *row_scale = t->row_scale + (size_t)member * MU;
+  int ma = t->ma;
   double *c = t->c + (size_t)member * t->units * ma;
   memset(c, 0, (size_t)t->units * ma * sizeof(double));
+#if MU > 0
+  const double *row_scale = t->row_scale + (size_t)member * MU;
   for (int i = 0; i < t->steps; ++i) {
     const double *fd = t->fd + ((size_t)member * t->steps + i) * NX;
     for (int k = i * t->tests; k < (i + 1) * t->tests; ++k) {
@@ -197,7 +197,7 @@ static void octo_reduce(const octo_task *t, int member) {
 }
 
 static void octo_add_halo(const octo_task *t, int member) {
-  int nc = t->parts * NX, ma = t->parts * MU;
+  int nc = t->nc, ma = t->ma;
   size_t hs = 3 * (size_t)nc * nc, as = 3 * (size_t)ma * nc;
   for (int chunk = 1; chunk < t->chunks; ++chunk) {
     const double *halo = t->halo + ((size_t)member * t->chunks + chunk) * octo_halo_size(t);

@@ -101,7 +101,7 @@ static void octo_pair_chunk(void *shared, int item) {
 
 static int octo_pair_terms(const octo_task *t, int threads, int derive) {
   octo_pair_sweep sweep = {t, derive, 0, 0};
-  octo_share(octo_pair_chunk, &sweep, t->batch * t->chunks, threads);
+  octo_parallel_for(octo_pair_chunk, &sweep, t->batch * t->chunks, threads);
   return sweep.failed;
 }
 
@@ -245,7 +245,7 @@ static void octo_pair_product(const octo_pair_line *left, const octo_pair_line *
 /* H += rowsᵀ rows and b += rowsᵀ values of step i. */
 static void octo_pair_add(const octo_task *t, int member, int i, octo_pair_places *s) {
   double rows[PAIR_ROWS][W4], value[PAIR_ROWS];
-  int nc = t->parts * NX, count = octo_pair_rows(t, member, i, rows, value);
+  int nc = t->nc, count = octo_pair_rows(t, member, i, rows, value);
   octo_pair_combine(t, i, rows, count, s);
   for (int a = 0; a < s->count; ++a) {
     size_t unit = (size_t)member * t->units + s->unit[a];
@@ -298,7 +298,7 @@ static void octo_pair_chain(const octo_task *t, int member, int i, double (*hess
 
 /* H += Sᵀ hess S of step i. */
 static void octo_pair_bend(const octo_task *t, int member, int i, octo_pair_places *s) {
-  int nc = t->parts * NX, places = 4 * t->slots;
+  int nc = t->nc, places = 4 * t->slots;
   octo_pair_chain(t, member, i, s->hess);
   for (int pair = 0; pair < places * places; ++pair) {
     int node = pair / places / t->slots, other = pair % places / t->slots;
@@ -333,6 +333,6 @@ static void octo_pair_add_chunk(void *shared, int item) {
 static int octo_pair_add_all(const octo_task *t, int threads) {
   octo_pair_sweep sweep = {t, 1, 0, 0};
   for (; sweep.colour < 2; ++sweep.colour)
-    octo_share(octo_pair_add_chunk, &sweep, t->batch * ((t->chunks + 1 - sweep.colour) / 2), threads);
+    octo_parallel_for(octo_pair_add_chunk, &sweep, t->batch * ((t->chunks + 1 - sweep.colour) / 2), threads);
   return sweep.failed;
 }

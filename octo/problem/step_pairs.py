@@ -8,18 +8,20 @@ of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 
 import casadi as ca
 
-from octo.dynamics.codegen import integers, lanes_text
+from octo.dynamics.codegen import check_curvature, integers, lanes_text
 from octo.dynamics.evaluate import Dynamics
+from octo.dynamics.long import check_length
 from octo.errors import ProblemError
 from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
 from octo.problem.costs import Cost, StepPairCost
+from octo.problem.curvature import HINT
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import StepSymbols
 
@@ -86,6 +88,8 @@ class PairResiduals:
         r = ca.densify(ca.vertcat(*self.rows))
         jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
         slopes = self._function("octo_step_pair_jac", r, _nonzeros(jac))
+        what = "terms over two steps in a row"
+        check_length(what, slopes.n_instructions(), "write them in fewer operations")
         second = self._second()
         bend = self._function("octo_step_pair_bend", _nonzeros(second)) if second.nnz() else None
         return PairFunctions(
@@ -99,8 +103,11 @@ class PairResiduals:
         whole = ca.SX(over.numel(), over.numel())
         for k, r in zip(self.terms, self.rows, strict=True):
             if k in self.exact:
-                held, c = ca.SX.sym("held", r.numel()), self.inputs[-1][k]
-                own = ca.sparsify(ca.triu(ca.hessian(ca.dot(held, r), over)[0]))
+                held, (p, q) = ca.SX.sym("held", r.numel()), self.inputs[WINDOW + 2 :]
+                pulled, c = ca.dot(held, r), q[k]
+                what = "second derivatives of terms over two steps in a row"
+                check_curvature(what, [over, held, p, q], ca.gradient(pulled, over), HINT)
+                own = ca.sparsify(ca.triu(ca.hessian(pulled, over)[0]))
                 numbers = ca.substitute(_nonzeros(own), held, 2.0 * c * r)
                 whole += ca.SX(own.sparsity(), ca.if_else(c != 0.0, numbers, 0.0))
         return whole
@@ -179,7 +186,7 @@ def pair_residuals(
     """
     if not has_step_pairs(references.terms):
         return None
-    inputs, before = before_step(nodes, step)
+    inputs, now, before = two_steps(nodes, step)
     made = PairResiduals([*inputs, p, q], [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
@@ -190,17 +197,38 @@ def pair_residuals(
                 )
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                made.rows.append(term.shaped(term.pair_residual(step, before, view), view))
+                made.rows.append(term.shaped(residual_of(term, now, before, view), view))
             made.terms.append(k)
     return made
 
 
-def before_step(nodes: list[ca.SX], step: StepSymbols) -> tuple[list[ca.SX], StepSymbols]:
-    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of the step before ``step``."""
+def two_steps(
+    nodes: list[ca.SX], step: StepSymbols
+) -> tuple[list[ca.SX], StepSymbols, StepSymbols]:
+    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of a step and of the one before
+    it."""
     x_next, x, x_prev, u = nodes
     x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
     before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
-    return [x_next, x, x_prev, x_older, u, u_before], before
+    return [x_next, x, x_prev, x_older, u, u_before], replace(step, calls=[]), before
+
+
+def residual_of(
+    term: StepPairCost, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
+) -> ca.SX:
+    """The residual of two steps in a row.
+
+    Raises
+    ------
+    ProblemError: it calls a stage of code.
+    """
+    made = term.pair_residual(step, before, p)
+    for call in (*step.calls, *before.calls):
+        raise ProblemError(
+            f"{term.label} looks at two steps in a row, which cannot call stages of code: "
+            f"{call.stage.name!r}"
+        )
+    return made
 
 
 def _nonzeros(matrix: ca.SX) -> ca.SX:

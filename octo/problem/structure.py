@@ -21,12 +21,13 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.problem.basis import Hermite
+from octo.problem.calls import Call
 from octo.problem.codegen import CostFunctions, derived, residuals_of, step_symbols, touching
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
 from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.references import References, blamed, sizes
-from octo.problem.step_pairs import before_step
+from octo.problem.step_pairs import residual_of, two_steps
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -42,6 +43,7 @@ class Structure(NamedTuple):
     references: tuple[tuple[str, int], ...]  # names and sizes
     residual: str  # the expression, serialised
     contacts: frozenset[int]  # that it acts on
+    stages: tuple[Any, ...] = ()  # of code that it calls
 
 
 class Reader:
@@ -86,24 +88,29 @@ class Reader:
         table = References.of([term], self.problem.setting)
         q = ca.SX.sym("q", max(table.size, 1))
         view = table.view(q, 0)
+        calls: list[Call] = []
         with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
             if isinstance(term, ContactCost):
                 inputs, symbols = self._contact
                 value = term.contact_residual(symbols, view)
             elif isinstance(term, StepPairCost):
-                nodes, step = self._step
-                inputs, before = before_step(nodes, step)
-                value = term.pair_residual(step, before, view)
+                inputs, now, before = two_steps(*self._step)
+                value = residual_of(term, now, before, view)
             elif self.between and isinstance(term, NeighbourCost):
                 inputs = [ca.SX.sym(name, 2 * self.dynamics.nx) for name in ("c", "c_next")]
                 value = term.between(inputs[0], inputs[1], view)
             else:
                 inputs, step = self._step
+                step.calls.clear()
                 value = term.residual(step, view)
-            function = ca.Function("residual", [*inputs, self._p, q], [term.shaped(value, view)])
+                calls = list(step.calls)
+            whole = [term.shaped(value, view), *(call.argument for call in calls)]
+            given = [call.given for call in calls]
+            function = ca.Function("residual", [*inputs, self._p, q, *given], whole)
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
         kind = (type(term), term.label, term.steps, term.curvature)
-        return Structure(kind, named, function.serialize(), self.contacts(term))
+        stages = tuple(call.stage.structure for call in calls)
+        return Structure(kind, named, function.serialize(), self.contacts(term), stages)
 
     def contacts(self, term: Cost) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""

@@ -3,7 +3,7 @@ problem."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -19,6 +19,8 @@ from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
 from octo.model.terrain import Plane, Terrain
+from octo.problem.calls import Call
+from octo.problem.code_stage import CodeStage
 
 Array = NDArray[np.float64]
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3) body to world, position (3,) m
@@ -83,6 +85,23 @@ class StepSymbols:
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     actuated: NDArray[np.intp]  # (nu,) indices into x
     robot: RobotDynamics | None  # None for user-written dynamics
+    calls: list[Call] = field(default_factory=list)  # of stages of code, so far
+
+    def call(self, stage: CodeStage, argument: ca.SX) -> ca.SX:
+        """The values (outputs,) of a stage that is code, at an argument made of this step's symbols
+        and of values of other calls.
+
+        Parameters
+        ----------
+        stage: what is called. argument: (inputs,).
+
+        Raises
+        ------
+        ProblemError, ShapeError: it is no :class:`octo.CodeStage`, or takes another number of
+            arguments.
+        """
+        self.calls.append(Call.of(stage, argument, len(self.calls)))
+        return self.calls[-1].value
 
     @property
     def character(self) -> Character | None:

@@ -70,7 +70,9 @@ class Ipopt:
         began = time.perf_counter()
         self.problem, self.options = problem, options
         self.nlp = nlp(problem)
-        self.compiled = native.compiler() is not None and not beyond_one_step(self.nlp.compiled)
+        own = self.nlp.compiled
+        whole = beyond_one_step(own) or bool(own.functions.calls)  # as one expression
+        self.compiled = native.compiler() is not None and not whole
         self.library = (
             Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
         )

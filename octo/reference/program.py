@@ -21,6 +21,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
 from octo.interrupts import postponed
 from octo.problem.basis import Hermite
+from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import NeighbourCost
 from octo.problem.problem import Problem
@@ -237,12 +238,14 @@ def _step(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
     FD, its torques."""
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
+    calls = functions.calls
+    given = calls.symbols()
     nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", compiled.q.shape[2])
     scale = ca.SX.sym("scale", compiled.m)
     fd = dynamics.symbolic(*nodes, p)
-    torques = fd[[int(j) for j in dynamics.actuated]]
-    r = functions.state(*nodes, torques, p, q)
+    u = fd[[int(j) for j in dynamics.actuated]]
+    r = functions.state(*nodes, u, p, q, *given)
     energy = (
         ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
     )
@@ -259,8 +262,21 @@ def _step(compiled: CompiledProblem) -> ca.Function:
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
-    out = [energy, ca.densify(rows), ca.densify(torques)]
-    return ca.Function("step", [*nodes, p, q, scale], out, {"cse": True})
+    outputs = [energy, ca.densify(rows), ca.densify(u)]
+    made = ca.Function("step", [*nodes, p, q, scale, *given], outputs, {"cse": True})
+    return _with_calls(calls, made, ca.Function("torques", [*nodes, p], [u])) if calls else made
+
+
+def _with_calls(calls: Calls, step: ca.Function, torques: ca.Function) -> ca.Function:
+    """``step`` without its last input v: what stages of code give, each by its Python and with its
+    own derivatives."""
+    inputs = [ca.MX.sym(step.name_in(k), step.size1_in(k)) for k in range(6)]
+    nodes, p, q = inputs[:3], inputs[3], inputs[4]
+    over = [*nodes, torques(*nodes, p), p, q]
+    v = ca.MX.zeros(calls.size)
+    for stage, argument, at in zip(calls.stages, calls.arguments, calls.at, strict=False):
+        v[at : at + stage.outputs] = stage.function(argument(*over, v))
+    return ca.Function("step", inputs, step(*inputs, v))
 
 
 def has_neighbours(compiled: CompiledProblem) -> bool:

@@ -6,9 +6,10 @@
 
     octo.solve(problem, options=octo.SqpOptions(acceptance=Descent()))
 
-The line search asks it of shorter and shorter steps until it says yes. Every number it sees is
-NumPy's, over the batch, wherever the solve runs: of the Evaluations ``at`` and ``trial`` the
-``energy`` E, ``size`` ‖C‖₁, ``largest`` ‖C‖∞, ``square`` ‖C‖₂² and ``finite``, each (batch,).
+The line search asks it of shorter and shorter steps until it says yes, the trust region of one step
+in each iteration. Every number it sees is NumPy's, over the batch, wherever the solve runs: of the
+Evaluations ``at`` and ``trial`` the ``energy`` E, ``size`` ‖C‖₁, ``largest`` ‖C‖∞, ``square`` ‖C‖₂²
+and ``finite``, each (batch,).
 tests/extending/acceptance_rule.py is a whole one.
 """
 
@@ -32,14 +33,27 @@ NEAR = 1e-4  # of max(1, ‖C‖₁ at the start): Wächter and Biegler 2006, §
 
 @dataclass(eq=False)
 class Step:
-    """A step along the direction Δ of Eq. 12, or a correction of it.
+    """A step along the direction Δ of Eq. 12, or a correction of it, or the step Δ of a trust
+    region.
 
-    length: (batch,) of Δ in (0, 1]. slope: (batch,) bᵀΔ, the slope of E along Δ.
+    length: (batch,) of Δ in (0, 1]. slope: (batch,) bᵀΔ, the slope of E along Δ. largest: (batch,)
+    ‖Δ‖∞. model: of a trust region what its model says of Δ, ½ΔᵀHΔ + bᵀΔ and ‖AΔ + C‖₂.
     """
 
     length: Numbers
     slope: Numbers
+    largest: Numbers
     _multipliers: Array
+    model: tuple[Numbers, Numbers] | None = None
+
+    @property
+    def predicted(self) -> Numbers:
+        """(batch,) by how much E changes: as the model says, along a line by its slope alone."""
+        return self.length * self.slope if self.model is None else self.model[0]
+
+    def left(self, at: Evaluation) -> Numbers:
+        """(batch,) ‖C‖₂ that the linearised constraints leave: a whole step along a line none."""
+        return (1.0 - self.length) * np.sqrt(at.square) if self.model is None else self.model[1]
 
     @cached_property
     def multipliers(self) -> Numbers:
@@ -74,6 +88,10 @@ class Acceptance(ABC):
 
     def took(self, at: Evaluation, new: Evaluation, step: Step, members: Mask) -> None:  # noqa: B027
         """Learn that ``members`` (batch,) bool moved from ``at`` to ``new``; by default nothing."""
+
+    def merit(self, at: Evaluation) -> Numbers:
+        """(batch,) what should fall, for the history of a trust region; by default E."""
+        return at.energy
 
     def restored(self, members: NDArray[np.intp]) -> None:  # noqa: B027
         """Forget what stands in the way of some members, whose constraints were restored without

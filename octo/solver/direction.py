@@ -6,30 +6,16 @@ The model decides what it is: with exact curvature it is Newton's step, with J�
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, choose
-from octo.problem.compiled import Evaluation
+from octo.arrays import Numbers, choose
 from octo.solver.acceptance import Mask
 from octo.solver.factors import Attempt, Factors
 from octo.solver.heuristics import LeapDamping
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """Where the line goes: Δ (batch, K, nc), the multipliers of Eq. 12, of Δ ‖·‖∞ and bᵀΔ (batch,),
-    0 where it does not, and the first length's trial."""
-
-    delta: Array
-    multipliers: Array
-    largest: Numbers
-    slope: Numbers
-    first: Evaluation | None
 
 
 class KKTDirection:
@@ -40,6 +26,10 @@ class KKTDirection:
     ):
         self.options, self.clock, self.damping = options, clock, damping
         self.regularisation = Regularisation(batch, units, options)
+
+    def take(self, members: NDArray[np.intp]) -> None:
+        """Keep some members only."""
+        self.regularisation.take(members)
 
     def step(self, factors: Factors) -> tuple[Attempt, Numbers, Mask]:
         """The KKT step, the weights of its factors (batch,), and where there is one."""

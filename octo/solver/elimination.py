@@ -41,9 +41,9 @@ _POOLED = 4  # memories kept for the next factorisation of the same shape
 def library(nc: int, ma: int) -> ctypes.CDLL | None:
     """The compiled elimination for units of nc variables and ma rows; None without a compiler."""
     folder = importlib.resources.files(__package__)
-    names = ("threads.c", "elimination.c", "elimination_solve.c", "receding.c", "normal.c")
+    names = ("companion.c", "elimination.c", "elimination_solve.c", "receding.c", "normal.c")
     parts = [(folder / name).read_text(encoding="utf-8") for name in names]
-    made = native.load("\n".join(parts), (f"-DNC={nc}", f"-DMA={ma}"))
+    made = native.load("\n".join([native.threads(), *parts]), (f"-DNC={nc}", f"-DMA={ma}"))
     if made is None:
         return None
     for name in ("octo_unit_bytes", "octo_window_bytes", "octo_unit_room", "octo_scratch_room"):

@@ -348,7 +348,7 @@ void octo_factor_batch(int batch, int threads, int K, int split, const double *H
                        int per_variable, int stop, unit *units, double *store, window *windows, int *verdict) {
     job j = {.K = K, .split = split, .per_variable = per_variable, .stop = stop, .H = H, .A = A, .sigma = sigma,
              .units = units, .store = store, .windows = windows, .verdict = verdict};
-    spread(factor_member, &j, batch, threads);
+    octo_parallel_for_workers(factor_member, &j, batch, threads);
 }
 
 /* f, dv (batch, K, NC, count), h, lam (batch, K, MA, count), sizes (batch, count); scratch: count rooms a thread */
@@ -359,5 +359,5 @@ void octo_solve_batch(int batch, int threads, int K, int split, const double *H,
     job j = {.K = K, .split = split, .per_variable = per_variable, .count = count, .refine = refine, .check = check,
              .tolerance = tolerance, .H = H, .A = A, .sigma = sigma, .f = f, .h = h, .units = units, .store = store,
              .scratch = scratch, .dv = dv, .lam = lam, .sizes = sizes, .verdict = verdict};
-    spread(solve_member, &j, batch, threads);
+    octo_parallel_for_workers(solve_member, &j, batch, threads);
 }

@@ -14,6 +14,8 @@ from octo.arrays import Array, Numbers, array_module, every, host, inner, larges
 from octo.problem.compiled import Evaluation
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
+from octo.solver.border import Border, BorderedFactor
+from octo.solver.border import factorize as bordered
 from octo.solver.options import SqpOptions
 
 Three = tuple[Numbers, Numbers, Numbers]
@@ -24,7 +26,9 @@ class Attempt:
 
     trial: the evaluation at Δ times its first length, where it came in one copy with the numbers;
     None: not evaluated yet. numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the
-    iterate and bᵀΔ (batch,), on the host.
+    iterate and bᵀΔ (batch,), on the host, of which the last two count a border. shared (batch, w):
+    of a border, the step of the shared unknowns and the multipliers of the shared rows; None:
+    without one.
     """
 
     def __init__(
@@ -33,8 +37,10 @@ class Attempt:
         multipliers: Array,
         numbers: Callable[[], Three],
         trial: Evaluation | None = None,
+        shared: Array | None = None,
     ):
         self.delta, self.multipliers, self.trial, self._numbers = delta, multipliers, trial, numbers
+        self.shared = shared
 
     @cached_property
     def numbers(self) -> Three:
@@ -58,7 +64,7 @@ class Factors(Protocol):
         where the inertia is right."""
         ...
 
-    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, ...]:
         """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without
         a factor."""
         ...
@@ -81,10 +87,18 @@ class Factors(Protocol):
 
 class HostFactors:
     """On the CPU: only the members that are asked for are factored, and no trial is evaluated
-    before it is wanted."""
+    before it is wanted. border: columns beside the blocks, if any."""
 
-    def __init__(self, blocks: KKTBlocks, lam: Array, options: SqpOptions, threads: int):
+    def __init__(
+        self,
+        blocks: KKTBlocks,
+        lam: Array,
+        options: SqpOptions,
+        threads: int,
+        border: Border | None = None,
+    ):
         self.blocks, self._lam, self._options, self._threads = blocks, lam, options, threads
+        self.border = border
         # members factored together, which are good, their factor
         self.groups: list[tuple[Numbers, Numbers, Any]] = []
 
@@ -93,10 +107,15 @@ class HostFactors:
 
     def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
         H, A, own = self.blocks.H, self.blocks.A, np.flatnonzero(members)
+        border = self.border
         if not every(members):
             H, A, weight = H[own], A[own], weight[own]
-        factor = kkt.factorize(
-            H, A, weight, method=self._options.linear_solver, threads=self._threads
+            border = None if border is None else border.take(own)
+        how: Any = {"method": self._options.linear_solver, "threads": self._threads}
+        factor: kkt.KKTFactor | BorderedFactor = (
+            kkt.factorize(H, A, weight, **how)
+            if border is None
+            else bordered(H, A, border, weight, **how)
         )
         found, good = np.zeros(len(members), dtype=bool), host(factor.inertia_ok)
         found[own] = good
@@ -104,18 +123,25 @@ class HostFactors:
             self.groups.append((own, good, factor))
         return found
 
-    def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
+    def solve(
+        self, rhs_v: Array, rhs_c: Array, rhs_border: Array | None = None
+    ) -> tuple[Array, ...]:
+        """With a border also (batch, w), of the right-hand side ``rhs_border`` (batch, w)."""
+        rhs = [rhs_v, rhs_c] if rhs_border is None else [rhs_v, rhs_c, rhs_border]
         if len(self.groups) == 1 and len(self.groups[0][0]) == len(rhs_v):
-            return self.groups[0][2].solve(rhs_v, rhs_c)
+            return self.groups[0][2].solve(*rhs)
         xp = array_module(rhs_v)
-        dv, lam = xp.full(rhs_v.shape, xp.nan), xp.full(rhs_c.shape, xp.nan)
+        shapes = [part.shape for part in rhs]
+        if self.border is not None:
+            shapes[2:] = [self.border.residual.shape]
+        found = tuple(xp.full(shape, xp.nan) for shape in shapes)
         for members, good, factor in self.groups:
             own, solved, kept = (
                 like(index, rhs_v) for index in (members, members[good], np.flatnonzero(good))
             )
-            v, multipliers = factor.solve(rhs_v[own], rhs_c[own])
-            dv[solved], lam[solved] = v[kept], multipliers[kept]
-        return dv, lam
+            for whole, part in zip(found, factor.solve(*(p[own] for p in rhs)), strict=True):
+                whole[solved] = part[kept]
+        return found
 
     def attempt(
         self,
@@ -124,11 +150,20 @@ class HostFactors:
         cap: float,
         members: NDArray[np.bool_] | None = None,
     ) -> Attempt:
-        blocks, lam = self.blocks, self._lam
-        delta, multipliers = self.solve(-blocks.b, -blocks.C if rhs_c is None else rhs_c)
+        blocks, border, lam = self.blocks, self.border, self._lam
+        rhs = [-blocks.b, -blocks.C if rhs_c is None else rhs_c]
+        if border is not None:
+            rhs.append(-border.residual)
+        delta, multipliers, *shared = self.solve(*rhs)
 
         def numbers() -> Three:
-            dual = host(largest(blocks.b + blocks.constraints_transposed_times(lam)))
-            return host(abs(delta).max(axis=2)), dual, host(inner(blocks.b, delta))
+            slope = inner(blocks.b, delta)
+            if border is None:
+                dual = largest(blocks.b + blocks.constraints_transposed_times(lam))
+            else:
+                own = border.unknowns
+                slope = slope + inner(border.residual[:, :own], shared[0][:, :own])
+                dual = border.dual(blocks, lam)
+            return host(abs(delta).max(axis=2)), host(dual), host(slope)
 
-        return Attempt(delta, multipliers, numbers)
+        return Attempt(delta, multipliers, numbers, shared=shared[0] if shared else None)

@@ -1,12 +1,13 @@
 """The default step: a direction, shortened until an acceptance takes it.
 
 The direction is the regularised KKT step (direction.py), the acceptance a filter (filter.py) or the
-user's, and what is done beside is in heuristics.py. Wächter and Biegler 2006, on the block factors
-of Eq. 12.
+user's, the lengths are in search.py, and what is done beside is in heuristics.py. Wächter and
+Biegler 2006, on the block factors of Eq. 12.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from octo.arrays import Array, Numbers, choose, like, scaled, some
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
-from octo.solver.direction import KKTDirection, Line
+from octo.solver.direction import KKTDirection
 from octo.solver.factors import Factors
 from octo.solver.filter import FilterAcceptance
 from octo.solver.heuristics import (
@@ -29,6 +30,7 @@ from octo.solver.heuristics import (
 )
 from octo.solver.options import SqpOptions
 from octo.solver.rule import Clock, Move
+from octo.solver.search import Line, search
 from octo.solver.trials import Trials
 
 T = TypeVar("T")
@@ -67,7 +69,7 @@ class LineSearch:
         """Keep some members only, those of ``problem``."""
         self.trials.problem = problem
         self.acceptance.take(members)
-        self.direction.regularisation.take(members)
+        self.direction.take(members)
         for heuristic in (self.feasibility, self.restoration):
             if heuristic is not None:
                 heuristic.take(members)
@@ -91,15 +93,17 @@ class LineSearch:
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
         line = Line(delta, attempt.multipliers, size, slope, first)
-        accepted, length, after, moved, corrected = self._search(at, model, factors, line, pending)
-        whole = accepted & ~polish
-        growing = whole & ~corrected & (sigma > 0.0) & (length == 1.0)
+        mend = partial(self._mended, at, model, factors)
+        found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
+        after, length, moved = found.at, found.length, found.moved
+        whole = found.accepted & ~polish
+        growing = whole & ~found.mended & (sigma > 0.0) & (length == 1.0)
         if self.extrapolation is not None:
             after, moved = self.extrapolation.further(
                 self.trials, at, delta, size, self.acceptance.near, after, moved, growing
             )
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
-        after, lam, failed = self._restore(after, lam, ~(accepted | converged))
+        after, lam, failed = self._restore(after, lam, ~(found.accepted | converged))
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
@@ -117,40 +121,24 @@ class LineSearch:
             converged=converged,
         )
 
-    def _search(
-        self, at: Evaluation, model: Model, factors: Factors, line: Line, pending: Mask
-    ) -> tuple[Mask, Numbers, Evaluation, Numbers, Mask]:
-        """Halve the length until the step is accepted: accepted (batch,), lengths, the new
-        evaluation, ‖·‖∞ of the steps taken, and which of them are second-order corrections."""
-        batch = len(pending)
-        length = np.minimum(1.0, self.options.cap / np.maximum(line.largest, 1e-300))
-        accepted, corrected = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=bool)
-        taken, result = np.zeros(batch), at
-        step = Step(length, line.slope, line.multipliers)
-        for attempt in range(HALVINGS):
-            if not some(pending):
-                break
-            moved, trial = length * line.largest, line.first if attempt == 0 else None
-            if trial is None:
-                trial = self.trials.evaluate(
-                    at, choose(pending, scaled(length, line.delta), 0.0), pending
-                )
-            good = pending & self.acceptance.accepts(at, trial, step)
-            if attempt == 0:
-                refused = pending & ~good
-                self._learn(at, trial, refused)
-                worse = refused & trial.finite & (trial.size >= at.size)
-                if self.correction is not None and some(worse):
-                    corrected, trial, moved = self.correction.corrected(
-                        self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
-                    )
-                    good |= corrected
-            result, taken = result.replaced(good, trial), choose(good, moved, taken)
-            accepted |= good
-            pending = pending & ~good
-            length[pending] *= 0.5
-        self.acceptance.took(at, result, step, accepted)
-        return accepted, length, result, taken, corrected
+    def _mended(
+        self,
+        at: Evaluation,
+        model: Model,
+        factors: Factors,
+        trial: Evaluation,
+        moved: Numbers,
+        step: Step,
+        refused: Mask,
+    ) -> tuple[Mask, Evaluation, Numbers]:
+        """Of first trials that were refused: single units are to blame, corrections may help."""
+        self._learn(at, trial, refused)
+        worse = refused & trial.finite & (trial.size >= at.size)
+        if self.correction is None or not some(worse):
+            return np.zeros(len(refused), dtype=bool), trial, moved
+        return self.correction.corrected(
+            self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
+        )
 
     def _learn(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
         """The weights of single units after the first trial."""

@@ -164,7 +164,7 @@ static void normal_solve_member(const void *shared, ptrdiff_t m, int worker) {
 /* A (batch, K, 3, MA, NC); units (batch, K); dropped (batch) as normal_factor's */
 void octo_normal_factor(int batch, int threads, int K, const double *A, normal_unit *units, int *dropped) {
     normal_job j = {.K = K, .A = A, .units = units, .dropped = dropped};
-    spread(normal_factor_member, &j, batch, threads);
+    octo_parallel_for_workers(normal_factor_member, &j, batch, threads);
 }
 
 /* rhs, lam (batch, count, K, MA), x = A' lam (batch, count, K, NC); r (K, MA) a thread is scratch */
@@ -172,6 +172,6 @@ void octo_normal_solve(int batch, int threads, int K, const double *A, normal_un
                        const double *rhs, int refine, double *lam, double *x, double *r) {
     normal_job j = {.K = K, .count = count, .refine = refine, .A = A, .rhs = rhs, .units = units, .dropped = dropped,
                     .lam = lam, .x = x, .r = r};
-    spread(normal_solve_member, &j, batch, threads);
+    octo_parallel_for_workers(normal_solve_member, &j, batch, threads);
 }
 #endif

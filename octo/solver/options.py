@@ -54,8 +54,8 @@ class SqpOptions:
     c_max: N, the paper's C_max: a step that ends above it is refused unless it reduces ‖C‖.
     plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so
         many iterations.
-    acceptance: of the line search, which steps are taken: an :class:`octo.Acceptance`; None is the
-        filter.
+    acceptance: which steps are taken: an :class:`octo.Acceptance`; None is the filter for
+        line_search, and the paper's merit for trust_region.
     heuristics: of the line search, those of HEURISTICS that are on, by default all:
         octo.solver.heuristics says what each is worth.
     """
@@ -99,17 +99,12 @@ class SqpOptions:
                 )
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
-        self._check_line_search()
+        self._check_objects()
 
-    def _check_line_search(self) -> None:
+    def _check_objects(self) -> None:
         if self.acceptance is not None:
             words = "an octo.Acceptance or None"
             instance("acceptance", self.acceptance, Acceptance, words)
-            if self.step != "line_search":
-                raise ValueRangeError(
-                    f"acceptance is {said(self.acceptance)}, must be None with step="
-                    f"{said(self.step)}: the trust region has the paper's"
-                )
         names = self.heuristics
         if isinstance(names, str) or not isinstance(names, (tuple, list, set, frozenset)):
             raise ValueRangeError(

@@ -101,7 +101,7 @@ class RecedingHorizon:
         n, m = compiled.n, compiled.m
         halo = np.zeros((2, 6 * n * n + 3 * m * n + 2 * n + m))
         task = task_of(
-            (1, N, count, 1, 1, 1, 2), tables, (compiled.p, compiled.q, compiled.row_scale), halo
+            (1, N, count, 1, 1, n, m, 2), tables, (compiled.p, compiled.q, compiled.row_scale), halo
         )
         task.nodes, task.fd = self.nodes.ctypes.data, self.fd.ctypes.data
         task.h, task.a, task.b = (array.ctypes.data for array in (self._H, self._A, self._b))

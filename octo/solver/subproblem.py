@@ -34,6 +34,7 @@ class Step:
     delta: Array  # (batch, K, nc)
     energy: Array  # (batch,) ½ΔᵀHΔ + bᵀΔ
     residual: Array  # (batch,) ‖A Δ + C_0‖₂
+    slope: Array  # (batch,) bᵀΔ
 
 
 Three: TypeAlias = tuple[Array, Array, Array]
@@ -97,7 +98,7 @@ def minimize(
     delta = v + _times(z1, first) + _times(z2, second)
     left = blocks.constraints_times(delta) + blocks.C
     curvature, slope = inner(delta, blocks.hessian_times(delta)), inner(blocks.b, delta)
-    return Step(delta, 0.5 * curvature + slope, xp.sqrt(inner(left, left)))
+    return Step(delta, 0.5 * curvature + slope, xp.sqrt(inner(left, left)), slope)
 
 
 def _unit(w: Array) -> Array:

@@ -1,7 +1,13 @@
 """The paper's step (§6.1): JᵀJ, two directions in a trust region, the merit Φ = μ/2‖C‖² + E,
-verbatim."""
+verbatim.
+
+A direction, the step of Eq. 10 within a radius, and an acceptance, the paper's merit (merit.py) or
+the user's: the radius grows where it says yes.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,19 +15,86 @@ from numpy.typing import NDArray
 from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.joint_costs import Effort
+from octo.solver.acceptance import Mask
 from octo.solver.backend import CPU, Backend
+from octo.solver.merit import MeritAcceptance
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock, Move
+from octo.solver.search import Line, search
 from octo.solver.subproblem import Directions, minimize
+from octo.solver.trials import Trials
 
-RHO = 0.3  # of Eq. 11, as in Nocedal and Wright (18.36)
 UNBOUNDED = 1e150  # its square is still a number
+GROW, SHRINK = 1.2, 0.8  # of the radius; of ‖Δ‖ where it was refused
+OFTEN = 200  # refusals in a row of one member, before it counts as stalled
 EFFORT = 1e-4  # of ‖u‖², §8
 
 
+@dataclass(frozen=True, eq=False)
+class Bounded:
+    """A step within the radius. length: (batch,) ‖Δ‖₂. full: ‖·‖∞ of the KKT step. dual: ‖∇E +
+    Aᵀlam‖∞. sigma: the weights of the factors. has: where there is one."""
+
+    line: Line
+    length: Numbers
+    full: Numbers
+    dual: Numbers
+    sigma: Numbers
+    has: Mask
+
+
+class BoundedDirection:
+    """The step of Eq. 10 and its radius: ∞ at first, then ‖Δ‖, × 1.2 where the step was taken,
+    0.8‖Δ‖ where it was not."""
+
+    def __init__(self, batch: int, units: int, options: SqpOptions, trials: Trials):
+        self.options, self.trials = options, trials
+        self.regularisation = Regularisation(batch, units, options)
+        self.radius = np.full(batch, np.inf)
+        self.refused = np.zeros(batch, dtype=int)
+
+    def take(self, members: NDArray[np.intp]) -> None:
+        """Keep some members only."""
+        self.regularisation.take(members)
+        self.radius, self.refused = self.radius[members], self.refused[members]
+
+    def step(self, at: Evaluation, lam: Array, model: Model) -> Bounded:
+        """The model's minimiser within the radius, evaluated: its numbers come with the trial."""
+        problem, clock, backend = self.trials.problem, self.trials.clock, self.trials.backend
+        blocks = backend.blocks(model)
+        dual = largest(model.b + blocks.constraints_transposed_times(lam))
+        with clock("factor"):
+            factors = backend.factors(problem, model, at, lam, self.options)
+            sigma, has = self.regularisation.factorize(factors)
+            normal = backend.normal(model.A, problem.threads)
+        with clock("solve"):
+            full, multipliers = factors.solve(-model.b, -model.C)
+            tangential, _ = factors.solve(-model.b, array_module(model.C).zeros_like(model.C))
+            directions = Directions(full, tangential, normal.least_norm(-model.C), multipliers)
+            radius = np.where(np.isfinite(self.radius), self.radius, UNBOUNDED)
+            step = minimize(blocks, directions, normal.project, radius, backend.two_by_two)
+            numbers = [
+                inner(step.delta, step.delta),
+                *(step.slope, step.energy, step.residual),
+                *(largest(step.delta), largest(full), dual),
+            ]
+        with clock("evaluate"):
+            unknowns = at.unknowns + step.delta
+            trial, numbers = backend.evaluate_with(problem, unknowns, numbers)
+        square, slope, energy, residual, moved, most, dual = numbers
+        line = Line(step.delta, multipliers, moved, slope, trial, (energy, residual))
+        return Bounded(line, np.sqrt(square), most, dual, sigma, has)
+
+    def learn(self, length: Numbers, accepted: Mask) -> None:
+        """The radius after a step of ``length`` that was taken, or was not."""
+        radius = np.where(np.isfinite(self.radius), self.radius, length)
+        self.radius = np.where(accepted, GROW * radius, SHRINK * length)
+        self.refused = np.where(accepted, 0, self.refused + 1)
+
+
 class TrustRegion:
-    """The rule of SqpOptions.paper()."""
+    """The rule of SqpOptions(step="trust_region")."""
 
     def __init__(
         self,
@@ -31,11 +104,10 @@ class TrustRegion:
         clock: Clock,
         backend: Backend = CPU,
     ):
-        self.problem, self.options, self.clock, self.backend = problem, options, clock, backend
-        self.regularisation = Regularisation(problem.batch, problem.K, options)
-        self.radius = np.full(problem.batch, np.inf)
-        self.mu = np.zeros(problem.batch)
-        self.refused = np.zeros(problem.batch, dtype=int)
+        self.options, self.trials = options, Trials(problem, clock, backend)
+        most = options.c_max / problem.weight
+        self.acceptance = (options.acceptance or MeritAcceptance(most)).started(at)
+        self.direction = BoundedDirection(problem.batch, problem.K, options, self.trials)
 
     @staticmethod
     def normalised(problem: CompiledProblem, unknowns: Array) -> CompiledProblem:
@@ -56,76 +128,32 @@ class TrustRegion:
 
     def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None:
         """Keep some members only, those of ``problem``."""
-        self.problem = problem
-        self.regularisation.take(members)
-        self.radius = self.radius[members]
-        self.mu = self.mu[members]
-        self.refused = self.refused[members]
+        self.trials.problem = problem
+        self.acceptance.take(members)
+        self.direction.take(members)
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration of Algorithm 1, lines 3 to 20."""
-        blocks = self.backend.blocks(model)
-        dual = largest(model.b + blocks.constraints_transposed_times(lam))
-        with self.clock("factor"):
-            factors = self.backend.factors(self.problem, model, at, lam, self.options)
-            sigma, has = self.regularisation.factorize(factors)
-            normal = self.backend.normal(model.A, self.problem.threads)
-        with self.clock("solve"):
-            full, multipliers = factors.solve(-model.b, -model.C)
-            tangential, _ = factors.solve(-model.b, array_module(model.C).zeros_like(model.C))
-            directions = Directions(full, tangential, normal.least_norm(-model.C), multipliers)
-            radius = np.where(np.isfinite(self.radius), self.radius, UNBOUNDED)
-            step = minimize(blocks, directions, normal.project, radius, self.backend.two_by_two)
-            square, wanted = inner(step.delta, step.delta), inner(model.C, model.C)
-            numbers = [
-                square,
-                wanted,
-                step.energy,
-                step.residual,
-                largest(step.delta),
-                largest(full),
-                dual,
-            ]
-        with self.clock("evaluate"):
-            trial, numbers = self.backend.evaluate_with(
-                self.problem, at.unknowns + step.delta, numbers
-            )
-        square, wanted, energy, residual, moved, most, dual = numbers
-        self._raise_penalty(wanted, energy, residual)
-        length = np.sqrt(square)
-        self.radius = np.where(np.isfinite(self.radius), self.radius, length)
-        weight = self.problem.weight
-        violation = trial.largest * weight
-        # length 0: nothing is left to do
-        ok = trial.finite & ((self._merit(trial) < self._merit(at)) | (length == 0.0))
-        ok &= (violation < self.options.c_max) | (violation < at.largest * weight)
-        reduction = self._merit(at) - self._merit(trial)
-        self.radius = np.where(ok, 1.2 * self.radius, 0.8 * length)
-        after = at.replaced(ok, trial)
-        lam = choose(ok, multipliers, lam)
-        self.refused = np.where(ok, 0, self.refused + 1)
-        left = after.largest * weight
+        o, merit, step = self.options, self.acceptance.merit, self.direction.step(at, lam, model)
+        line, everyone = step.line, np.ones(len(step.has), dtype=bool)
+        found = search(self.trials, self.acceptance, at, line, everyone, tries=1)
+        accepted = found.accepted
+        self.direction.learn(step.length, accepted)
+        assert line.first is not None and line.model is not None
+        reduction, predicted = merit(at) - merit(line.first), line.model[0]
+        left = found.at.largest * self.trials.problem.weight
+        small = (line.largest < o.step_tolerance) & (left < o.tolerance)
         return Move(
-            at=after,
-            lam=lam,
-            accepted=ok,
-            failed=~has | (self.refused > 200),
-            dual=dual,
-            step=most,
-            taken=np.where(ok, moved, 0.0),
-            ratio=reduction / np.maximum(-energy, 1e-300),
-            radius=self.radius.copy(),
-            sigma=sigma,
-            factorizations=self.regularisation.factorizations,
-            converged=ok & (moved < self.options.step_tolerance) & (left < self.options.tolerance),
+            at=found.at,
+            lam=choose(accepted, line.multipliers, lam),
+            accepted=accepted,
+            failed=~step.has | (self.direction.refused > OFTEN),
+            dual=step.dual,
+            step=step.full,
+            taken=found.moved,
+            ratio=reduction / np.maximum(-predicted, 1e-300),
+            radius=self.direction.radius.copy(),
+            sigma=step.sigma,
+            factorizations=self.direction.regularisation.factorizations,
+            converged=accepted & small,
         )
-
-    def _merit(self, at: Evaluation) -> Numbers:
-        return at.energy + 0.5 * self.mu * at.square
-
-    def _raise_penalty(self, square: Numbers, energy: Numbers, residual: Numbers) -> None:
-        """Eq. 11 with the (1 − ρ) of its source, after the relaxation of C_0, ``square`` ‖C_0‖₂²:
-        monotone."""
-        gain = 0.5 * (square - residual**2)
-        needed = np.where(gain > 1e-30, energy / ((1.0 - RHO) * np.maximum(gain, 1e-30)), 0.0)
-        self.mu = np.maximum(self.mu, needed)

@@ -23,7 +23,7 @@ COUNTS = (1, 7, 8, 9, 25)
 
 def one_by_one(dynamics, nodes, p, lam, order):
     """The same from the text for one step."""
-    library = native.load(dynamics.text() + codegen.source("batch.c"))
+    library = native.load(dynamics.text() + codegen.batch_source())
     batch, steps, n = nodes.shape[0], nodes.shape[1] - 2, dynamics.nx
     shapes = (n,), (n, 3 * n), (dynamics.curvature_blocks, n, n)
     out = [np.zeros((batch, steps, *shape)) for shape in shapes]

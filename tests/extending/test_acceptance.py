@@ -116,8 +116,6 @@ def same(expected, found):
 def test_wrong_options():
     with pytest.raises(ProblemError, match="acceptance is .* must be an octo.Acceptance"):
         SqpOptions(acceptance=L1Merit)
-    with pytest.raises(ValueRangeError, match="acceptance is .* must be None with step="):
-        SqpOptions(acceptance=L1Merit(), step="trust_region")
     with pytest.raises(UnknownNameError, match="extrapolation"):
         SqpOptions(heuristics=("extrapolatoin",))
     with pytest.raises(ValueRangeError, match="heuristics is .* must be a tuple"):

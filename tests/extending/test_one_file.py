@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from extending.code_stage import OverGrid
 from extending.contact_pair import EqualLoads
 from extending.hertz_law import Hertz
 from extending.pseudo_huber import PseudoHuber
@@ -45,6 +46,8 @@ TERMS: dict[str, list[octo.Cost]] = {
         PowerChange(loss=PseudoHuber(0.1)),
         octo.TorqueRate(steps="last"),
     ],
+    "a stage of code": [OverGrid(body="shank", weight=3.0, name="grid")],
+    "a loss over a stage": [OverGrid(body="shank", loss=PseudoHuber(0.02))],
     "a contact law": [octo.Slip(length=0.03), octo.FrictionCone(mu=0.1)],
 }
 
@@ -111,8 +114,8 @@ def test_the_problem_behind_ipopt(name: str) -> None:
     close(np.asarray(made.objective(x, p)).ravel(), own.energy)
     gradient = point_of(made.compiled, made.compiled.linearize(own, None).b)
     close(np.asarray(made.gradient(x, p)).ravel(), gradient)
-    if beyond_one_step(made.compiled):
-        return  # IPOPT is given the expressions
+    if beyond_one_step(made.compiled) or made.compiled.functions.calls:
+        return  # IPOPT is given the expressions, which call the Python of a stage
     library = Library(made.compiled, octo_layout(made.compiled))
     library.activate()
     _, found = library.function("nlp_grad_f")(x, p)
@@ -135,7 +138,8 @@ def test_a_step_with_a_loss_costs_less_than_its_square() -> None:
 
 
 @pytest.mark.parametrize(
-    "file", ["contact_pair.py", "pseudo_huber.py", "hertz_law.py", "torque_rate.py"]
+    "file",
+    ["contact_pair.py", "pseudo_huber.py", "hertz_law.py", "torque_rate.py", "code_stage.py"],
 )
 def test_each_is_one_short_file(file: str) -> None:
     assert len((HERE / file).read_text(encoding="utf-8").splitlines()) <= 80

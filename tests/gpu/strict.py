@@ -98,7 +98,7 @@ def _operator(name: str) -> Any:
     return apply
 
 
-for _name in ("add", "sub", "mul", "truediv", "pow"):
+for _name in ("add", "sub", "mul", "truediv", "pow", "matmul"):
     setattr(ndarray, f"__{_name}__", _operator(f"__{_name}__"))
     setattr(ndarray, f"__r{_name}__", _operator(f"__r{_name}__"))
 for _name in ("and", "or", "eq", "ne", "lt", "le", "gt", "ge"):
@@ -125,7 +125,7 @@ def _method(name: str) -> Any:
     return apply
 
 
-for _name in ("sum", "max", "any", "all", "reshape", "copy", "astype"):
+for _name in ("sum", "max", "min", "any", "all", "reshape", "copy", "astype"):
     setattr(ndarray, _name, _method(_name))
 
 
@@ -155,12 +155,24 @@ for _name in (
     "ascontiguousarray",
     "maximum",
     "sqrt",
+    "abs",
+    "arange",
+    "eye",
+    "swapaxes",
+    "broadcast_to",
 ):
     globals()[_name] = _function(_name)
+
+
+class linalg:  # noqa: N801  (the name CuPy's has)
+    @staticmethod
+    def eigh(matrix: ndarray) -> tuple[ndarray, ndarray]:
+        values, vectors = np.linalg.eigh(_bare(matrix))
+        return _made(values), _made(vectors)
 
 
 def stack(arrays: Any) -> ndarray:
     return _made(np.stack([_bare(array) for array in arrays]))
 
 
-nan = np.nan
+nan, inf = np.nan, np.inf

@@ -3,15 +3,20 @@ projections, NaN."""
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
+import strict
 
 from octo.errors import ShapeError
+from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import DeviceBlocks, Linear
 from octo.gpu.normal import DeviceNormal
 from octo.gpu.problem import DeviceProblem
 from octo.solver.blocks import KKTBlocks
+from octo.solver.border import Border, BorderedFactor
 from octo.solver.normal import NormalFactor
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
@@ -34,6 +39,43 @@ def test_solutions_and_inertia_against_the_dense_matrix(random_system, device, n
         assert max(np.abs(stationarity).max(), np.abs(feasibility).max(initial=0.0)) < 1e-11 * scale
 
 
+@pytest.mark.parametrize(("nc", "ma"), SIZES)
+def test_border_columns_beside_the_kernels(random_system, nc, ma):
+    """Three columns, the last one a row's: the whole matrix's solution and inertia; with arrays as
+    strict as CuPy's."""
+    batch, K, w, random = 2, 9, 3, np.random.default_rng(4)
+    system = random_system(nc, batch, K, nc, ma)
+    sigma = 0.01 + random.random((batch, K))
+    over_rows, corner = random.standard_normal((batch, K, ma, w)), np.diag([90.0, -900.0, 0.0])
+    over_rows[..., -1] = 0.0
+    border = Border(
+        random.standard_normal((batch, K, nc, w)),
+        over_rows,
+        np.stack([np.abs(corner), corner]),
+        random.standard_normal((batch, w)),
+        np.zeros((batch, 1)),
+    )
+    linear = Linear(EmulatedDevice(5, xp=strict), nc, ma)
+    there = [strict.array(part) for part in (system.H, system.A, system.b, system.C, sigma)]
+    blocks, own = DeviceBlocks(*there[:4], linear), DeviceFactor(linear, *there[:2], there[4])
+    columns = Border(*(strict.array(getattr(border, field.name)) for field in fields(border)))
+    factor = BorderedFactor(own, blocks, there[4], columns)
+    parts = (border.over_variables, border.over_rows)
+    B = np.concatenate([part.reshape(batch, K * part.shape[2], w) for part in parts], axis=1)
+    D = border.corner + sigma.min(axis=1)[:, None, None] * np.diag([1.0, 1.0, 0.0])
+    dense = np.block([[system.dense(sigma), B], [np.swapaxes(B, 1, 2), D]])
+    excess = (np.linalg.eigvalsh(dense) < 0).sum(axis=1) - K * ma - 1
+    np.testing.assert_array_equal(factor.negative.get(), excess)
+    np.testing.assert_array_equal(factor.inertia_ok.get(), excess == 0)
+    assert excess[1] > 0
+    rhs = -np.concatenate([part.reshape(batch, -1) for part in (system.b, system.C)], axis=1)
+    rhs = np.concatenate([rhs, -border.residual], axis=1)
+    expected = np.linalg.solve(dense, rhs[..., None])[..., 0]
+    found = factor.solve(-there[2], -there[3], -columns.residual)
+    flat = np.concatenate([part.get().reshape(batch, -1) for part in found], axis=1)
+    np.testing.assert_allclose(flat, expected, atol=1e-8 * np.abs(expected).max())
+
+
 def test_any_number_of_threads_gives_the_same_bits(random_system, device):
     system = random_system(7, 2, 9, 18, 6, lowered=4.0)
     sigma = 0.01 + np.random.default_rng(0).random((2, 9))
@@ -47,8 +89,6 @@ def test_any_number_of_threads_gives_the_same_bits(random_system, device):
 
 
 def test_blocks_that_do_not_fit_into_shared_memory(random_system):
-    from octo.gpu.emulator import EmulatedDevice
-
     system = random_system(3, 1, 5, 36, 12, lowered=4.0)
     small = EmulatedDevice(5)
     small.shared_limit = 48 * 1024

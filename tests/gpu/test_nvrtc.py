@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from extending.code_stage import OverGrid
 
 import octo
 from octo import native
@@ -165,6 +166,15 @@ def test_elements_do_not_spill():
     made = program(dataclasses.replace(mammal, elements=springs), "robot")
     for name, kernel in nvrtc.compile_text(made.texts[0], "sm_90").kernels.items():
         assert (kernel.spill_stores, kernel.spill_loads) == (0, 0), name
+
+
+def test_a_stage_of_code():
+    """A look-up in a table with a floor and a limit in it."""
+    costs = [octo.Effort(), OverGrid(body="front_left_shank")]
+    problem = octo.Problem(robot("mammal"), steps=20, dt=0.025, costs=costs)
+    kernels = nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).texts[1]).kernels
+    for name in ("octo_terms", "octo_cost_derivatives"):
+        assert kernels[name].spill_stores == kernels[name].spill_loads == 0, name
 
 
 def test_terms_over_neighbouring_hermite_controls():

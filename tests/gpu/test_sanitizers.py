@@ -5,15 +5,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
+from extending.code_stage import GRID
 from replay import Recorder, replay
+from walker import START, walker
 
+import octo
 from octo.gpu import emulator
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
+from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from tests.gpu import conftest
@@ -90,6 +96,25 @@ def test_no_sanitizer_finds_anything(tmp_path, sanitizer, threads, crews):
         done = replay(text, launches, sanitizer, threads, crews, tmp_path)
         assert done.returncode == 0, done.stderr[:3000]
         assert f"replayed {len(launches)} launches" in done.stdout
+
+
+def _nested(step: Any, p: Any) -> ca.SX:
+    heights = [step.call(GRID, point) for point in (step.x[:2], step.x_next[:2])]
+    return step.call(GRID, ca.vertcat(*heights)) - step.x[2]
+
+
+@pytest.mark.parametrize("barrier", [True, False])
+def test_calls_of_stages_wait_for_one_another(tmp_path, barrier):
+    recorder = Recorder()
+    problem = octo.Problem(walker(), steps=5, dt=0.05, costs=[octo.CustomCost(_nested)], x0=START)
+    made = DeviceProblem(CompiledProblem([problem]), EmulatedDevice(5, recorder=recorder))
+    made.linearize(made.evaluate(made.unknowns(np.tile(START, (1, 7, 1)))), None)
+    text = next(text for text in recorder.launches if "octo_calls_of_steps" in text)
+    wave = "octo_call(wave + k, arg, v, order);\n    }\n    BARRIER;"
+    assert wave in text
+    planted = text if barrier else text.replace(wave, wave.removesuffix("BARRIER;"))
+    done = replay(planted, recorder.launches[text], "thread", 5, 1, tmp_path)
+    assert (done.returncode == 0) == barrier and (RACE in done.stderr) != barrier
 
 
 @pytest.mark.parametrize("fault", FAULTS)

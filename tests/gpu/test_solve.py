@@ -11,6 +11,7 @@ import strict
 
 import octo
 from octo import arrays
+from octo.errors import DeviceError
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
@@ -183,3 +184,10 @@ def test_trials_of_some_members(swing_up_batch, monkeypatch):
         expected, found = both(*batch, SqpOptions(max_iterations=iterations))
         same_path(expected, found, 1e-6)
     assert untried
+
+
+def test_units_with_extra_unknowns_are_refused(device):
+    problem, _ = batch_of("mammal", "nodes", 4)
+    wide = problem.with_data(replace(problem.plan, extra=2, extra_rows=1), problem.data)
+    with pytest.raises(DeviceError, match="2 extra unknowns and 1 extra rows, must have"):
+        DeviceBackend(device()).place(wide)

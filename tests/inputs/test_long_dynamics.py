@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -55,11 +56,11 @@ def test_long_functions_compile_and_are_right(lanes, limit, monkeypatch):
     """At -O1 and at -O0, in lanes and alone, against CasADi's virtual machine."""
     monkeypatch.setattr(long, limit, 100)
     model = soft(3, 4)
-    text = (model.lanes_text() if lanes else model.text()) + codegen.source("batch.c")
+    text = (model.lanes_text() if lanes else model.text()) + codegen.batch_source()
     assert f'optimize ("{"O0" if limit == "HUGE" else "O1"}")' in text
     assert not re.search(r"[};]\s*#", text.replace("\n", "$"))  # a directive has a line of its own
     if not lanes:
-        assert native.load(text.replace(codegen.source("batch.c"), "")) is not None
+        assert native.load(text.replace(codegen.batch_source(), "")) is not None
         return
     model.__dict__["_library"] = native.load(text)
     nodes = np.random.default_rng(1).standard_normal((1, 6, 4))
@@ -129,6 +130,22 @@ def test_a_limit_of_instructions_holds_for_terms_and_grounds_too(monkeypatch):
         cost_functions(problem.dynamics, problem.costs, problem.setting, False)
     with pytest.raises(ModelError, match="contact law and terrain: "):
         octo.Problem(robot, **given, costs=[octo.Effort()]).dynamics.lanes_text()
+
+
+def test_a_limit_of_instructions_holds_for_second_derivatives(monkeypatch):
+    """Of a term that is short itself, before they are written."""
+    robot = octo.gallery.chain()
+    long_one = octo.CustomCost(
+        lambda step, p: ca.sin(ca.sumsqr(step.x_next)), name="Hum", curvature="exact"
+    )
+    given = {"steps": 4, "dt": 0.05, "x0": robot.default_pose}
+    problem = octo.Problem(robot, **given, costs=[octo.Effort(), long_one])
+    monkeypatch.setattr(long, "MOST", 400)
+    monkeypatch.setattr(codegen, "MOST", 400)
+    with pytest.raises(ModelError, match="second derivatives of Hum: .*gauss_newton"):
+        cost_functions(problem.dynamics, problem.costs, problem.setting, False)
+    plain = problem.replace(costs=[octo.Effort(), replace(long_one, curvature="gauss_newton")])
+    cost_functions(plain.dynamics, plain.costs, plain.setting, False)
 
 
 def test_sparse_dynamics_of_many_coordinates_are_not_refused():

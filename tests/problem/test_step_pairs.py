@@ -22,6 +22,14 @@ from octo.reference.program import free_blocks, nlp, point_of, rows_of
 from octo.starts import first_nodes
 
 DT = 0.05
+DOUBLE = octo.CodeStage(
+    "double_",
+    inputs=1,
+    outputs=1,
+    text="static void double_(const double *a, double *value, double *slopes) {\n"
+    "  value[0] = 2.0 * a[0];\n  if (slopes) slopes[0] = 2.0;\n}\n",
+    python=lambda a: (2.0 * a, np.full((*a.shape[:-1], 1, 1), 2.0)),
+)
 CASES = [  # the basis, the steps, whether the end is fixed
     ("nodes", 12, False),
     ("nodes", 13, False),
@@ -255,6 +263,11 @@ def test_few_steps(steps):
     np.testing.assert_allclose(float(found), at.energy[0], rtol=1e-12)
 
 
+class Mapped(octo.TorqueRate):
+    def pair_residual(self, step, before, p):
+        return before.call(DOUBLE, step.u[0])
+
+
 class Hard(octo.TorqueRate):
     kind = "bounded"
 
@@ -268,5 +281,7 @@ def test_refused():
         octo.mpc.animate(problem("nodes", 12, False), 1.0)
     with pytest.raises(ProblemError, match="Hard looks at two .* kind is 'bounded', must be"):
         CompiledProblem([problem("nodes", 12, False, Hard())])
+    with pytest.raises(ProblemError, match="Mapped looks at two .* cannot call .* 'double_'"):
+        CompiledProblem([problem("nodes", 12, False, Mapped())])
     with pytest.raises(octo.errors.ValueRangeError, match="TorqueRate.reference is 0.0 N m/s"):
         CompiledProblem([problem("nodes", 12, False, octo.TorqueRate(reference=0.0))])

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import octo
 from octo.arrays import largest
-from octo.problem.compiled import CompiledProblem
+from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.solver import trust_region
+from octo.solver.acceptance import Step
+from octo.solver.filter import FilterAcceptance
+from octo.solver.merit import MeritAcceptance
 from octo.solver.options import SqpOptions
 from octo.solver.rule import Clock
 from octo.solver.status import Status
@@ -24,25 +29,23 @@ class Recorder(TrustRegion):
     tried: list[np.ndarray]
 
     def run(self, at, iterations: int) -> list[dict[str, np.ndarray]]:
-        lam, rows, model = np.zeros((self.problem.batch, self.problem.K, self.problem.ma)), [], None
+        problem, merit, direction = self.trials.problem, self.acceptance.merit, self.direction
+        lam, rows, model = np.zeros((problem.batch, problem.K, problem.ma)), [], None
         for iteration in range(iterations):
-            model = self.problem.linearize(at, None)
-            radius = self.radius.copy()
+            model = problem.linearize(at, None)
+            radius = direction.radius.copy()
             self.tried.clear()
             move = self.move(at, lam, model, iteration)
             row = {
                 "before": radius,
-                "after": self.radius.copy(),
-                "mu": self.mu.copy(),
+                "after": direction.radius.copy(),
+                "mu": self.acceptance.mu.copy(),
                 "accepted": move.accepted,
                 "length": self.tried[0],
-                "merit": (self._merit(at), self._merit(move.at)),
+                "merit": (merit(at), merit(move.at)),
                 "taken": move.taken,
                 "converged": move.converged,
-                "violation": (
-                    largest(at.C) * self.problem.weight,
-                    largest(move.at.C) * self.problem.weight,
-                ),
+                "violation": (largest(at.C) * problem.weight, largest(move.at.C) * problem.weight),
                 "same": (move.at.unknowns == at.unknowns).all(axis=(1, 2))
                 & (move.lam == lam).all(axis=(1, 2)),
             }
@@ -142,3 +145,62 @@ def test_a_start_that_is_the_solution_already(balance):
         balance(x0=np.zeros(2)), start=np.zeros((41, 2)), options=SqpOptions.paper()
     )
     assert solution.status is Status.CONVERGED and solution.energy < 1e-20
+
+
+def numbers(energy: float, size: float) -> Evaluation:
+    """One member, with E and one row of C."""
+    C = np.array([[[size]]])
+    none = np.zeros((1, 1, 0))
+    return Evaluation.of(none, none, none, np.array([[[energy]]]), none, C)
+
+
+def test_the_penalty_of_the_merit():
+    """Eq. 11 by hand: μ = energy / ((1 − ρ)·½(‖C‖² − ‖r‖²)), monotone; a step of a line leaves
+    (1 − length) of C."""
+    at = numbers(1.0, 2.0)
+    rule = MeritAcceptance(most=0.5).started(at)
+    one = np.ones(1)
+    step = Step(one, -one, one, np.zeros((1, 1, 1)), (7.0 * one, 1.0 * one))
+    assert not rule.accepts(at, numbers(12.0, 1.0), step)[0]  # 12 + μ/2 against 1 + 2μ
+    np.testing.assert_allclose(rule.mu, 7.0 / (0.7 * 0.5 * 3.0))
+    assert rule.accepts(at, numbers(10.9, 1.0), step)[0]
+    assert not rule.accepts(at, numbers(-50.0, 3.0), step)[0]  # ‖C‖∞ grows, above ``most``
+    assert rule.accepts(at, numbers(-50.0, 0.4), step)[0]
+    assert not rule.accepts(at, numbers(np.nan, 0.0), step)[0]
+    along = Step(0.5 * one, 40.0 * one, one, np.zeros((1, 1, 1)))
+    rule.accepts(at, at, along)
+    np.testing.assert_allclose(rule.mu, 20.0 / (0.7 * 0.5 * (4.0 - 1.0)))
+    rule.accepts(at, at, step)
+    np.testing.assert_allclose(rule.mu, 20.0 / (0.7 * 0.5 * (4.0 - 1.0)))
+
+
+class Counted(MeritAcceptance):
+    """The paper's rule by another name, which counts."""
+
+    asked = 0
+
+    def accepts(self, at, trial, step):
+        Counted.asked += 1
+        return super().accepts(at, trial, step)
+
+
+def test_directions_and_acceptances_combine(swing_up, turning):
+    """The merit decides about lines too, a filter and a rule of one's own about steps within a
+    radius."""
+    problem = swing_up()
+    settings = {"start": turning, "max_iterations": 150, "device": "cpu"}
+    paper = octo.solve(problem, options=SqpOptions.paper(), **settings)
+    own = octo.solve(
+        problem, options=SqpOptions.paper(acceptance=Counted(0.1 / problem.weight)), **settings
+    )
+    assert Counted.asked >= len(paper.history["energy"]) - 1
+    for name in ("energy", "radius", "ratio", "taken"):
+        np.testing.assert_array_equal(own.history[name], paper.history[name])
+    exact, line = SqpOptions(step="trust_region", tolerance=1e-5), SqpOptions()
+    for options, other in ((exact, FilterAcceptance()), (line, MeritAcceptance(1.0))):
+        expected, found = (
+            octo.solve(problem, options=replace(options, acceptance=rule), **settings)
+            for rule in (None, other)
+        )
+        assert {found.status, expected.status} <= {Status.CONVERGED, Status.ACCEPTABLE}
+        assert found.energy == pytest.approx(expected.energy, rel=1e-2)

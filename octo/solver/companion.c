@@ -1,35 +1,7 @@
-/* Threads of the linear solver: the members of a batch over several, and a companion that shares one member's work. */
+/* A thread that shares one member's work with the thread that solves it. */
 #include <pthread.h>
 #include <sched.h>
-#include <stddef.h>
 #include <stdlib.h>
-
-typedef struct {
-    void (*run)(const void *, ptrdiff_t, int);
-    const void *shared;
-    ptrdiff_t *next, batch;
-    int number;
-} worker;
-
-static void *work(void *argument) {
-    const worker *w = argument;
-    for (ptrdiff_t m; (m = __atomic_fetch_add(w->next, 1, __ATOMIC_RELAXED)) < w->batch;)
-        w->run(w->shared, m, w->number);
-    return NULL;
-}
-
-/* the members of a batch over at most 64 threads, this one included */
-static void spread(void (*run)(const void *, ptrdiff_t, int), const void *shared, ptrdiff_t batch, int threads) {
-    ptrdiff_t next = 0;
-    pthread_t handle[64];
-    worker workers[64];
-    int started = 0, wanted = threads < batch ? threads : (int)batch;
-    for (int i = 0; i == 0 || (i < wanted && i < 64); i++) workers[i] = (worker){run, shared, &next, batch, i};
-    for (int i = 1; i < wanted && i < 64; i++, started++)
-        if (pthread_create(handle + i, NULL, work, workers + i)) break;
-    work(workers);
-    for (int i = 1; i <= started; i++) pthread_join(handle[i], NULL);
-}
 
 /* A thread that may run side 1 of a phase while its owner runs side 0. Whoever comes first claims side 1: a companion
  * that a busy machine starts late costs nothing but its start. Kept on the heap, because it may outlive its owner. */
