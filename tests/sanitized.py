@@ -1,8 +1,9 @@
 """What ``python -m tests.sanitize`` runs under the sanitizers: every entry of octo's native code,
 in small problems.
 
-Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, a cycle,
-batches of 1, 3 and 7 on 1 and 3 threads; controllers, and the compiled problem behind IPOPT.
+Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, cycles, terms
+over two steps in a row, batches of 1, 3 and 7 on 1 and 3 threads; controllers, and the compiled
+problem behind IPOPT.
 """
 
 from __future__ import annotations
@@ -64,11 +65,12 @@ def problems(robot: Character) -> Iterator[tuple[str, octo.Problem]]:
     )
     yield "nodes", octo.Problem(robot, steps=11, dt=0.025, costs=costs, x0=start)
     yield "hermite", octo.Problem(robot, steps=20, dt=0.025, costs=costs, basis="hermite", x0=start)
+    rates = [*costs, octo.TorqueRate(loss=octo.Huber(0.1), curvature="exact")]
+    yield "torque rates", octo.Problem(robot, steps=25, dt=0.025, costs=rates, x0=start)
     if robot.base == "floating":
-        yield (
-            "cycle",
-            octo.Problem(robot, steps=7, costs=costs, cycle=octo.Cycle(speed=0.4, mirror=False)),
-        )
+        cycle = octo.Cycle(speed=0.4, mirror=False)
+        yield "cycle", octo.Problem(robot, steps=7, costs=costs, cycle=cycle)
+        yield "torque rates in a cycle", octo.Problem(robot, steps=7, costs=rates, cycle=cycle)
 
 
 def user_written() -> octo.Problem:
@@ -168,7 +170,7 @@ def main(names: list[str]) -> None:
         assert robot.pairs and robot.terrain_contacts
         for kind, problem in problems(robot):
             optimised(kind, problem)
-            if kind != "cycle":
+            if kind in ("nodes", "hermite"):
                 referred(problem)
         if robot.base == "floating":
             controlled(robot)
