@@ -42,11 +42,11 @@ from octo.dynamics import codegen as dynamics_codegen
 from octo.goals import Goal
 from octo.jump import first_guesses, jump_problem
 from octo.model.character import Character
+from octo.model.feet import CARRYING, LOADED
 from octo.problem import codegen as problem_codegen
 from octo.problem.cycle import usual_period
-from octo.result.gait import FOOT, measure_gait
+from octo.result.gait import measure_gait
 from octo.result.solution import Solution
-from octo.result.stances import LOADED
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = {
@@ -258,7 +258,7 @@ def journey_checks(motion: Solution, goal: Goal) -> list[Check]:
     ends, weight = round(0.25 / motion.dt), motion.weight
     push = np.linalg.norm(motion.contact_force[..., :2].sum(axis=1), axis=1) / weight
     loads = motion.normal_force
-    feet = loads.mean(axis=0) >= FOOT * weight
+    feet = loads.mean(axis=0) >= CARRYING * weight
     return [
         Check("goal error", goal.error(motion), most=0.1),
         Check("rhythm", None if steady is None else steady.rhythm, least=0.6),
@@ -454,7 +454,7 @@ def jumps(only: str, folder: Path) -> Iterator[Row]:
 def jump_checks(motion: Solution, goal: Goal) -> list[Check]:
     """One flight, nearly as long as a stone's, then feet that stay on the ground, and rest."""
     weight, loads = motion.weight, motion.normal_force
-    feet = loads.mean(axis=0) >= FOOT * weight
+    feet = loads.mean(axis=0) >= CARRYING * weight
     air = np.r_[False, ~(loads >= LOADED * weight).any(axis=1), False]
     edges = np.flatnonzero(np.diff(air.astype(int))).reshape(-1, 2)
     flight = motion.dt * max((b - a for a, b in edges), default=0)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+import gpu_bound as bound
 import gpu_kkt
 import gpu_stages
 import numpy as np
@@ -14,7 +15,6 @@ from gpu_bench import WARM, Bench, Row, first_line, of_solve, walk
 
 import octo
 from octo import arrays
-from octo.gpu import bound
 from octo.gpu.program import bytes_of
 from octo.gpu.sequence import Counts
 from octo.problem.compiled import CompiledProblem

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.feet import CARRYING
 from octo.mpc import run
-from octo.mpc.log import LOADED, Log
+from octo.mpc.log import Log
 from octo.plant import MujocoPlant
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ def measure(log: Log, plant: WatchedPlant) -> tuple[Part, Part]:
     force, velocity = np.array(plant.forces)[:, log.feet], np.array(plant.velocities)[:, log.feet]
     load = force[..., 2] / (9.81 * log.robot.mass)
     square = np.sum(velocity[..., :2] ** 2, axis=-1)
-    loaded = load > LOADED
+    loaded = load > CARRYING
     since, until = stances(loaded, plant.timestep)
     whole = float(square[loaded].sum())
 

@@ -71,9 +71,8 @@ def floats(field: str, value: Any) -> Array:
     """
     try:
         found = np.asarray(value)
-        if found.dtype.kind not in "biufO" or (
-            found.dtype.kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)
-        ):
+        kind = found.dtype.kind
+        if kind not in "biufO" or (kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)):
             raise TypeError
         return np.asarray(found, dtype=float)
     except (TypeError, ValueError, OverflowError, RecursionError):
@@ -92,11 +91,8 @@ def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Arr
         raise ShapeError(field, array.shape, shape)
     finite = np.isfinite(array)
     if not finite.all():
-        where = (
-            f" at index {', '.join(str(int(k)) for k in np.argwhere(~finite)[0])}"
-            if array.ndim
-            else ""
-        )
+        place = ", ".join(str(int(k)) for k in np.argwhere(~finite)[0]) if array.ndim else ""
+        where = f" at index {place}" if place else ""
         raise ValueRangeError(f"{field} is not finite{where}")
     return array
 

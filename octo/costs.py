@@ -1,5 +1,4 @@
-"""Every term of E by one import path, and the lists of terms that go together: natural, paper,
-robot, locomotion."""
+"""Every term of E by one import path, and the lists of terms that go together."""
 
 from octo.problem.body_costs import (
     BaseAngularVelocity,

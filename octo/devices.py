@@ -24,10 +24,8 @@ def devices() -> dict[str, str]:
     reason = cuda.reason()
     if reason is None:
         gpu = cuda.device()
-        known["cuda"] = (
-            f"{gpu.name}, {gpu.architecture}, {gpu.free_bytes() / 1e9:.1f} GB free, NVRTC "
-            f"{nvrtc.version()}"
-        )
+        free = f"{gpu.free_bytes() / 1e9:.1f} GB free"
+        known["cuda"] = f"{gpu.name}, {gpu.architecture}, {free}, NVRTC {nvrtc.version()}"
     else:
         known["cuda"] = f"cannot be used: {reason}"
     return known
@@ -46,9 +44,8 @@ def check_device_name(device: object) -> None:
     ------
     UnknownNameError: says which there are.
     """
-    one_of(
-        "device", device, DEVICES, "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)"
-    )
+    hint = "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)"
+    one_of("device", device, DEVICES, hint)
 
 
 def resolve_device(device: str) -> str:

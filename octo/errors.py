@@ -20,22 +20,15 @@ def said(value: object) -> str:
     """A value in a message, in one short line: plain ones as they are written, of others the
     kind."""
     shown: Any = value[:SHORT] if isinstance(value, (list, tuple)) else value
-    held = (
-        shown
-        if isinstance(shown, (list, tuple))
-        else [*shown, *shown.values()]
-        if isinstance(shown, dict)
-        else [object()]
-    )
+    held = shown if isinstance(shown, (list, tuple)) else [object()]
+    if isinstance(shown, dict):
+        held = [*shown, *shown.values()]
     kind_of_array = getattr(getattr(value, "dtype", None), "kind", "O")
     listed = all(isinstance(entry, PLAIN) for entry in held)
+    scalar = kind_of_array != "O" and getattr(value, "shape", None) == ()
     if isinstance(value, int) and abs(value) >= 10**SHORT:
         text = f"a number of {value.bit_length()} bits"
-    elif (
-        listed
-        or isinstance(value, PLAIN)
-        or (kind_of_array != "O" and getattr(value, "shape", None) == ())
-    ):
+    elif listed or scalar or isinstance(value, PLAIN):
         try:
             text = repr(shown)
         except ValueError:  # Python does not write numbers of more than 4300 digits
@@ -91,9 +84,9 @@ class UnknownNameError(OctoError):
         word = name if isinstance(name, str) else said(name)
         begun = [valid_name for valid_name in names if word and valid_name.startswith(word)]
         near = begun or difflib.get_close_matches(word[:SHORT], names, n=3, cutoff=0.4)
-        nearest = (
-            f"did you mean {' or '.join(near)}?" if near else f"valid: {', '.join(names) or 'none'}"
-        )
+        nearest = f"valid: {', '.join(names) or 'none'}"
+        if near:
+            nearest = f"did you mean {' or '.join(near)}?"
         super().__init__(f"{kind} {said(name)} is not known; {hint or nearest}")
 
 

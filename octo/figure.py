@@ -1,5 +1,4 @@
-"""matplotlib's Figure, which a notebook shows where it is the last value of a cell. Imported where
-a picture is drawn."""
+"""matplotlib's Figure, which a notebook shows; imported where a picture is drawn."""
 
 from __future__ import annotations
 

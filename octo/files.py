@@ -1,5 +1,4 @@
-"""Files that are whole or not there: scratch folders of living processes, renames that survive a
-power cut, safe names."""
+"""Files that are whole or not there: scratch folders, lasting renames, safe names."""
 
 from __future__ import annotations
 
@@ -122,8 +121,7 @@ def reason(error: Exception) -> str:
 def file_name(word: str) -> str:
     """``word``, which a file or a user gave, as a part of a file's name: letters, digits and "-+._"
     alone, and not too long."""
-    plain = "".join(
-        c if c.isalnum() or c in "-+._" else "_" for c in unicodedata.normalize("NFC", str(word))
-    )
+    letters = unicodedata.normalize("NFC", str(word))
+    plain = "".join(c if c.isalnum() or c in "-+._" else "_" for c in letters)
     plain = re.sub(r"\.{2,}|_{2,}", "_", plain).strip("._")
     return plain.encode("utf-8", "ignore")[:LONGEST_NAME].decode("utf-8", "ignore") or "unnamed"

@@ -1,5 +1,4 @@
-"""What the command line asks for: walk, stride, turn, jump, stand; as terms of E, and as one number
-that says how well."""
+"""What the command line asks for: as terms of E, and as one number that says how well."""
 
 from __future__ import annotations
 
@@ -91,9 +90,8 @@ class Goal:
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "natural":
-            terms = presets.natural(
-                None if self.kind == "stand" else self.velocity, yaw_rate or None, length=length
-            )
+            velocity = None if self.kind == "stand" else self.velocity
+            terms = presets.natural(velocity, yaw_rate or None, length=length)
         elif self.preset == "robot":
             terms = presets.robot(self.velocity, yaw_rate, length=length, times=times)
         elif self.kind == "turn":
@@ -114,13 +112,8 @@ class Goal:
             reached = (moved[-1, 0], moved[:, 2].max())
             return Asked.of(name, what, reached, (self.distance, self.height), "m", each=True)
         axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
-        return Asked.of(
-            name,
-            "the centre of mass moves at",
-            moved[-1, :axes] / duration,
-            self.velocity[:axes],
-            "m/s",
-        )
+        what, wanted = "the centre of mass moves at", self.velocity[:axes]
+        return Asked.of(name, what, moved[-1, :axes] / duration, wanted, "m/s")
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""

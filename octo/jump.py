@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from octo.checks import asked, number, positive, steps_in, whole
+from octo.checks import asked, instance, number, positive, steps_in, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
-from octo.errors import ProblemError, ValueRangeError, said
+from octo.errors import ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
+from octo.model.feet import touching
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement
-from octo.problem.codegen import touching
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort
@@ -124,8 +124,7 @@ def jump_problem(
     ------
     ProblemError: the robot cannot jump. ValueRangeError: height, distance, seconds or dt.
     """
-    if not isinstance(robot, Character):
-        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
+    instance("robot", robot, Character, "a Character: what octo.load gives")
     height = positive("height", height, "m")
     distance = number("distance", distance)
     if robot.base != "floating" or robot.nu == 0:
@@ -134,11 +133,10 @@ def jump_problem(
         )
     plain = Problem(robot, steps=3, dt=dt, costs=[Effort()], terrain=terrain, law=law, pose=pose)
     assert isinstance(plain.dynamics, RobotDynamics)
-    feet = touching(plain.dynamics, plain.setting)
+    feet = touching(robot, plain.dynamics.terrain, plain.setting.x0)
     if not feet:
-        raise ProblemError(
-            f"robot {robot.name!r} cannot jump: none of its contacts is on the ground"
-        )
+        why = "none of its contacts is on the ground"
+        raise ProblemError(f"robot {robot.name!r} cannot jump: {why}")
     moved = plain.start.copy()
     moved[slide(robot, 0)] += distance
     landed = static_pose(plain.dynamics, plain.p, moved)
@@ -262,7 +260,8 @@ def _guess(problem: Problem, course: Course) -> Array:
     robot, dynamics = problem.character, problem.dynamics
     assert robot is not None and isinstance(dynamics, RobotDynamics)
     assert problem.displacement is not None
-    feet, end = touching(dynamics, problem.setting), problem.start + problem.displacement
+    feet = touching(robot, dynamics.terrain, problem.setting.x0)
+    end = problem.start + problem.displacement
     times = problem.dt * (np.arange(problem.steps + 1.0) - problem.steps // 2)
     up, flown = course.base(times), course.flown(times)
     nodes = problem.start + course.travelled(times)[:, None] * problem.displacement
@@ -287,8 +286,7 @@ def slide(robot: Character, axis: int) -> int:
 
 
 def _reaching(robot: Character, x: Array, feet: list[int], targets: Array) -> Array:
-    """x (nx,) with joints that bring the feet near ``targets`` (feet, 3) m: damped least
-    squares."""
+    """x (nx,) whose feet are near ``targets`` (feet, 3) m: damped least squares of the joints."""
     joints, small, damping = robot.actuated, 1e-6, 1e-4  # rad or m; m²
     count = len(joints)
     lower = np.minimum(robot.lower[joints] + REACH, x[joints])

@@ -110,20 +110,14 @@ def run_compiler(command: list[str], scratch: Path, seconds: float | None = None
             env={**os.environ, "TMPDIR": str(scratch)},
         )
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        said = (
-            f"no answer in {seconds:g} s"
-            if isinstance(error, subprocess.TimeoutExpired)
-            else reason(error)
-        )
+        late = isinstance(error, subprocess.TimeoutExpired)
+        said = f"no answer in {seconds:g} s" if late else reason(error)
         raise DeviceError(
             f"the compiler {command[0]} cannot be run: {said}; name another one with CC"
         ) from error
     if done.returncode != 0:
-        end = (
-            f"ended by signal {-done.returncode}"
-            if done.returncode < 0
-            else f"exit code {done.returncode}"
-        )
+        code = done.returncode
+        end = f"ended by signal {-code}" if code < 0 else f"exit code {code}"
         said = " ".join((done.stderr or done.stdout).split())[:2000]
         raise DeviceError(
             f"the compiler {command[0]} could not compile octo's text ({end}): "
@@ -135,19 +129,13 @@ def run_compiler(command: list[str], scratch: Path, seconds: float | None = None
 @functools.cache
 def machine() -> str:
     """What ``-march=native`` and the compiler depend on."""
-    words = compiler() or ()
-    version = (
-        run_compiler([*words, "--version"], Path(tempfile.gettempdir()), ASKED) if words else ""
-    )
+    words, folder = compiler() or (), Path(tempfile.gettempdir())
+    version = run_compiler([*words, "--version"], folder, ASKED) if words else ""
     processor = platform.machine() + platform.processor()
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        kept = {
-            line
-            for line in lines
-            if line.startswith(("model name", "flags", "Features", "CPU part"))
-        }
-        processor += "".join(sorted(kept))
+        kept = ("model name", "flags", "Features", "CPU part")
+        processor += "".join(sorted({line for line in lines if line.startswith(kept)}))
     except OSError:
         pass
     return "\n".join((*words, version, processor))
@@ -168,15 +156,13 @@ def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     key = hashlib.sha256("\0".join((text, *options, machine())).encode()).hexdigest()[:24]
     found = _opened.get(key)
     if found is None:
-        found = _opened.setdefault(
-            key, _load(key, partial(_compile, (*words, *options), text, key))
-        )
+        made = _load(key, partial(_compile, (*words, *options), text, key))
+        found = _opened.setdefault(key, made)
     return found
 
 
 def _load(key: str, make: cache.Maker) -> ctypes.CDLL:
-    """Open a library; one that the system does not take is made anew, once in the same folder and
-    once in another."""
+    """Open a library; one that the system does not take is made anew, then in another folder."""
     name = f"{key}.so"
     path = cache.path_of(name, make)
     try:

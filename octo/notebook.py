@@ -1,5 +1,4 @@
-"""What a notebook shows of a robot, a problem, a solution or a log: a small table, and a picture
-under it."""
+"""What a notebook shows of octo's objects: a small table, and a picture under it."""
 
 from __future__ import annotations
 
@@ -10,12 +9,11 @@ import io
 import numpy as np
 
 from octo.errors import OctoError
-from octo.model.character import Array, Character
+from octo.model.character import Character
 from octo.mpc.log import Log
 from octo.picture import filmstrip
 from octo.problem.problem import Problem
-from octo.result.solution import Solution
-from octo.solver.status import HISTORY, Status
+from octo.result.solution import Solution, recorded
 
 DPI, TALLEST = 60, 240  # of a picture: dots an inch, and dots
 Row = tuple[str, str]
@@ -80,11 +78,8 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
 
 
 def _few(names: list[str], most: int = 12) -> str:
-    return (
-        ", ".join(names[:most]) + (f", … ({len(names)})" if len(names) > most else "")
-        if names
-        else "none"
-    )
+    more = f", … ({len(names)})" if len(names) > most else ""
+    return ", ".join(names[:most]) + more if names else "none"
 
 
 def _picture(value: Known) -> str:
@@ -108,48 +103,13 @@ def _picture(value: Known) -> str:
 
 
 def _still(value: Character | Problem) -> Solution | None:
-    """The robot in its default pose; of a problem where it begins, if that is known without looking
-    for a static pose."""
+    """The robot in its default pose, or at the problem's start if that is known already."""
     robot = value if isinstance(value, Character) else value.character
     if robot is None:
         return None
     pose = robot.start_pose
     if isinstance(value, Problem):
         pose = value.__dict__.get("start", pose if value.x0 is None else value.x0)
-    return _standing(robot, pose)
-
-
-def _standing(robot: Character, pose: Array) -> Solution:
-    """A motion of no step, for pictures."""
-    names = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
-    none, vectors = np.zeros((0, len(names))), np.zeros((0, len(names), 3))
-    return Solution(
-        name=robot.name,
-        character=robot,
-        dt=1.0,
-        basis="nodes",
-        x=np.stack([pose, pose]),
-        u=np.zeros((0, robot.nu)),
-        unknowns=np.zeros((0, robot.nx)),
-        multipliers=np.zeros((0, 0)),
-        status=Status.SIMULATED,
-        iterations=0,
-        factorizations=0,
-        terms={},
-        violation=0.0,
-        pointwise_residual=0.0,
-        weight=1.0,
-        length=1.0,
-        torque_limit=robot.torque_limit,
-        contact_names=names,
-        contact_force=vectors,
-        contact_point=vectors,
-        contact_velocity=vectors,
-        contact_normal=vectors,
-        contact_depth=none,
-        ground={},
-        history={name: np.zeros(0) for name in HISTORY},
-        parameters={},
-        seconds=0.0,
-        setup_seconds=0.0,
-    )
+    x, u = np.stack([pose, pose]), np.zeros((0, robot.nu))
+    force = np.zeros((0, len(robot.terrain_contacts), 3))
+    return recorded(character=robot, dt=1.0, x=x, u=u, weight=1.0, length=1.0, contact_force=force)

@@ -1,5 +1,4 @@
-"""Still pictures of a motion: the character at several moments, drawn with matplotlib by the
-painter's algorithm."""
+"""Still pictures of a motion, drawn with matplotlib by the painter's algorithm."""
 
 from __future__ import annotations
 
@@ -86,10 +85,8 @@ class Ground:
     @property
     def flat(self) -> bool:
         """Whether all of it is one plane."""
-        step = [np.diff(self.z, axis=axis) for axis in (0, 1)]
-        return all(
-            float(np.ptp(s, axis=axis).max(initial=0.0)) < 1e-6 for axis, s in enumerate(step)
-        )
+        spread = (np.ptp(np.diff(self.z, axis=axis), axis=axis) for axis in (0, 1))
+        return all(float(values.max(initial=0.0)) < 1e-6 for values in spread)
 
 
 def filmstrip(
@@ -125,9 +122,8 @@ def filmstrip(
     travel = path_of_com[-1, :2] - path_of_com[0, :2]
     room = 0.8 * size(solution.character)
     moving = np.linalg.norm(travel) > room
-    camera = Camera.beside(
-        float(np.arctan2(travel[1], travel[0])) if moving else float(solution.yaw[0])
-    )
+    heading = np.arctan2(travel[1], travel[0]) if moving else solution.yaw[0]
+    camera = Camera.beside(float(heading))
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
@@ -168,21 +164,11 @@ class Scene:
             if surface is not None:
                 self._add(surface, R, t + shift, color)
         centers = sphere_centers(character, x)
-        touching = (
-            solution.loaded[max(frame - 1, 0)]
-            if solution.steps
-            else np.zeros(len(character.terrain_contacts), dtype=bool)
-        )
-        ever = np.asarray(solution.loaded.any(axis=0))
-        for k, loaded, used in zip(character.terrain_contacts, touching, ever, strict=True):
+        for c, k in enumerate(character.terrain_contacts):
             radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
-            if used:
-                self._add(
-                    ball(np.zeros(3), radius),
-                    np.eye(3),
-                    centers[k] + shift,
-                    LOADED_FOOT if loaded else FOOT,
-                )
+            if solution.loaded[:, c].any():
+                color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
+                self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, color)
 
     def _add(self, surface: Surface, rotation: Array, origin: Array, color: Array) -> None:
         corners = (surface.vertices @ rotation.T + origin)[surface.faces]
@@ -228,10 +214,9 @@ class Scene:
 
         flat, depth = self.camera.flat, self.camera.depth
         corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
-        low, high = _bounds(
-            [flat(corners).reshape(-1, 2), *(flat(points) for points, _ in self.tiles)]
-        )
-        body_low, body_high = _bounds([flat(corners).reshape(-1, 2)])
+        bodies = flat(corners).reshape(-1, 2)
+        low, high = _bounds([bodies, *(flat(points) for points, _ in self.tiles)])
+        body_low, body_high = _bounds([bodies])
         margin = 0.22 * self.scale
         low = np.maximum(low, body_low - (margin, 1.6 * margin))
         high = np.minimum(high, body_high + (margin, margin))
@@ -244,19 +229,15 @@ class Scene:
         axes.axis("off")
 
         def paint(polygons: Sequence[Array] | Array, colors: Any, order: int) -> None:
-            axes.add_collection(
-                PolyCollection(
-                    polygons, facecolors=colors, edgecolors=colors, linewidths=0.35, zorder=order
-                )
-            )
+            look = {"facecolors": colors, "edgecolors": colors, "linewidths": 0.35}
+            axes.add_collection(PolyCollection(polygons, zorder=order, **look))
 
         if self.tiles:
             far_first = sorted(self.tiles, key=lambda tile: -float(depth(tile[0].mean(axis=0))))
             paint([flat(points) for points, _ in far_first], [color for _, color in far_first], 1)
         prints = flat(self.prints)
-        axes.plot(
-            prints[:, 0], prints[:, 1], "o", ms=2.5, mew=0.0, color=LOADED_FOOT, alpha=0.2, zorder=3
-        )
+        dots = {"ms": 2.5, "mew": 0.0, "color": LOADED_FOOT, "alpha": 0.2, "zorder": 3}
+        axes.plot(prints[:, 0], prints[:, 1], "o", **dots)
         if self.shadows:
             paint(flat(np.concatenate(self.shadows)), SHADOW, 2)
         order = np.argsort(-depth(corners.mean(axis=1)))
@@ -281,8 +262,7 @@ def _chosen(
 
 
 def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles (f, 3, 3) m and their normals, cut at the middle of the longest edge until no edge
-    is over ``longest``."""
+    """Triangles (f, 3, 3) m and normals, cut until no edge is over ``longest``."""
     for _ in range(8):
         # of corner k to k + 1
         edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)

@@ -70,9 +70,8 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
     if solution.loaded.any():
         rows.append((_height(int(solution.loaded.any(axis=0).sum())), [_contacts]))
     if solution.u.size:
-        rows.append(
-            (_height(solution.u.shape[1]) if solution.u.shape[1] > MOST_LINES else 2.4, [_torques])
-        )
+        nu = solution.u.shape[1]
+        rows.append((_height(nu) if nu > MOST_LINES else 2.4, [_torques]))
     if len(solution.history.get("energy", ())):
         rows.append((2.2, [_energy, _violation]))
     with matplotlib.rc_context(STYLE):
@@ -94,16 +93,15 @@ def _height(count: int) -> float:
 
 
 def _headline(solution: Solution) -> str:
-    sentence = (
-        solution.status.value.partition(":")[0] if solution.converged else solution.status.value
-    )
+    sentence = solution.status.value
+    if solution.converged:
+        sentence = sentence.partition(":")[0]
+    steps = f"{solution.steps} steps of {solution.dt:g} s ({solution.basis})"
     lines = [
-        f"{solution.name}, {solution.steps} steps of {solution.dt:g} s ({solution.basis}): "
-        f"{sentence}",
+        f"{solution.name}, {steps}: {sentence}",
         f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise "
-        f"{solution.pointwise_residual:.1e} N"
-        f" of {solution.weight:.0f} N weight; {solution.iterations} iterations, "
-        f"{solution.seconds:.2g} s",
+        f"{solution.pointwise_residual:.1e} N of {solution.weight:.0f} N weight; "
+        f"{solution.iterations} iterations, {solution.seconds:.2g} s",
     ]
     if solution.loaded.any():
         lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
@@ -113,27 +111,19 @@ def _headline(solution: Solution) -> str:
 def _position(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
     _lines(axes, solution.times, values, names)
-    axes.set(
-        title="centre of mass (m)" if solution.character is not None else "coordinates (rad, m)",
-        xlabel="time (s)",
-    )
+    custom = solution.character is None
+    axes.set(title="coordinates (rad, m)" if custom else "centre of mass (m)", xlabel="time (s)")
 
 
 def _velocity(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
     if solution.character is None:
-        rate = np.diff(solution.x, axis=0) / solution.dt
-        times = solution.times
+        rate, times, title = solution.v, solution.times, "their rates (rad/s, m/s)"
     else:
-        rate = np.diff(values, axis=0) / solution.dt
-        times = solution.times[1:]
+        rate, times = np.diff(values, axis=0) / solution.dt, solution.times[1:]
+        title = "its velocity (m/s)"
     _lines(axes, times, rate[:, : len(names)], names)
-    axes.set(
-        title="its velocity (m/s)"
-        if solution.character is not None
-        else "their rates (rad/s, m/s)",
-        xlabel="time (s)",
-    )
+    axes.set(title=title, xlabel="time (s)")
 
 
 def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
@@ -144,25 +134,16 @@ def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
 
 
 def _lines(axes: Axes, times: Array, values: Array, names: tuple[str, ...]) -> None:
-    marker = "o" if len(times) < 3 else ""
+    look = {"lw": 1.5, "ms": 4, "marker": "o" if len(times) < 3 else ""}
     for k, name in enumerate(names):
-        axes.plot(
-            times,
-            values[:, k],
-            color=COLORS[k % len(COLORS)],
-            lw=1.5,
-            marker=marker,
-            ms=4,
-            label=name,
-        )
+        axes.plot(times, values[:, k], color=COLORS[k % len(COLORS)], label=name, **look)
     if names:
         axes.legend(ncols=min(len(names), 3), loc="best", handlelength=1.2)
     axes.margins(x=0.01)
 
 
 def _contacts(solution: Solution, axes: Axes) -> None:
-    """One strip per contact: the height of the filled curve is the normal force, in the same scale
-    for all."""
+    """One strip per contact, filled up to the normal force, in the same scale for all."""
     force, names, left_out = _chosen_rows(
         solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
     )
@@ -174,20 +155,11 @@ def _contacts(solution: Solution, axes: Axes) -> None:
         share = 0.9 * np.maximum(force[:, row], 0.0) / top
         axes.stairs(base + share, edges, baseline=base, fill=True, color=color, alpha=0.8, lw=0)
         axes.axhline(base, color="#c4c9d0", lw=0.6, zorder=0)
-        axes.text(
-            -0.005,
-            base + 0.3,
-            name,
-            transform=axes.get_yaxis_transform(),
-            ha="right",
-            va="center",
-            fontsize=8.5,
-        )
+        place = {"transform": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
+        axes.text(-0.005, base + 0.3, name, fontsize=8.5, **place)
     axes.set(ylim=(-0.1, len(names)), yticks=[], xlim=(0.0, edges[-1]), xlabel="time (s)")
-    axes.set_title(
-        f"normal force (a full strip is {top:.3g} N; the weight is {solution.weight:.3g} "
-        f"N){left_out}"
-    )
+    scale = f"a full strip is {top:.3g} N; the weight is {solution.weight:.3g} N"
+    axes.set_title(f"normal force ({scale}){left_out}")
     axes.grid(False, axis="y")
 
 
@@ -195,43 +167,29 @@ def _torques(solution: Solution, axes: Axes) -> None:
     limit = solution.torque_limit
     limited = np.isfinite(limit) & (limit > 0.0)
     scale = np.where(limited, limit, np.maximum(np.abs(solution.u).max(axis=0, initial=0.0), 1e-12))
-    names = tuple(
-        name + ("" if has else " *")
-        for name, has in zip(solution.actuated_names, limited, strict=True)
-    )
-    title = "torque / limit" + (
-        "" if limited.all() else " (* no limit: / its largest)" if limited.any() else ""
-    )
+    pairs = zip(solution.actuated_names, limited, strict=True)
+    names = tuple(name + ("" if has else " *") for name, has in pairs)
+    mixed = limited.any() and not limited.all()
+    title = "torque / limit" + (" (* no limit: / its largest)" if mixed else "")
     if len(names) <= MOST_LINES:
         shown = solution.u / scale if limited.any() else solution.u
         for k, name in enumerate(names if limited.any() else solution.actuated_names):
-            axes.stairs(
-                shown[:, k], solution.times, color=COLORS[k], lw=1.4, baseline=None, label=name
-            )
+            look = {"color": COLORS[k], "lw": 1.4, "label": name}
+            axes.stairs(shown[:, k], solution.times, baseline=None, **look)
         if limited.any() and np.abs(shown).max() > 0.5:
             for side in (-1.0, 1.0):
                 axes.axhline(side, color="#b3261e", lw=0.8, ls="--")
         axes.legend(ncols=len(names), loc="best", handlelength=1.2)
-        axes.set(
-            title=title if limited.any() else "torque (N m, N)",
-            xlabel="time (s)",
-            xlim=(0.0, solution.times[-1]),
-        )
+        axes.set(title=title if limited.any() else "torque (N m, N)")
+        axes.set(xlabel="time (s)", xlim=(0.0, solution.times[-1]))
         return
     title = title if limited.any() else "torque / its largest"
-    share, names, left_out = _chosen_rows(
-        solution.u / scale, names, np.ones(len(names), dtype=bool)
-    )
+    used = np.ones(len(names), dtype=bool)
+    share, names, left_out = _chosen_rows(solution.u / scale, names, used)
     reach = float(np.clip(np.quantile(np.abs(share), 0.995), 0.1, 1.0))
-    image = axes.imshow(
-        share.T,
-        aspect="auto",
-        cmap="RdBu_r",
-        vmin=-reach,
-        vmax=reach,
-        interpolation="nearest",
-        extent=(0.0, float(solution.times[-1]), len(names) - 0.5, -0.5),
-    )
+    extent = (0.0, float(solution.times[-1]), len(names) - 0.5, -0.5)
+    colors = {"cmap": "RdBu_r", "vmin": -reach, "vmax": reach}
+    image = axes.imshow(share.T, aspect="auto", interpolation="nearest", extent=extent, **colors)
     axes.set_yticks(range(len(names)), names, fontsize=8.5)
     axes.tick_params(axis="y", length=0)
     axes.grid(False)
@@ -244,8 +202,7 @@ def _torques(solution: Solution, axes: Axes) -> None:
 def _chosen_rows(
     values: Array, names: tuple[str, ...], used: NDArray[np.bool_]
 ) -> tuple[Array, tuple[str, ...], str]:
-    """Columns of ``values`` that are ``used``, the largest MOST_ROWS of them in their order; a note
-    on the rest."""
+    """Columns that are ``used``, the largest MOST_ROWS in their order; a note on the rest."""
     columns = np.flatnonzero(used)
     left_out = len(columns) - MOST_ROWS
     if left_out > 0:
@@ -275,25 +232,11 @@ def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
         if len(starts) > 1 and number[start] % 2 == 0:
             axes.axvspan(start - 0.5, end - 0.5, color="#f1f3f6", lw=0, zorder=0)
         if len(starts) > 1 and end - start > 0.04 * len(values):
-            where = 0.5 * (start + end - 1)
-            axes.text(
-                where,
-                0.98,
-                f"{number[start]:g}",
-                transform=axes.get_xaxis_transform(),
-                ha="center",
-                va="top",
-                fontsize=8,
-                color="#7a808a",
-            )
-        axes.plot(
-            count[start:end],
-            values[start:end],
-            color=color,
-            lw=1.2,
-            marker="o" if len(values) < 3 else "",
-            ms=4,
-        )
+            where, look = 0.5 * (start + end - 1), {"fontsize": 8, "color": "#7a808a"}
+            place = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "top"}
+            axes.text(where, 0.98, f"{number[start]:g}", **place, **look)
+        marker = "o" if len(values) < 3 else ""
+        axes.plot(count[start:end], values[start:end], color=color, lw=1.2, marker=marker, ms=4)
     if (values > 0.0).any():
         axes.set_yscale("log", nonpositive="mask")
     passes = ", passes in bands" if len(starts) > 1 else ""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
 from octo.problem.problem import Problem
 from octo.result.gait import flaws
 from octo.result.solution import Solution
+
+LOG = logging.getLogger("octo")
 
 
 def best_of(members: Sequence[Solution]) -> Solution:
@@ -24,13 +26,8 @@ def rank(member: Solution) -> tuple[bool, int, bool, int, float]:
     feasible = member.violation <= 1e-3 * member.weight
     done = sum(bool(record["converged"]) for record in member.passes)
     flawed = 0 if member.cycle is None else flaws(member.gait, member.length)
-    return (
-        not member.converged,
-        -done,
-        not feasible,
-        flawed,
-        member.energy if feasible else member.violation,
-    )
+    last = member.energy if feasible else member.violation
+    return not member.converged, -done, not feasible, flawed, last
 
 
 def rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, int, float]:
@@ -48,21 +45,13 @@ def rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool,
         return failed, passes, infeasible, flawed, last
     # the way of a stride is what is given
     a_stride = cycle.shift is not None or (cycle.velocity == cycle.sideways == 0.0)
-    return (
-        failed,
-        passes,
-        infeasible,
-        flawed,
-        member.power * (member.cycle.period if a_stride else 1.0),
-    )
+    work = member.power * (member.cycle.period if a_stride else 1.0)
+    return failed, passes, infeasible, flawed, work
 
 
 def say_kept(solution: Solution) -> None:
     """Say so where the last pass failed and the motion is that of the one before."""
     last = solution.passes[-1]
     if solution.converged and not last["converged"]:
-        print(
-            f"octo: pass {last['pass']} did not converge ({last['status']}): the motion of the "
-            "pass before it is returned",
-            file=sys.stderr,
-        )
+        what = f"pass {last['pass']} did not converge ({last['status']})"
+        LOG.warning("%s: the motion of the pass before it is returned", what)

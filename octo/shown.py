@@ -1,5 +1,4 @@
-"""What an interactive session shows of octo's objects: a few short lines, and in a notebook a table
-with a picture."""
+"""What an interactive session shows of octo's objects: a few lines, in a notebook a table."""
 
 from __future__ import annotations
 

@@ -26,12 +26,12 @@ from octo.problem.structure import check_alike
 from octo.progress import Progress, check_progress
 from octo.ranking import rank, rank_of_period, say_kept
 from octo.result.measure import measured
-from octo.result.solution import Solution
+from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
-from octo.solver.status import HISTORY, Status
+from octo.solver.status import Status
 from octo.starts import first_multipliers, first_nodes, starts_of
 
 BLOCKS = 20  # (n, n) of a step, about: derivatives of FD, E and C, and the factors
@@ -168,8 +168,7 @@ class _Request:
 def _best(
     given: Problem | Sequence[Problem], start: Start, **options: Any
 ) -> Solution | list[Solution]:
-    """The best solution of each problem, of a cycle with a range of periods that of the best
-    period."""
+    """The best solution of each problem, of the best period where a cycle has a range."""
     problems = [given] if isinstance(given, Problem) else _problems(given)
     periods = [_of_each_period(one) for one in problems]
     pairs = zip(starts_of(start, problems, 1), periods, strict=True)
@@ -190,10 +189,9 @@ def _problems(given: Any) -> list[Problem]:
     """A batch, or a sentence that says what is missing of one."""
     if isinstance(given, (Character, Dynamics)):
         raise ProblemError(
-            f"octo.solve was given {said(given)}, must be an octo.Problem: what the robot is to "
-            "do is missing. "
-            "Say it with octo.Problem(robot, steps=160, dt=0.025, costs=[octo.Effort()]), or "
-            "call octo.walk(robot)"
+            f"octo.solve was given {said(given)}, must be an octo.Problem: what the robot is to do "
+            "is missing. Say it with octo.Problem(robot, steps=160, dt=0.025, "
+            "costs=[octo.Effort()]), or call octo.walk(robot)"
         )
     if not isinstance(given, (list, tuple)) or not all(isinstance(one, Problem) for one in given):
         raise ProblemError(
@@ -237,16 +235,9 @@ def _solve(
     starts = starts_of(start, problems, seeds)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     backend = _prepared(backend, compiled, options, request.device)
-    continuation = Continuation(
-        compiled,
-        nodes,
-        first_multipliers(starts, compiled),
-        options,
-        int(request.threads),
-        backend,
-        request.monitor(),
-        setup_seconds=time.perf_counter() - began,
-    )
+    lam, how = first_multipliers(starts, compiled), (options, int(request.threads), backend)
+    spent = time.perf_counter() - began
+    continuation = Continuation(compiled, nodes, lam, *how, request.monitor(), spent)
     try:
         members = continuation.run(schedules, numbers)
     finally:
@@ -270,24 +261,18 @@ def _schedules(problems: Sequence[Problem], passes: int | None) -> list[Schedule
 
 def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: Any) -> SqpOptions:
     """The options, with those in place that were given on their own."""
-    chosen = (
-        SqpOptions()
-        if options is None
-        else instance("options", options, SqpOptions, "an octo.SqpOptions")
-    )
-    given: dict[str, Any] = {
-        "max_iterations": max_iterations,
-        "time_limit": time_limit,
-        "tolerance": tolerance,
-    }
+    chosen = SqpOptions()
+    if options is not None:
+        chosen = instance("options", options, SqpOptions, "an octo.SqpOptions")
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit}
+    given["tolerance"] = tolerance
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
 def _prepared(
     backend: Backend, compiled: CompiledProblem, options: SqpOptions, device: str
 ) -> Backend:
-    """The backend with everything compiled; with "auto", a problem that the GPU cannot take goes to
-    the CPU."""
+    """The backend, compiled; with "auto", what the GPU cannot take goes to the CPU."""
     try:
         backend.prepare(compiled, options)
     except DeviceError as error:
@@ -303,19 +288,9 @@ def evaluated(problem: Problem, nodes: Array, status: Status) -> Solution:
     """A given trajectory x_0 … x_N (N+1, nx) as a Solution, without a solve."""
     compiled = CompiledProblem([problem])
     at = compiled.evaluate(compiled.unknowns(first_nodes(problem, 0, nodes)[None]))
-    multipliers = np.zeros((compiled.K, compiled.ma))
-    found = measured(compiled, at, 0)
-    return Solution(
-        **found,
-        multipliers=multipliers,
-        status=status,
-        iterations=0,
-        factorizations=0,
-        history={name: np.zeros(0) for name in HISTORY},
-        seconds=0.0,
-        setup_seconds=0.0,
-        passes=(record(1, Trajectory(**found), status),),
-    )
+    found, multipliers = measured(compiled, at, 0), np.zeros((compiled.K, compiled.ma))
+    passes = (record(1, Trajectory(**found), status),)
+    return recorded(**found, multipliers=multipliers, status=status, passes=passes)
 
 
 __all__ = ["Solution", "Status", "solve"]

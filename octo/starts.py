@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from octo.checks import numbers
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
+from octo.model.feet import feet_of, touching
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.problem.closure import Closure
-from octo.problem.codegen import touching
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
 from octo.result.solution import Solution, solution_of
@@ -46,8 +46,7 @@ def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> 
 def _first_cycle(
     problem: Problem, closure: Closure, seed: int, start: Solution | Array | None
 ) -> Array:
-    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints' first
-    harmonic."""
+    """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints."""
     if start is None:
         part = np.arange(-1, problem.steps + 1)[:, None] / problem.steps
         nodes = closure.along(problem.start, problem.steps)
@@ -80,7 +79,7 @@ def fore_and_aft(problem: Problem) -> Array:
         return signs
     robot = problem.dynamics.character
     x = problem.start
-    feet = touching(problem.dynamics, problem.setting)
+    feet = touching(robot, problem.dynamics.terrain, problem.setting.x0)
     centers, twists = sphere_centers(robot, x), joint_twists(robot, x)
     heading = body_poses(robot, x)[0][robot.base_body]
     place = (centers[feet] - centers[feet].mean(axis=0)) @ heading  # fore, left, up
@@ -88,8 +87,7 @@ def fore_and_aft(problem: Problem) -> Array:
         row = sorted(
             (k for k in range(len(feet)) if side * place[k, 1] > 0.0), key=lambda k: place[k, 0]
         )
-        # heel and toe are one foot
-        bodies = list(dict.fromkeys(robot.contacts[feet[k]].body for k in row))
+        bodies = feet_of(robot, (feet[k] for k in row))
         for k in row:
             body = robot.contacts[feet[k]].body
             step = side * (-1.0) ** bodies.index(body)
@@ -138,18 +136,12 @@ def first_multipliers(
     starts: Sequence[Solution | Array | None], compiled: CompiledProblem
 ) -> Array | None:
     """Those of warm starts of the same shape, zero for other members."""
-    shape = (compiled.K, compiled.ma)
-    found = [
-        start.multipliers
-        if isinstance(start, Solution) and start.multipliers.shape == shape
-        else None
-        for start in starts
-    ]
-    return (
-        None
-        if all(lam is None for lam in found)
-        else np.stack([np.zeros(shape) if lam is None else lam for lam in found])
-    )
+    found = np.zeros((len(starts), compiled.K, compiled.ma))
+    warm = False
+    for k, start in enumerate(starts):
+        if isinstance(start, Solution) and start.multipliers.shape == found.shape[1:]:
+            found[k], warm = start.multipliers, True
+    return found if warm else None
 
 
 def starts_of(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:

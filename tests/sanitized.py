@@ -22,6 +22,7 @@ from octo import native
 from octo.dynamics.evaluate import CustomDynamics
 from octo.model.character import Character
 from octo.mpc import Controller, walking_problem
+from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
 from octo.reference.layout import octo_layout, stage_layout
 from octo.reference.library import Library
@@ -64,7 +65,11 @@ def problems(robot: Character) -> Iterator[tuple[str, octo.Problem]]:
         ).x[1]
     )
     yield "nodes", octo.Problem(robot, steps=11, dt=0.025, costs=costs, x0=start)
-    yield "hermite", octo.Problem(robot, steps=20, dt=0.025, costs=costs, basis="hermite", x0=start)
+    smooth = [*costs, octo.NeighbourCost(lambda c, after, p: ca.sin(after) * after[0] - c)]
+    yield (
+        "hermite",
+        octo.Problem(robot, steps=20, dt=0.025, costs=smooth, basis="hermite", x0=start),
+    )
     rates = [*costs, octo.TorqueRate(loss=octo.Huber(0.1), curvature="exact")]
     yield "torque rates", octo.Problem(robot, steps=25, dt=0.025, costs=rates, x0=start)
     if robot.base == "floating":
@@ -119,10 +124,10 @@ def controlled(robot: Character) -> None:
 
 def referred(problem: octo.Problem) -> None:
     """The functions that IPOPT and fatrop call."""
-    compiled = CompiledProblem([problem])
+    compiled = CompiledProblem([problem], exact=True)
     layouts = [
         octo_layout(compiled),
-        *([stage_layout(compiled)] if compiled.basis.name == "nodes" else []),
+        *([stage_layout(compiled)] if isinstance(compiled.basis, Nodes) else []),
     ]
     for layout in layouts:
         library = Library(compiled, layout)
@@ -170,8 +175,7 @@ def main(names: list[str]) -> None:
         assert robot.pairs and robot.terrain_contacts
         for kind, problem in problems(robot):
             optimised(kind, problem)
-            if kind in ("nodes", "hermite"):
-                referred(problem)
+            referred(problem)
         if robot.base == "floating":
             controlled(robot)
     print("clean", flush=True)

@@ -29,9 +29,8 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
         for label in ("cold", "cached"):
             say(label if plan.cold or label == "cached" else "filling the cache")
             own = {"OCTO_CACHE": folder} if plan.cold else {}
-            path = os.pathsep.join(
-                [str(Path(octo.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-            )
+            folders = (str(Path(octo.__file__).parents[1]), os.environ.get("PYTHONPATH", ""))
+            path = os.pathsep.join(folders)
             done = subprocess.run(
                 [sys.executable, "-m", "octo.bench.compilation"],
                 env={**os.environ, **own, "PYTHONPATH": path},

@@ -15,6 +15,7 @@ from octo.continuation.schedule import (
     intermediate,
     schedule,
     shifted,
+    stiffened,
 )
 from octo.errors import ShapeError
 from octo.problem.problem import Array, Problem
@@ -68,11 +69,7 @@ class Contest:
         self.octo_setup: dict[int, float] = {}
 
     def _for_pass(self, stage: Pass | None) -> Problem:
-        return (
-            self.problem
-            if stage is None
-            else self.problem.replace(parameters=stage.parameters(self.problem.weight))
-        )
+        return stiffened([self.problem], [stage])[0]
 
     def run(self, seeds: Sequence[int]) -> Iterator[Entry]:
         """Entries as they are done."""
@@ -102,9 +99,8 @@ class Contest:
                 solution = self._octo(number, seed, start, before)
             # of the first seed: what compiles
             setup = self.octo_setup.setdefault(number, solution.setup_seconds)
-            return Entry(
-                "octo", seed, number, replace(solution, setup_seconds=setup), solution.status.label
-            )
+            own = replace(solution, setup_seconds=setup)
+            return Entry("octo", seed, number, own, solution.status.label)
         key = (solver, number)
         if key not in self.ready:
             self.ready[key] = OTHERS[solver](self.problems[number - 1], options=self.options)
@@ -112,8 +108,7 @@ class Contest:
         return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:
-        """A later pass approaches its stiffness in small factors, as octo's passes do; that is
-        counted."""
+        """A later pass approaches its stiffness in small factors, as octo's own do; all count."""
         own: dict[str, Any] = {"seed": seed, "threads": self.threads, "device": self.device}
         problem, now = self.problems[number - 1], before
         if now is None:
@@ -124,10 +119,8 @@ class Contest:
         for part in [*map(self._for_pass, intermediate(first, last)), problem]:
             iterations = self.options.max_iterations if part is problem else INTERMEDIATE_ITERATIONS
             warm = replace(now, x=shifted(now.x, at, part))
-            now = solve(
-                part, start=warm, options=replace(self.options, max_iterations=iterations), **own
-            )
-            at = part
+            options = replace(self.options, max_iterations=iterations)
+            now, at = solve(part, start=warm, options=options, **own), part
             way.append(now)
         return joined(way)
 
@@ -158,13 +151,7 @@ def joined(parts: Sequence[Solution]) -> Solution:
             columns[name].append(values + {"seconds": seconds, "iteration": count}.get(name, 0.0))
         seconds, count = seconds + part.seconds, count + part.iterations
     stages = {name: sum(part.stages.get(name, 0.0) for part in parts) for name in parts[-1].stages}
-    return replace(
-        parts[-1],
-        history={name: np.concatenate(values) for name, values in columns.items()},
-        seconds=seconds,
-        iterations=count,
-        factorizations=sum(part.factorizations for part in parts),
-        stages=stages,
-        setup_seconds=sum(part.setup_seconds for part in parts),
-        processor_seconds=sum(part.processor_seconds for part in parts),
-    )
+    history = {name: np.concatenate(values) for name, values in columns.items()}
+    sums = ("iterations", "factorizations", "seconds", "setup_seconds", "processor_seconds")
+    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in sums}
+    return replace(parts[-1], history=history, stages=stages, **spent)

@@ -32,26 +32,19 @@ class TreeSweep:
     for one step."""
 
     def __init__(self, dynamics: RobotDynamics, nodes: Array, p: Array, single: bool = False):
-        library = (
-            native.load(dynamics.text() + codegen.batch_source()) if single else dynamics._library
-        )
+        library = dynamics._library
+        if single:
+            library = native.load(dynamics.text() + codegen.batch_source())
         assert library is not None
         self.library, self.count, n = library, min(RUN, len(nodes) - 2), dynamics.nx
         assert (len(nodes) - 2) % self.count == 0
         lam = np.random.default_rng(0).standard_normal((self.count, n))
         self.fd, self.jac = np.zeros((self.count, n)), np.zeros((self.count, n, 3 * n))
-        self.held = (
-            nodes,
-            p,
-            lam,
-            self.fd,
-            self.jac,
-            np.zeros((self.count, dynamics.curvature_blocks, n, n)),
-        )
+        blocks = np.zeros((self.count, dynamics.curvature_blocks, n, n))
+        self.held = (nodes, p, lam, self.fd, self.jac, blocks)
         self.written = sum(array.nbytes for array in self.held[3:]) / self.count  # bytes a step
-        self.firsts = [
-            ctypes.c_void_p(nodes[k:].ctypes.data) for k in range(0, len(nodes) - 2, self.count)
-        ]
+        places = range(0, len(nodes) - 2, self.count)
+        self.firsts = [ctypes.c_void_p(nodes[k:].ctypes.data) for k in places]
         self.others = [ctypes.c_void_p(array.ctypes.data) for array in self.held[1:]]
 
     def run(self, order: int) -> Callable[[], None]:
@@ -76,16 +69,14 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
     (spider 6 us, humanoid 16): the limits of an iteration hold in proportion to it, so that a
     faster kernel does not make them stricter.
     """
-    runs, degrees, written = {}, {}, {}
+    runs: dict[str, Callable[[], None]] = {}
+    degrees, written = {}, {}
     for name in plan.robots:
         say(name)
         tree, dynamics, nodes, p = _sweep(name, plan.steps)
-        runs.update(
-            {f"dynamics.{name}.{label}": tree.run(order) for order, label in enumerate(ORDERS)}
-        )
-        runs[f"dynamics.{name}.one_step.fd_jacobian"] = TreeSweep(
-            dynamics, nodes, p, single=True
-        ).run(1)
+        runs |= {f"dynamics.{name}.{label}": tree.run(k) for k, label in enumerate(ORDERS)}
+        single = TreeSweep(dynamics, nodes, p, single=True)
+        runs[f"dynamics.{name}.one_step.fd_jacobian"] = single.run(1)
         degrees[name], written[name] = dynamics.nx, tree.written
     say("all of them, interleaved")
     for label, timing in interleaved(runs, 3 * plan.rounds).items():
@@ -94,11 +85,8 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
         records.add(f"dynamics.{name}.dof", n, "")
         took = records[f"dynamics.{name}.curvature"] / MICRO  # s a step
         records.add(f"dynamics.{name}.curvature.written", written[name] / took / 1e9, "GB/s")
-        records.ratio(
-            f"dynamics.{name}.curvature/fd_jacobian",
-            f"dynamics.{name}.curvature",
-            f"dynamics.{name}.fd_jacobian",
-        )
+        pair = [f"dynamics.{name}.{label}" for label in ("curvature", "fd_jacobian")]
+        records.ratio(f"dynamics.{name}.curvature/fd_jacobian", *pair)
 
 
 def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
@@ -120,8 +108,7 @@ def compare_symbolic(records: Records, plan: Plan, say: Say) -> None:
                 raise ArithmeticError(
                     f"{name}: the tree pass and the symbolic form differ by {error:.1e}"
                 )
-            records.add_timing(
-                f"symbolic.{name}.{label}", best[label].per(plan.steps), MICRO, "us/step"
-            )
+            took = best[label].per(plan.steps)
+            records.add_timing(f"symbolic.{name}.{label}", took, MICRO, "us/step")
             records.add(f"symbolic.{name}.{label}.operations", form.operations, "")
             records.add(f"symbolic.{name}.octo/{label}", best["octo"].least / best[label].least, "")

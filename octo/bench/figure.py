@@ -1,5 +1,4 @@
-"""The records as a figure: one iteration against steps and against degrees of freedom, the
-dynamics, other solvers."""
+"""The records as a figure: an iteration against steps and degrees, dynamics, other solvers."""
 
 from __future__ import annotations
 
@@ -32,11 +31,8 @@ def draw(records: Records, plan: Plan, title: str, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("a plot", "view") from error
-    panels = [
-        panel
-        for group, panel in PANELS.items()
-        if any(record.name.startswith(f"{group}.") for record in records.made)
-    ]
+    groups = {record.name.partition(".")[0] for record in records.made}
+    panels = [panel for group, panel in PANELS.items() if group in groups]
     columns = max(1, min(2, len(panels)))
     rows = max(1, -(-len(panels) // columns))
     figure = Figure(figsize=(5.5 * columns, 3.6 * rows + 0.4), layout="constrained")
@@ -52,36 +48,19 @@ def draw(records: Records, plan: Plan, title: str, path: Path) -> None:
 
 
 def _against_steps(axes: Any, records: Records, plan: Plan) -> None:
-    stages = np.array(
-        [[records[f"iteration.nodes.{steps}.{stage}"] for steps in plan.nodes] for stage in STAGES]
-    )
-    axes.stackplot(
-        plan.nodes,
-        stages,
-        colors=COLORS.values(),
-        labels=[f"nodes: {stage}" for stage in STAGES],
-        alpha=0.85,
-    )
+    names = [f"iteration.nodes.{steps}" for steps in plan.nodes]
+    stages = np.array([[records[f"{name}.{stage}"] for name in names] for stage in STAGES])
+    labels = [f"nodes: {stage}" for stage in STAGES]
+    axes.stackplot(plan.nodes, stages, colors=COLORS.values(), labels=labels, alpha=0.85)
     sizes = np.array([0, max(*plan.nodes, *plan.hermite)])
     for basis, steps, mark in (("nodes", plan.nodes, "ko"), ("hermite", plan.hermite, "k^")):
-        fit = (
-            records[f"iteration.{basis}.slope"] * sizes + records[f"iteration.{basis}.constant"]
-        ) / 1e3
-        axes.plot(
-            steps,
-            [records[f"iteration.{basis}.{count}"] for count in steps],
-            mark,
-            ms=4,
-            label=f"{basis}, whole",
-        )
-        axes.plot(sizes, fit, "k-" if basis == "nodes" else "k:", lw=0.9)
-    axes.set(
-        title="one iteration of the mammal, one core",
-        xlabel="steps N",
-        ylabel="ms",
-        ylim=(0, None),
-        xlim=(0, None),
-    )
+        slope, constant = (records[f"iteration.{basis}.{name}"] for name in ("slope", "constant"))
+        whole = [records[f"iteration.{basis}.{count}"] for count in steps]
+        axes.plot(steps, whole, mark, ms=4, label=f"{basis}, whole")
+        line = "k-" if basis == "nodes" else "k:"
+        axes.plot(sizes, (slope * sizes + constant) / 1e3, line, lw=0.9)
+    axes.set(title="one iteration of the mammal, one core", xlabel="steps N", ylabel="ms")
+    axes.set(ylim=(0, None), xlim=(0, None))
 
 
 def _against_degrees(axes: Any, records: Records, plan: Plan) -> None:
@@ -94,22 +73,13 @@ def _against_degrees(axes: Any, records: Records, plan: Plan) -> None:
         base += values
     for name in plan.staged:
         if f"degrees.{name}" in records:
-            axes.plot(records[f"degrees.{name}.dof"], records[f"degrees.{name}"], "kD", ms=4)
-            axes.annotate(
-                name,
-                (records[f"degrees.{name}.dof"], records[f"degrees.{name}"]),
-                (-6, 5),
-                textcoords="offset points",
-                ha="right",
-                fontsize=8,
-            )
+            at = (records[f"degrees.{name}.dof"], records[f"degrees.{name}"])
+            axes.plot(*at, "kD", ms=4)
+            axes.annotate(name, at, (-6, 5), textcoords="offset points", ha="right", fontsize=8)
     axes.margins(y=0.12)
     ends = f"{plan.links[0]} to {plan.links[-1]} links"
-    axes.set(
-        title=f"one iteration, chains of {ends}, N = {plan.steps}",
-        xlabel="degrees of freedom",
-        ylabel="µs a step",
-    )
+    axes.set(title=f"one iteration, chains of {ends}, N = {plan.steps}")
+    axes.set(xlabel="degrees of freedom", ylabel="µs a step")
 
 
 def _dynamics(axes: Any, records: Records, plan: Plan) -> None:
@@ -133,25 +103,17 @@ def _solvers(axes: Any, records: Records, plan: Plan) -> None:
             seconds = records[f"solvers.{basis}.{name}.time"]
             axes.bar(place, seconds, 0.8, color=SOLVERS[name])
             text = f"{seconds:.2g} s\n{records[f'solvers.{basis}.{name}.iterations']:.0f} its"
-            axes.annotate(
-                text,
-                (place, seconds),
-                (0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=7.5,
-            )
+            look = {"textcoords": "offset points", "ha": "center", "fontsize": 7.5}
+            axes.annotate(text, (place, seconds), (0, 2), **look)
             ticks.append((place, f"{name}\n{basis}"))
             place += 1.0
         place += 0.5
     axes.set_xticks([at for at, _ in ticks], [words for _, words in ticks], fontsize=8)
     axes.margins(y=0.2)
-    axes.plot(
-        [], [], " ", label=f"medians over {plan.seeds} starts" if plan.seeds > 1 else "one start"
-    )
-    axes.set(
-        title=f"a walk of {plan.motion_steps} steps of the mammal, solved", ylabel="s of one core"
-    )
+    starts = f"medians over {plan.seeds} starts" if plan.seeds > 1 else "one start"
+    axes.plot([], [], " ", label=starts)
+    axes.set(title=f"a walk of {plan.motion_steps} steps of the mammal, solved")
+    axes.set_ylabel("s of one core")
 
 
 PANELS: dict[str, Panel] = {

@@ -1,5 +1,4 @@
-"""One iteration of a walk, stage by stage: against the number of steps, of degrees of freedom, of
-threads."""
+"""One iteration of a walk, stage by stage: against steps, degrees of freedom, threads."""
 
 from __future__ import annotations
 
@@ -47,9 +46,8 @@ class Iteration:
         self, problem: Problem, threads: int = 1, batch: int = 1, clock: Clock = time.thread_time
     ):
         self.problem = CompiledProblem([problem] * batch, threads)
-        self.at = self.problem.evaluate(
-            self.problem.unknowns(np.stack([start(problem, k) for k in range(batch)]))
-        )
+        starts = np.stack([start(problem, k) for k in range(batch)])
+        self.at = self.problem.evaluate(self.problem.unknowns(starts))
         shape = (batch, self.problem.K, self.problem.ma)
         self.lam = 1e-5 * np.random.default_rng(0).standard_normal(shape)
         self.sigma = self._weights(shape[:2])
@@ -61,14 +59,11 @@ class Iteration:
         model = self.problem.linearize(self.at, self.lam)
         for weight in 10.0 ** np.arange(-1.0, 8.0):
             sigma = np.full(shape, weight)
-            if kkt.factorize(
-                model.H, model.A, sigma, threads=self.problem.threads
-            ).inertia_ok.all():
+            factor = kkt.factorize(model.H, model.A, sigma, threads=self.problem.threads)
+            if factor.inertia_ok.all():
                 return sigma
-        raise ArithmeticError(
-            f"no weight gives the KKT matrix of {self.problem.problems[0].dynamics.nx} "
-            "coordinates its inertia"
-        )
+        n = self.problem.problems[0].dynamics.nx
+        raise ArithmeticError(f"no weight gives the KKT matrix of {n} coordinates its inertia")
 
     def __call__(self) -> None:
         problem, at, marks = self.problem, self.at, [self.clock()]
@@ -77,19 +72,13 @@ class Iteration:
         factor = kkt.factorize(model.H, model.A, self.sigma, threads=problem.threads)
         marks.append(self.clock())
         step, lam = factor.solve(-model.b, -model.C)
-        dual = np.abs(
-            model.b
-            + KKTBlocks(model.H, model.A, model.b, model.C).constraints_transposed_times(self.lam)
-        ).max()
+        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
+        dual = np.abs(model.b + blocks.constraints_transposed_times(self.lam)).max()
         marks.append(self.clock())
         trial = problem.evaluate(at.unknowns + 1e-3 * step)
         marks.append(self.clock())
-        assert (
-            factor.inertia_ok.all()
-            and np.isfinite(dual)
-            and trial.finite.all()
-            and lam.shape == self.lam.shape
-        )
+        assert factor.inertia_ok.all() and lam.shape == self.lam.shape
+        assert np.isfinite(dual) and trial.finite.all()
         self.seconds.append(np.diff(marks))
 
 
@@ -147,11 +136,8 @@ def line(records: Records, name: str, sizes: Sequence[int]) -> None:
     slope, constant = (float(value) for value in fit)
     records.add(f"{name}.slope", slope * MICRO / MILLI, "us/step")
     records.add(f"{name}.constant", constant * MICRO / MILLI, "us")
-    records.add(
-        f"{name}.largest_error_of_fit",
-        float(np.abs(np.polyval(fit, sizes) / least - 1.0).max()),
-        "",
-    )
+    error = float(np.abs(np.polyval(fit, sizes) / least - 1.0).max())
+    records.add(f"{name}.largest_error_of_fit", error, "")
 
 
 def against_degrees(records: Records, plan: Plan, say: Say) -> None:
@@ -159,11 +145,8 @@ def against_degrees(records: Records, plan: Plan, say: Say) -> None:
     robots."""
     runs, degrees = {}, {}
     made = {f"chain{links}": octo.gallery.chain(links) for links in plan.links}
-    made |= {
-        name: octo.gallery.CHARACTERS[name]()
-        for name in plan.staged
-        if name != "chain" or 5 not in plan.links
-    }
+    others = [name for name in plan.staged if name != "chain" or 5 not in plan.links]
+    made |= {name: octo.gallery.CHARACTERS[name]() for name in others}
     for name, robot in made.items():
         say(f"{name}, {robot.nx} degrees of freedom")
         runs[f"degrees.{name}"] = Iteration(walk(robot, plan.steps))
@@ -190,10 +173,8 @@ def over_threads(records: Records, plan: Plan, say: Say) -> None:
     ):
         say(f"{label}, {plan.steps} steps")
         problem = walk(robot, plan.steps, basis)
-        runs = {
-            str(count): Iteration(problem, count, batch, time.perf_counter)
-            for count in (1, *plan.threads)
-        }
+        counts, clock = (1, *plan.threads), time.perf_counter
+        runs = {str(count): Iteration(problem, count, batch, clock) for count in counts}
         seconds = sample(runs, plan.rounds, plan.burst)
         one = seconds.pop("1")
         for count, values in seconds.items():

@@ -1,5 +1,4 @@
-"""FD and its Jacobian as one SX function, the way anybody would write it: ca.jacobian,
-CodeGenerator, gcc -O1."""
+"""FD and its Jacobian as one SX function, as anybody would write it, compiled at -O1."""
 
 from __future__ import annotations
 
@@ -47,10 +46,9 @@ class Monolithic:
     @postponed()
     def __init__(self, dynamics: RobotDynamics, plain: bool = False):
         n, self.plain = dynamics.nx, plain
+        own = (dynamics.character, dynamics.law, dynamics.terrain, dynamics.layout)
         with _without_cse() if plain else nullcontext():
-            made = symbolic.forward_dynamics(
-                dynamics.character, dynamics.law, dynamics.terrain, dynamics.layout
-            )
+            made = symbolic.forward_dynamics(*own)
         z, p = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size)
         fd = made(z[:n], z[n : 2 * n], z[2 * n :], p)
         jac = ca.jacobian(fd, z)
@@ -62,11 +60,8 @@ class Monolithic:
         generator = ca.CodeGenerator("fd_jacobian.c", {"with_header": False, "casadi_int": "int"})
         generator.add(function)
         sizes = {"NX": n, "WORK": function.sz_w(), "NJAC": self.entries}
-        text = (
-            generator.dump()
-            + "".join(f"#define {name} {value}\n" for name, value in sizes.items())
-            + SWEEP
-        )
+        defined = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+        text = generator.dump() + defined + SWEEP
         self.library = ctypes.CDLL(str(_compiled(text)))
 
     def sweep(self, nodes: Array, p: Array, count: int) -> tuple[Array, Array, Callable[[], None]]:
@@ -112,10 +107,7 @@ def _compiled(text: str) -> Path:
     def make(path: Path) -> None:
         source = path.with_suffix(".c")
         source.write_text(text, encoding="utf-8")
-        native.run_compiler(
-            [*words, "-O1", "-fPIC", "-shared", "-o", str(path), str(source), "-lm"], path.parent
-        )
+        flags = ["-O1", "-fPIC", "-shared", "-o", str(path), str(source), "-lm"]
+        native.run_compiler([*words, *flags], path.parent)
 
-    return cache.path_of(
-        "monolithic-" + hashlib.sha256(text.encode()).hexdigest()[:24] + ".so", make
-    )
+    return cache.path_of(f"monolithic-{hashlib.sha256(text.encode()).hexdigest()[:24]}.so", make)

@@ -8,32 +8,17 @@ from typing import Any
 
 from octo import native
 
-GROUPS = (
-    "machine",
-    "dynamics",
-    "iteration",
-    "degrees",
-    "threads",
-    "solvers",
-    "compile",
-    "symbolic",
-)
+WORDS = "machine dynamics iteration degrees threads solvers compile symbolic"
+GROUPS = tuple(WORDS.split())
 # what the number depends on and its name does not say, by how the name begins; the last that fits
 # counts
-SIZES = {
-    "dynamics.": ("steps",),
-    "threads.": ("steps",),
-    "symbolic.": ("steps",),
+SIZES: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("dynamics.", "threads.", "symbolic.", "degrees."), ("steps",)),
     "solvers.": ("motion_steps", "seeds"),
-    "degrees.": ("steps",),
-    "degrees.power": ("steps", "links"),
-    "degrees.longest/shortest": ("steps", "links"),
-    **{
-        f"iteration.{basis}.{name}": (basis,)
-        for basis in ("nodes", "hermite")
-        for name in ("slope", "constant", "largest_error_of_fit")
-    },
+    **{f"degrees.{name}": ("steps", "links") for name in ("power", "longest/shortest")},
 }
+for _name in ("slope", "constant", "largest_error_of_fit"):
+    SIZES |= {f"iteration.{basis}.{_name}": (basis,) for basis in ("nodes", "hermite")}
 
 
 @dataclass(frozen=True)
@@ -75,10 +60,8 @@ class Plan:
 
     def record(self) -> dict[str, Any]:
         """As JSON keeps it."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(self).items()
-        }
+        found = asdict(self).items()
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in found}
 
     def compares(self, name: str, other: Mapping[str, Any]) -> bool:
         """Whether a record of this name is of the same sizes in the plan that ``other`` is the

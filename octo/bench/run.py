@@ -35,12 +35,8 @@ class Progress:
     def __call__(self, group: str, text: str) -> None:
         if self.terminal or group != self.group:
             line = f"octo bench: {time.perf_counter() - self.began:.0f} s, {group}: {text}"
-            print(
-                f"\r\033[K{line}" if self.terminal else line,
-                end="" if self.terminal else "\n",
-                file=sys.stderr,
-                flush=True,
-            )
+            begin, end = ("\r\033[K", "") if self.terminal else ("", "\n")
+            print(f"{begin}{line}", end=end, file=sys.stderr, flush=True)
         self.group = group
 
     def end(self) -> None:

@@ -19,9 +19,8 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
     Processor time, one thread."""
     for basis, others in OTHERS.items():
         say(f"{basis}: compiling")
-        contest = Contest(
-            walk(octo.gallery.mammal(), plan.motion_steps, basis), others, OPTIONS, device="cpu"
-        )
+        problem = walk(octo.gallery.mammal(), plan.motion_steps, basis)
+        contest = Contest(problem, others, OPTIONS, device="cpu")
         entries: list[Entry] = []
         for entry in contest.run(range(plan.seeds)):
             say(
@@ -30,22 +29,13 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
             )
             entries.append(entry)
         for solver in ("octo", *others):
-            _add(
-                records,
-                f"solvers.{basis}.{solver}",
-                [entry for entry in entries if entry.solver == solver],
-            )
+            own = [entry for entry in entries if entry.solver == solver]
+            _add(records, f"solvers.{basis}.{solver}", own)
         for solver in others:
-            found = {
-                (entry.solver, entry.seed): entry.solution
-                for entry in entries
-                if entry.solution.converged
-            }
-            both = [
-                (found["octo", k], found[solver, k])
-                for k in range(plan.seeds)
-                if {("octo", k), (solver, k)} <= set(found)
-            ]
+            done = [entry for entry in entries if entry.solution.converged]
+            found = {(entry.solver, entry.seed): entry.solution for entry in done}
+            seeds = [k for k in range(plan.seeds) if {("octo", k), (solver, k)} <= set(found)]
+            both = [(found["octo", k], found[solver, k]) for k in seeds]
             for name, value in ratios(both).items() if both else ():
                 records.add(f"solvers.{basis}.octo/{solver}.{name.replace(' ', '_')}", value, "")
 

@@ -73,9 +73,7 @@ def read(path: Path, plan: Plan) -> dict[str, float]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         values = {str(record["name"]): float(record["value"]) for record in content["records"]}
-        return {
-            name: value for name, value in values.items() if plan.compares(name, content["plan"])
-        }
+        return {k: value for k, value in values.items() if plan.compares(k, content["plan"])}
     except FileNotFoundError:
         raise UsageError(f"baseline is {str(path)!r}, which does not exist") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -94,10 +92,8 @@ class Records:
         self.before = dict(baseline or {})
 
     def add(self, name: str, value: float, unit: str) -> None:
-        before = self.before.get(name)
-        self.made.append(
-            Record(name, float(value), unit, float(value) / before if before else None)
-        )
+        value, before = float(value), self.before.get(name)
+        self.made.append(Record(name, value, unit, value / before if before else None))
 
     def add_timing(self, name: str, timing: Timing, scale: float, unit: str) -> None:
         """``scale`` units in a second."""
@@ -121,28 +117,17 @@ class Records:
         for record in self.made:
             if record.name.endswith(".median"):
                 continue
-            median = medians.get(f"{record.name}.median")
-            ratio = (
-                "" if record.baseline_ratio is None else f"{record.baseline_ratio:8.2f} x baseline"
-            )
+            median, ratio = medians.get(f"{record.name}.median"), record.baseline_ratio
+            beside = "" if ratio is None else f"{ratio:8.2f} x baseline"
             more = "" if median is None else f"(median {median:.4g})"
-            lines.append(
-                f"{record.name:44s} {record.value:10.4g} {record.unit:8s} "
-                f"{more:20s}{ratio}".rstrip()
-            )
+            line = f"{record.name:44s} {record.value:10.4g} {record.unit:8s} {more:20s}{beside}"
+            lines.append(line.rstrip())
         return "\n".join(lines)
 
     def write(self, path: Path) -> None:
-        where = {
-            "date": time.strftime("%Y-%m-%d"),
-            "processor": processor(),
-            "octo": octo.__version__,
-        }
-        content = {
-            **where,
-            "plan": self.plan.record(),
-            "records": [asdict(record) for record in self.made],
-        }
+        where = {"date": time.strftime("%Y-%m-%d"), "processor": processor()}
+        found = {"plan": self.plan.record(), "records": [asdict(record) for record in self.made]}
+        content = {**where, "octo": octo.__version__, **found}
         path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 

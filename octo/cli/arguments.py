@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from octo.checks import steps_in
+from octo.checks import numbers, steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import (
     ProblemError,
@@ -53,13 +53,18 @@ def whole(least: int) -> Callable[[str], int]:
 
 def number(word: str) -> float:
     """A finite number, for argparse."""
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
+    value = _float(word)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"is {word!r}, must be a finite number")
     return value
+
+
+def _float(word: str) -> float:
+    """NaN where it is no number."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def positive(word: str) -> float:
@@ -82,26 +87,35 @@ def steps_of(seconds: float, dt: float) -> int:
     return steps
 
 
+def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None:
+    """Options, a row each: name, what reads its word (bool: it takes none), default, help, and what
+    the help calls the word. The help ends with the default where it does not say it itself."""
+    for name, read, default, words, *metavar in rows:
+        if read is bool:
+            parser.add_argument(name, action="store_true", help=words)
+            continue
+        if default is not None and "default" not in words:
+            words = f"{words} (default {f'{default:g}' if read else default})"
+        called = metavar[0] if metavar else None
+        parser.add_argument(name, type=read, default=default, metavar=called, help=words)
+
+
+ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
+BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
+POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt"
+TERRAIN = "the ground; FUNCTION(point, p) is a signed distance in CasADi"
+LAW = (
+    "a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, "
+    "w_par/w_perp in s/m"
+)
+
+
 def add_base_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which robot starts how, on what ground."""
+    parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
+    add_options(parser, ("--base", None, "auto", BASE), ("--pose", None, None, POSE, "NAME|FILE"))
     parser.add_argument(
-        "robot", metavar="ROBOT", help="a name that `octo robots` lists, or a URDF or MJCF file"
-    )
-    parser.add_argument(
-        "--base",
-        default="auto",
-        help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)",
-    )
-    parser.add_argument(
-        "--pose",
-        metavar="NAME|FILE",
-        help="a pose of the robot's file, or nx numbers in .json, .npy or .txt",
-    )
-    parser.add_argument(
-        "--terrain",
-        default="plane",
-        metavar="plane|slope:DEGREES|FILE.py:FUNCTION",
-        help="the ground; FUNCTION(point, p) is a signed distance in CasADi",
+        "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION", help=TERRAIN
     )
 
 
@@ -109,17 +123,11 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """The same with the contact law and the step."""
     add_base_arguments(parser)
     add_law_argument(parser)
-    parser.add_argument("--dt", type=positive, default=0.025, help="s, of one step (default 0.025)")
+    add_options(parser, ("--dt", positive, 0.025, "s, of one step"))
 
 
 def add_law_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--friction",
-        default="viscous",
-        metavar="MU|LAW",
-        help="a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, "
-        "w_par/w_perp in s/m",
-    )
+    add_options(parser, ("--friction", None, "viscous", LAW, "MU|LAW"))
 
 
 def add_solver_arguments(
@@ -129,50 +137,34 @@ def add_solver_arguments(
     starts: str | None = None,
 ) -> None:
     """How a problem is solved; ``starts`` says in words what a default of None means."""
-    parser.add_argument(
-        "--passes", type=whole(1), help="passes of growing contact stiffness (default: octo's own)"
+    found = "what octo wrote, to start from: a solution (.npz) or its folder"
+    add_options(
+        parser,
+        ("--passes", whole(1), None, "passes of growing contact stiffness (default: octo's own)"),
+        ("--seeds", whole(1), seeds, f"starts, solved as one batch (default {starts or seeds})"),
+        ("--seed", whole(0), 0, "number of the first start"),
+        ("--start", None, None, found, "SOLUTION"),
+        ("--threads", whole(1), 1, "of the CPU"),
+        ("--max-iterations", whole(1), None, "of one pass"),
+        ("--time-limit", positive, None, "s, of all passes"),
+        ("--tolerance", positive, None, "‖C‖∞ relative to mg"),
     )
-    parser.add_argument(
-        "--seeds",
-        type=whole(1),
-        default=seeds,
-        help=f"starts, solved as one batch (default {starts or seeds})",
-    )
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, help="number of the first start (default 0)"
-    )
-    parser.add_argument(
-        "--start",
-        metavar="SOLUTION",
-        help="what octo wrote, to start from: a solution (.npz) or its folder",
-    )
-    parser.add_argument("--threads", type=whole(1), default=1, help="of the CPU (default 1)")
-    parser.add_argument("--max-iterations", type=whole(1), help="of one pass")
-    parser.add_argument("--time-limit", type=positive, help="s, of all passes")
-    parser.add_argument("--tolerance", type=positive, help="‖C‖∞ relative to mg")
     add_device_argument(parser, device, f"auto, cpu or cuda (default {device})")
 
 
 def add_device_argument(parser: argparse.ArgumentParser, device: str, words: str) -> None:
     """Where it is computed; ``device`` where nothing is said, which ``octo.cli.main.parse`` fills
     in."""
-    parser.add_argument("--device", help=words)
-    parser.add_argument(
-        "--verbose", action="store_true", help="say on which device, and why, as --device does"
+    add_options(
+        parser,
+        ("--device", None, None, words),
+        ("--verbose", bool, False, "say on which device, and why, as --device does"),
     )
     parser.set_defaults(usual_device=device)
 
 
-SOLVER = (
-    "passes",
-    "seeds",
-    "seed",
-    "threads",
-    "max_iterations",
-    "time_limit",
-    "tolerance",
-    "device",
-)
+LIMITS = ("max_iterations", "time_limit", "tolerance")
+SOLVER = ("passes", "seeds", "seed", "threads", *LIMITS, "device")
 
 
 def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -202,14 +194,9 @@ def pose_of(robot: Character, word: str | None) -> Array | None:
         raise UsageError(f"pose {word!r} is not known; robot {robot.name!r} has {valid}")
     pose = _read_numbers(path)
     if pose.shape != (robot.nx,):
-        raise ShapeError(
-            f"pose {word!r}", pose.shape, f"({robot.nx},), the coordinates of {robot.name!r}"
-        )
-    if not np.isfinite(pose).all():
-        raise ValueRangeError(
-            f"pose {word!r} is not finite at index {int(np.flatnonzero(~np.isfinite(pose))[0])}"
-        )
-    return pose
+        wanted = f"({robot.nx},), the coordinates of {robot.name!r}"
+        raise ShapeError(f"pose {word!r}", pose.shape, wanted)
+    return numbers(f"pose {word!r}", pose)
 
 
 def _read_numbers(path: Path) -> Array:
@@ -241,10 +228,7 @@ def law_of(word: str) -> ContactLaw | None:
 def _friction_number(word: str, text: str, default: float | None) -> float | None:
     if not text and ":" not in word:
         return default
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _float(text)
     if not (math.isfinite(value) and value > 0.0):
         raise ValueRangeError(
             f"friction is {word!r}, must be a positive mu, coulomb[:MU] or viscous[:RATIO]"
@@ -270,10 +254,7 @@ def terrain_of(word: str) -> Plane | Terrain:
 
 def _slope(word: str, value: str) -> float:
     """rad."""
-    try:
-        degrees = float(value)
-    except ValueError:
-        degrees = math.nan
+    degrees = _float(value)
     if not abs(degrees) < 90.0:
         raise ValueRangeError(
             f"terrain is {word!r}: the slope must be a number of degrees between -90 and 90"
@@ -295,11 +276,8 @@ def _attribute(file: Path, name: str) -> Any:
             f"terrain file {file} cannot be run: {type(error).__name__}: {error}"
         ) from error
     if not hasattr(module, name):
-        raise UnknownNameError(
-            f"function of {file}",
-            name,
-            [key for key, value in vars(module).items() if callable(value)],
-        )
+        known = [key for key, value in vars(module).items() if callable(value)]
+        raise UnknownNameError(f"function of {file}", name, known)
     return getattr(module, name)
 
 

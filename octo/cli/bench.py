@@ -9,6 +9,7 @@ import octo
 from octo.bench import plan
 from octo.bench.timing import Records, processor, read
 from octo.checks import ending
+from octo.cli.arguments import add_options
 from octo.cli.output import OutputFolder, Writer, say_left_out
 from octo.errors import UnknownNameError, UsageError
 
@@ -17,23 +18,15 @@ COMMITTED = Path(octo.__file__).parents[1] / "benchmarks" / "results" / "bench.j
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the records; a figure is written beside them"
+    known = "records of another run to compare with (default: the clone's own)"
+    add_options(
+        parser,
+        ("--json", None, None, "write the records; a figure is written beside them", "FILE"),
+        ("--baseline", None, None, known, "FILE"),
+        ("--quick", bool, False, "fewer sizes and repetitions, in less than a minute"),
     )
-    parser.add_argument(
-        "--baseline",
-        metavar="FILE",
-        help="records of another run to compare with (default: the clone's own)",
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer sizes and repetitions, in less than a minute"
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="GROUP",
-        help=f"some of {', '.join(plan.GROUPS)} (default: all)",
-    )
+    some = f"some of {', '.join(plan.GROUPS)} (default: all)"
+    parser.add_argument("--only", nargs="+", metavar="GROUP", help=some)
     parser.set_defaults(run=run)
 
 

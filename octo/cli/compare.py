@@ -1,10 +1,8 @@
-"""``octo compare``: the same problem, from the same start and to the same tolerances, in octo and
-in other solvers."""
+"""``octo compare``: the same problem, start and tolerances, in octo and in other solvers."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,9 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import ending, whole
-from octo.cli.arguments import law_of, number, pose_of, positive, robot_of, terrain_of
+from octo.cli.arguments import LIMITS, add_options, number, positive, robot_of
 from octo.cli.output import OutputFolder, Writer, say_left_out
-from octo.cli.solve import add_goal_arguments, asked_steps, described, finite, report
+from octo.cli.solve import (
+    add_goal_arguments,
+    asked_steps,
+    described,
+    goal_of,
+    report,
+    surroundings,
+    write_json,
+)
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -28,8 +34,7 @@ from octo.solver.status import Status
 
 HEAD = (
     f"{'solver':8s}{'pass':>5s}{'seed':>5s}  "
-    f"{'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}"
-    f"{'point N':>10s}"
+    f"{'status':16s}{'its':>5s}{'cpu s':>9s}{'ms/it':>8s}{'E':>12s}{'‖C‖∞ N':>10s}{'point N':>10s}"
 )
 SOLVERS = ("ipopt", "fatrop")
 
@@ -42,22 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOLVERS",
         help="ipopt, fatrop or both with a comma (default: all that can solve the problem)",
     )
-    parser.add_argument(
-        "--cycle", action="store_true", help="a stride that repeats, at --speed, in place of a goal"
-    )
-    parser.add_argument("--period", type=positive, help="s, of a cycle's stride (default 0.8)")
-    parser.add_argument(
-        "--no-mirror",
-        action="store_true",
-        help="solve for a whole stride of a cycle, not for half of it",
-    )
-    parser.add_argument(
-        "--turn", type=number, help="rad, change of heading in a cycle's stride (default 0)"
-    )
-    parser.add_argument(
-        "--json",
-        metavar="FILE",
-        help="a list with one record per solver, seed and pass; a plot is written beside it",
+    records = "a list with one record per solver, seed and pass; a plot is written beside it"
+    add_options(
+        parser,
+        ("--cycle", bool, False, "a stride that repeats, at --speed, in place of a goal"),
+        ("--period", positive, None, "s, of a cycle's stride (default 0.8)"),
+        ("--no-mirror", bool, False, "solve for a whole stride of a cycle, not for half of it"),
+        ("--turn", number, None, "rad, change of heading in a cycle's stride (default 0)"),
+        ("--json", None, None, records, "FILE"),
     )
     parser.set_defaults(run=run, dt=None)
 
@@ -67,9 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     cycle, goal, steps = cycle_of(arguments), None, None
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
-        goal = Goal(
-            arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
-        )
+        goal = goal_of(arguments)
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
     path = None if arguments.json is None else ending("json", arguments.json, (".json",))
@@ -88,23 +83,17 @@ def run(arguments: argparse.Namespace) -> int:
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)
     device = resolve_device(arguments.device)
-    problem = (
-        repeated(robot, cycle, arguments)
-        if goal is None
-        else described(robot, goal, steps, arguments)
-    )
-    options = options_of(arguments, OPTIONS)
-    contest = Contest(
-        problem, others, options, arguments.passes or 1, arguments.threads, device, start
-    )
+    if goal is None:
+        problem = repeated(robot, cycle, arguments)
+    else:
+        problem = described(robot, goal, steps, arguments)
+    options, passes = options_of(arguments, OPTIONS), arguments.passes or 1
+    contest = Contest(problem, others, options, passes, arguments.threads, device, start)
     entries: list[Entry] = []
     interrupted = False
     kind = "cycle" if goal is None else f"goal {goal.kind}"
-    print(
-        f"{robot.name}, {problem.steps} steps of {problem.dt:g} s, "
-        f"{problem.basis_object.name}, {kind}\n{HEAD}",
-        flush=True,
-    )
+    steps_of_dt = f"{problem.steps} steps of {problem.dt:g} s"
+    print(f"{robot.name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{HEAD}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -133,34 +122,19 @@ def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
     """
     if arguments.cycle:
         period = 0.8 if arguments.period is None else arguments.period
-        return Cycle(
-            speed=arguments.speed,
-            period=period,
-            mirror=not arguments.no_mirror,
-            turn=arguments.turn or 0.0,
-        )
-    given = {
-        "--period": arguments.period is not None,
-        "--no-mirror": arguments.no_mirror,
-        "--turn": arguments.turn is not None,
-    }
-    for name in (name for name, there in given.items() if there):
-        raise UsageError(f"{name} is given without --cycle: only a cycle has it")
+        mirror, turn = not arguments.no_mirror, arguments.turn or 0.0
+        return Cycle(speed=arguments.speed, period=period, mirror=mirror, turn=turn)
+    for name in ("--period", "--no-mirror", "--turn"):
+        given = getattr(arguments, name[2:].replace("-", "_"))
+        if given is not None and given is not False:
+            raise UsageError(f"{name} is given without --cycle: only a cycle has it")
     return None
 
 
 def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespace) -> Problem:
     """The problem of a cycle, of natural terms."""
-    problem = Problem(
-        robot,
-        dt=arguments.dt or 0.0,
-        costs=[Effort()],
-        basis=arguments.basis,
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-        pose=pose_of(robot, arguments.pose),
-        cycle=cycle,
-    )
+    own = {"dt": arguments.dt or 0.0, "basis": arguments.basis, "cycle": cycle}
+    problem = Problem(robot, costs=[Effort()], **own, **surroundings(robot, arguments))
     return problem.replace(costs=presets.natural(length=problem.length))
 
 
@@ -178,34 +152,27 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
     for name in names:
         if name not in SOLVERS:
             raise UnknownNameError("solver", name, SOLVERS)
+    sees = "a stage may see its own state and control only"
     if "fatrop" in names and cycle:
-        raise ProblemError(
-            "fatrop cannot solve a cycle: a stage may see its own state and control only; leave "
-            "it out of --with"
-        )
+        raise ProblemError(f"fatrop cannot solve a cycle: {sees}; leave it out of --with")
     if "fatrop" in names and basis != "nodes":
         raise ProblemError(
-            f"fatrop cannot solve in the {basis} basis: a stage may see its own state and "
-            "control only, and a row of C sums "
-            "the steps of two segments; leave it out of --with, or use --basis nodes"
+            f"fatrop cannot solve in the {basis} basis: {sees}, and a row of C sums the steps of "
+            "two segments; leave it out of --with, or use --basis nodes"
         )
     return names
 
 
 def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions:
-    given = {
-        name: getattr(arguments, name) for name in ("max_iterations", "time_limit", "tolerance")
-    }
+    given = {name: getattr(arguments, name) for name in LIMITS}
     return replace(default, **{name: value for name, value in given.items() if value is not None})
 
 
 def row(entry: Any) -> str:
     """One line of the table."""
     s = entry.solution
-    line = (
-        f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  "
-        f"{s.status.label:16s}{s.iterations:5d}{s.processor_seconds:9.2f}"
-    )
+    line = f"{entry.solver:8s}{entry.number:5d}{entry.seed:5d}  {s.status.label:16s}"
+    line += f"{s.iterations:5d}{s.processor_seconds:9.2f}"
     line += f"{1e3 * s.processor_seconds / max(s.iterations, 1):8.1f}"
     line += f"{s.energy:12.6g}{s.violation:10.1e}{s.pointwise_residual:10.1e}"
     return line if entry.compiled else f"{line}  interpreted"
@@ -222,18 +189,12 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
         seeds = sorted({seed for _, seed in found})
         if not seeds:
             continue
-        count = {
-            name: sum(found[name, k].converged for k in seeds if (name, k) in found)
-            for name in ("octo", *others)
-        }
-        told = ", ".join(f"{name} {done}" for name, done in count.items())
+        done = {key for key, solution in found.items() if solution.converged}
+        count = {name: sum((name, k) in done for k in seeds) for name in ("octo", *others)}
+        told = ", ".join(f"{name} {many}" for name, many in count.items())
         lines.append(f"pass {stage}: converged of {len(seeds)} starts: {told}")
         for name in others:
-            both = [
-                k
-                for k in seeds
-                if (name, k) in found and found[name, k].converged and found["octo", k].converged
-            ]
+            both = [k for k in seeds if {(name, k), ("octo", k)} <= done]
             if both:
                 compared = ratios([(found["octo", k], found[name, k]) for k in both])
                 words = ", ".join(f"{what} {value:.3g}" for what, value in compared.items())
@@ -244,40 +205,32 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
 def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
     """The fields of report.json, those of a goal if any, who made it, and to which
     tolerances."""
+    own = ("solver", "said", "compiled", "settings")
+    asked = {"violation": options.tolerance, "dual": options.dual_tolerance}
+    asked |= {"step": options.step_tolerance}
+    asked |= {name: getattr(options, name) for name in ("plateau", "plateau_change")}
     return {
         **(entry.solution.report() if goal is None else report(entry.solution, goal)),
-        "solver": entry.solver,
+        **{name: getattr(entry, name) for name in own},
         "pass": entry.number,
-        "said": entry.said,
-        "compiled": entry.compiled,
         "iteration_limit": options.max_iterations,
-        "tolerances": {
-            "violation": options.tolerance,
-            "dual": options.dual_tolerance,
-            "step": options.step_tolerance,
-            "plateau": options.plateau,
-            "plateau_change": options.plateau_change,
-        },
-        "settings": entry.settings,
+        "tolerances": asked,
     }
 
 
 def write(path: Path, entries: Sequence[Any], records: Sequence[dict[str, Any]]) -> None:
     """The list, and the plot beside it where matplotlib is."""
-    text = json.dumps(finite(records), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    writers: dict[str, Writer] = {path.name: lambda scratch: _text(text, scratch)}
     s = entries[0].solution
     title = f"{s.name}, {s.steps} steps of {s.dt:g} s, {s.basis}"
-    writers[f"{path.stem}.png"] = lambda scratch: _draw(entries, title, scratch)
+
+    def draw_runs(scratch: Path) -> None:
+        from octo.cli.convergence import draw  # here: it is loaded when the numbers are written
+
+        draw(entries, title, scratch)
+
+    writers: dict[str, Writer] = {
+        path.name: lambda scratch: write_json(scratch, records),
+        f"{path.stem}.png": draw_runs,
+    }
     say_left_out(OutputFolder(path.parent).write(writers))
     print(f"written to {path}")
-
-
-def _draw(entries: Sequence[Any], title: str, path: Path) -> None:
-    from octo.cli.convergence import draw  # here: what draws is loaded when the numbers are written
-
-    draw(entries, title, path)
-
-
-def _text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -1,11 +1,10 @@
-"""``octo completion``: a script that makes a shell complete commands, options, and the words that
-an option takes."""
+"""``octo completion``: a script with which a shell completes commands, options and words."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import get_args
 
 from octo.errors import UnknownNameError
@@ -14,26 +13,31 @@ from octo.model.gallery import CHARACTERS
 from octo.model.load import BASES
 
 SHELLS = ("bash", "zsh", "fish")
-WORDS: Mapping[str, tuple[str, ...]] = {  # that an option takes, or begins with
-    "--goal": get_args(Kind),
-    "--costs": get_args(Preset),
-    "--basis": ("nodes", "hermite"),
-    "--base": BASES,
-    "--device": ("auto", "cpu", "cuda"),
-    "--terrain": ("plane", "slope:"),
-    "--friction": ("viscous", "coulomb"),
-    "--plant": ("mujoco", "octo"),
-    "--feedback": ("base", "none"),
-    "--with": ("ipopt", "fatrop"),
-    "--period": ("auto",),
-}
-OTHERS = {
-    "mpc --goal": ("walk", "stride", "turn", "stand"),
-    "replay --plant": ("mujoco",),
-    "mpc --basis": ("nodes",),
-}
+TAKES = (  # of options, the words that they take, or that begin what they take
+    "basis nodes hermite; device auto cpu cuda; terrain plane slope:; friction viscous coulomb; "
+    "plant mujoco octo; feedback base none; with ipopt fatrop; period auto"
+)
+WORDS = {f"--{name}": tuple(words) for name, *words in map(str.split, TAKES.split("; "))}
+WORDS |= {"--goal": get_args(Kind), "--costs": get_args(Preset), "--base": BASES}
+OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
+OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
 # commands whose first word may be a robot's name
 ROBOTS = ("solve", "cycle", "mpc", "compare", "simulate", "info")
+BASH = """_octo() {
+  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= files=yes
+  [[ $current == '=' ]] && current=
+  [[ $before == '=' ]] && before=${COMP_WORDS[COMP_CWORD-2]}
+  if (( COMP_CWORD == 1 )); then
+    words=TOP files=
+  else
+    case ${COMP_WORDS[1]}:$before in
+CASES
+    esac
+  fi
+  COMPREPLY=($(compgen -W "$words" -- "$current"))
+  [[ $files ]] && COMPREPLY+=($(compgen -f -- "$current"))
+}
+complete -o filenames -F _octo octo"""
 HOW = {
     "bash": "octo completion bash > ~/.local/share/bash-completion/completions/octo",
     "zsh": 'eval "$(octo completion zsh)", in ~/.zshrc behind compinit',
@@ -59,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
 def script(shell: str, commands: Parsers) -> str:
     """The text for a shell to read: everything in it is known now, so that completing runs no
     Python."""
-    makers: dict[str, Callable[[Parsers], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}
-    return makers[shell](commands)
+    text = _fish(commands) if shell == "fish" else _bash(commands)
+    return f"autoload -U +X bashcompinit && bashcompinit\n{text}" if shell == "zsh" else text
 
 
 def _options(parser: argparse.ArgumentParser) -> list[str]:
@@ -68,8 +72,7 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 
 
 def _words(command: str, option: str) -> tuple[str, ...]:
-    """What an option of a command may be followed by; nothing where that is a number, a file or no
-    word at all."""
+    """What an option of a command may be followed by; nothing for numbers, files and flags."""
     return OTHERS.get(f"{command} {option}", WORDS.get(option, ()))
 
 
@@ -86,39 +89,14 @@ def _bash(commands: Parsers) -> str:
         first = shlex.quote(" ".join(_first(name, commands)))
         for option in _options(parser):
             if _words(name, option):
-                lines.append(
-                    f"      {name}:{option}) words={shlex.quote(' '.join(_words(name, option)))} "
-                    "files= ;;"
-                )
+                words = shlex.quote(" ".join(_words(name, option)))
+                lines.append(f"      {name}:{option}) words={words} files= ;;")
         lines += [
             f"      {name}:*) words={first}",
             f"        [[ $current == -* ]] && words={options} files= ;;",
         ]
     top = shlex.quote(" ".join([*commands, "--help", "--version", "-V"]))
-    return "\n".join(
-        [
-            "_octo() {",
-            "  local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= "
-            "files=yes",
-            "  [[ $current == '=' ]] && current=",
-            "  [[ $before == '=' ]] && before=${COMP_WORDS[COMP_CWORD-2]}",
-            "  if (( COMP_CWORD == 1 )); then",
-            f"    words={top} files=",
-            "  else",
-            "    case ${COMP_WORDS[1]}:$before in",
-            *lines,
-            "    esac",
-            "  fi",
-            '  COMPREPLY=($(compgen -W "$words" -- "$current"))',
-            '  [[ $files ]] && COMPREPLY+=($(compgen -f -- "$current"))',
-            "}",
-            "complete -o filenames -F _octo octo",
-        ]
-    )
-
-
-def _zsh(commands: Parsers) -> str:
-    return f"autoload -U +X bashcompinit && bashcompinit\n{_bash(commands)}"
+    return BASH.replace("TOP", top).replace("CASES", "\n".join(lines))
 
 
 def _fish(commands: Parsers) -> str:
@@ -135,13 +113,9 @@ def _fish(commands: Parsers) -> str:
         for name in _options(parser):
             action = parser._option_string_actions[name]
             takes = "" if action.nargs == 0 else " -r"
-            words = (
-                f" -a {shlex.quote(' '.join(_words(command, name)))}"
-                if _words(command, name)
-                else ""
-            )
+            own = shlex.quote(" ".join(_words(command, name)))
+            words = f" -a {own}" if _words(command, name) else ""
             text = " ".join((action.help or "").replace("%%", "%").split())
-            lines.append(
-                f"{here} -l {name.removeprefix('--')}{takes}{words} -d {shlex.quote(text)}"
-            )
+            option = f"-l {name.removeprefix('--')}{takes}{words}"
+            lines.append(f"{here} {option} -d {shlex.quote(text)}")
     return "\n".join(lines)

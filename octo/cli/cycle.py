@@ -12,17 +12,15 @@ from pathlib import Path
 from octo.cli.arguments import (
     add_base_arguments,
     add_law_argument,
+    add_options,
     add_solver_arguments,
-    law_of,
     number,
-    pose_of,
     robot_of,
     solver_options,
-    terrain_of,
     whole,
 )
 from octo.cli.output import OutputFolder, default_folder
-from octo.cli.solve import FILES, write
+from octo.cli.solve import FILES, surroundings, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -40,16 +38,14 @@ Period = float | tuple[float, float] | None
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_base_arguments(parser)
     add_law_argument(parser)
-    parser.add_argument(
-        "--speed", type=number, default=0.5, help="m/s along the heading (default 0.5)"
+    periods = (
+        "s, of a whole stride; of a range, and of the robot's usual strides, the one of least work "
+        "(default 0.8)"
     )
-    parser.add_argument(
-        "--period",
-        type=period,
-        default=0.8,
-        metavar="T|LOW,HIGH|auto",
-        help="s, of a whole stride; of a range, and of the robot's usual strides, the one of "
-        "least work (default 0.8)",
+    add_options(
+        parser,
+        ("--speed", number, 0.5, "m/s along the heading"),
+        ("--period", period, 0.8, periods, "T|LOW,HIGH|auto"),
     )
     parser.add_argument(
         "--mirror",
@@ -57,20 +53,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="solve for half a stride, the other half is its mirror image (default: where the "
         "robot and the motion have one)",
     )
-    parser.add_argument(
-        "--turn", type=number, default=0.0, help="rad a stride, to the left (default 0)"
-    )
-    parser.add_argument("--sideways", type=number, default=0.0, help="m/s, to the left (default 0)")
-    parser.add_argument(
-        "--steps",
-        type=whole(1),
-        default=0,
-        help="of what is solved for (default: steps of 0.025 s or less)",
+    add_options(
+        parser,
+        ("--turn", number, 0.0, "rad a stride, to the left"),
+        ("--sideways", number, 0.0, "m/s, to the left"),
+        ("--steps", whole(1), 0, "of what is solved for (default: steps of 0.025 s or less)"),
     )
     add_solver_arguments(parser, seeds=5)
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-cycle)"
-    )
+    where = "folder of the four files (default ./octo-ROBOT-cycle)"
+    add_options(parser, ("--out", None, None, where, "DIR"))
     parser.set_defaults(run=run)
 
 
@@ -130,23 +121,13 @@ def described(robot: Character, arguments: argparse.Namespace) -> Problem:
         turn=arguments.turn,
         sideways=arguments.sideways,
     )
-    problem = Problem(
-        robot,
-        steps=arguments.steps,
-        costs=[Effort()],
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-        pose=pose_of(robot, arguments.pose),
-        cycle=cycle,
-    )
+    where = surroundings(robot, arguments)
+    problem = Problem(robot, steps=arguments.steps, costs=[Effort()], cycle=cycle, **where)
     if given is None:
         speed = math.hypot(arguments.speed, arguments.sideways)
         low, high = usual_periods(problem.length, speed)
-        print(
-            f"octo: legs of {problem.length:.2g} m at {speed:g} m/s: periods of {low:.2g} to "
-            f"{high:.2g} s",
-            file=sys.stderr,
-        )
+        legs, periods = f"legs of {problem.length:.2g} m", f"periods of {low:.2g} to {high:.2g} s"
+        print(f"octo: {legs} at {speed:g} m/s: {periods}", file=sys.stderr)
         cycle = replace(cycle, period=(low, high))
     return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
 

@@ -1,5 +1,4 @@
-"""``octo info`` and ``octo robots``: what a file holds, what octo brings along, what this machine
-can use."""
+"""``octo info`` and ``octo robots``: what a file, octo, or this machine has."""
 
 from __future__ import annotations
 
@@ -8,6 +7,7 @@ import json
 import os
 from typing import Any
 
+from octo.cli.arguments import BASE, add_options
 from octo.cli.solve import finite
 from octo.devices import devices
 from octo.errors import UsageError
@@ -26,50 +26,42 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
         help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), "
         "or its folder",
     )
-    parser.add_argument(
-        "--base",
-        default="auto",
-        help="auto, floating or fixed (auto: an MJCF as written, a URDF floating)",
+    add_options(
+        parser,
+        ("--base", None, "auto", BASE),
+        ("--devices", bool, False, "what this machine can solve on"),
+        ("--json", bool, False, "print JSON and nothing else"),
     )
-    parser.add_argument("--devices", action="store_true", help="what this machine can solve on")
-    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
     parser.set_defaults(run=info)
 
 
 def add_robots_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
+    add_options(parser, ("--json", bool, False, "print JSON and nothing else"))
     parser.set_defaults(run=robots)
 
 
 def info(arguments: argparse.Namespace) -> int:
     if arguments.devices == (arguments.file is not None):
         raise UsageError("octo info needs a FILE or --devices, and not both")
+    file = arguments.file
     if arguments.devices:
-        show(devices(), arguments.json)
-    elif arguments.file.endswith(".npz") or (
-        os.path.isdir(arguments.file) and arguments.file not in CHARACTERS
-    ):
-        found = opened(arguments.file)
-        print(json.dumps(finite(found.report()), ensure_ascii=False) if arguments.json else found)
+        known = devices()
+        width = max(len(key) for key in known) + 2
+        lines = "\n".join(f"{key:{width}s}{value}" for key, value in known.items())
+        print(as_json(known) if arguments.json else lines)
+    elif file.endswith(".npz") or (os.path.isdir(file) and file not in CHARACTERS):
+        found = opened(file)
+        print(as_json(found.report()) if arguments.json else found)
     else:
-        robot = load(arguments.file, arguments.base)
-        print(
-            json.dumps(finite(describe(robot)), ensure_ascii=False)
-            if arguments.json
-            else robot.summary()
-        )
+        robot = load(file, arguments.base)
+        print(as_json(describe(robot)) if arguments.json else robot.summary())
     return 0
 
 
 def robots(arguments: argparse.Namespace) -> int:
     characters = {name: make() for name, make in CHARACTERS.items()}
     if arguments.json:
-        print(
-            json.dumps(
-                finite({name: describe(character) for name, character in characters.items()}),
-                ensure_ascii=False,
-            )
-        )
+        print(as_json({name: describe(character) for name, character in characters.items()}))
         return 0
     for name, character in characters.items():
         print(f"{name:10s}{line_of(character)}")
@@ -84,11 +76,5 @@ def line_of(character: Character) -> str:
     )
 
 
-def show(values: dict[str, Any], as_json: bool) -> None:
-    """A dictionary as JSON or as one line a key."""
-    if as_json:
-        print(json.dumps(finite(values), ensure_ascii=False))
-        return
-    width = max(len(key) for key in values) + 2
-    for key, value in values.items():
-        print(f"{key:{width}s}{value}")
+def as_json(values: Any) -> str:
+    return json.dumps(finite(values), ensure_ascii=False)

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from octo.checks import one_of
 from octo.cli.arguments import (
     add_base_arguments,
     add_device_argument,
+    add_options,
     number,
     pose_of,
     positive,
@@ -36,102 +38,45 @@ NOISE = 0.02  # rad and m, of its joints
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_base_arguments(parser)
-    parser.add_argument(
-        "--goal", default="walk", help="walk, stride (sideways), turn or stand (default walk)"
+    add_options(
+        parser,
+        ("--goal", None, "walk", "walk, stride (sideways), turn or stand"),
+        ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
+        ("--plant", None, "mujoco", "mujoco, or octo: its own implicit simulation"),
+        # what the controller computes, how often and where
+        ("--horizon", whole(3), 25, "steps of the plan"),
+        ("--dt", positive, 0.04, "s, of one step of the plan"),
+        ("--basis", None, "nodes", "of the plan: nodes, control has no other"),
+        ("--iterations", whole(1), 1, "of Gauss-Newton in one call"),
+        ("--rate", positive, 100.0, "Hz, of the controller's calls"),
+        ("--budget", positive, None, "s, of one call (default: no limit)"),
     )
-    parser.add_argument(
-        "--speed",
-        type=number,
-        default=0.5,
-        help="m/s; rad/s for turn, its sign the side (default 0.5)",
-    )
-    parser.add_argument(
-        "--plant",
-        default="mujoco",
-        help="mujoco, or octo: its own implicit simulation (default mujoco)",
-    )
-    _add_plan_arguments(parser)
-    _add_plant_arguments(parser)
-    parser.add_argument("--seconds", type=positive, default=10.0, help="s, of motion (default 10)")
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, help="of the start, the noise and the bumps (default 0)"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-mpc)"
+    where = "cpu; auto is cpu too, control has no loop on a GPU (default cpu)"
+    add_device_argument(parser, "cpu", where)
+    force = "newtons on the base for seconds from t = 5 s on, degrees from ahead"
+    clock = "the plant keeps the clock's pace, the controller has a thread"
+    add_options(
+        parser,
+        # the plant, and what the plan does not know of it
+        ("--friction", number, 0.8, "between the plant's feet and ground"),
+        ("--plan-friction", positive, 0.8, "in the plan"),
+        ("--delay", whole(0), 0, "ticks from a measurement to its command"),
+        ("--payload", number, 0.0, "parts of the trunk's mass, unknown to the plan"),
+        ("--noise", number, 0.0, "of the sensors, 1 is a robot's"),
+        ("--bumps", number, 0.0, "m, height of boxes the plan does not know"),
+        ("--push", None, None, force, "N,S,DEG"),
+        ("--realtime", bool, False, clock),
+        ("--seconds", positive, 10.0, "s, of motion"),
+        ("--seed", whole(0), 0, "of the start, the noise and the bumps"),
+        ("--out", None, None, "folder of the four files (default ./octo-ROBOT-mpc)", "DIR"),
     )
     parser.set_defaults(run=run)
 
 
-def _add_plan_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the controller computes, how often and where."""
-    parser.add_argument(
-        "--horizon", type=whole(3), default=25, help="steps of the plan (default 25)"
-    )
-    parser.add_argument(
-        "--dt", type=positive, default=0.04, help="s, of one step of the plan (default 0.04)"
-    )
-    parser.add_argument(
-        "--basis", default="nodes", help="of the plan: nodes, control has no other (default nodes)"
-    )
-    parser.add_argument(
-        "--iterations", type=whole(1), default=1, help="of Gauss-Newton in one call (default 1)"
-    )
-    parser.add_argument(
-        "--rate", type=positive, default=100.0, help="Hz, of the controller's calls (default 100)"
-    )
-    parser.add_argument("--budget", type=positive, help="s, of one call (default: no limit)")
-    add_device_argument(
-        parser, "cpu", "cpu; auto is cpu too, control has no loop on a GPU (default cpu)"
-    )
-
-
-def _add_plant_arguments(parser: argparse.ArgumentParser) -> None:
-    """The plant, and what the plan does not know of it."""
-    parser.add_argument(
-        "--friction",
-        type=number,
-        default=0.8,
-        help="between the plant's feet and ground (default 0.8)",
-    )
-    parser.add_argument(
-        "--plan-friction", type=positive, default=0.8, help="in the plan (default 0.8)"
-    )
-    parser.add_argument(
-        "--delay",
-        type=whole(0),
-        default=0,
-        help="ticks from a measurement to its command (default 0)",
-    )
-    parser.add_argument(
-        "--payload",
-        type=number,
-        default=0.0,
-        help="parts of the trunk's mass, unknown to the plan (default 0)",
-    )
-    parser.add_argument(
-        "--noise", type=number, default=0.0, help="of the sensors, 1 is a robot's (default 0)"
-    )
-    parser.add_argument(
-        "--bumps",
-        type=number,
-        default=0.0,
-        help="m, height of boxes the plan does not know (default 0)",
-    )
-    parser.add_argument(
-        "--push",
-        metavar="N,S,DEG",
-        help="newtons on the base for seconds from t = 5 s on, degrees from ahead",
-    )
-    parser.add_argument(
-        "--realtime",
-        action="store_true",
-        help="the plant keeps the clock's pace, the controller has a thread",
-    )
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
-    goal = _goal(arguments)
+    one_of("goal", arguments.goal, GOALS)
+    goal = Goal(arguments.goal, arguments.speed)
     push = _push(arguments.push)
     _check_words(arguments)
     folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
@@ -155,35 +100,24 @@ def run(arguments: argparse.Namespace) -> int:
     x[robot.actuated] += NOISE * rng.standard_normal(robot.nu)
     x[robot.base_coordinate + 2] += RAISED
     plant.reset_chart(x)
-    log = close_the_loop(
-        controller,
-        plant,
-        arguments.seconds,
-        rate=arguments.rate,
-        realtime=arguments.realtime,
-        noise=arguments.noise,
-        delay=arguments.delay,
-        push=push,
-        seed=arguments.seed,
-    )
+    own = {
+        name: getattr(arguments, name) for name in ("rate", "realtime", "noise", "delay", "seed")
+    }
+    log = close_the_loop(controller, plant, arguments.seconds, push=push, **own)
     known = {"robot": robot.name, "goal": goal.kind}
     _write(folder, log, {**known, "plant": arguments.plant, "seed": arguments.seed})
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
-        print(
-            f"octo: interrupted at t = {log.t[-1]:.2f} s of {arguments.seconds:g}: what there was "
-            "is written",
-            file=sys.stderr,
-        )
+        when = f"{log.t[-1]:.2f} s of {arguments.seconds:g}"
+        print(f"octo: interrupted at t = {when}: what there was is written", file=sys.stderr)
         return 130
     return 0
 
 
 def _check_words(arguments: argparse.Namespace) -> None:
     """Refuse what needs no robot to be refused."""
-    if arguments.plant not in PLANTS:
-        raise UnknownNameError("plant", arguments.plant, PLANTS)
+    one_of("plant", arguments.plant, PLANTS)
     if arguments.basis != "nodes":
         if arguments.basis != "hermite":
             raise UnknownNameError("basis", arguments.basis, ("nodes",))
@@ -221,26 +155,13 @@ def make_plant(
         from octo.plant import SimulatorPlant
 
         parameters = {"contact.mu": arguments.friction}
-        return SimulatorPlant(
-            robot,
-            law=problem.law,
-            terrain=terrain,
-            parameters=parameters,
-            timestep=PERIOD,
-            payload=arguments.payload,
-        )
+        own = {"law": problem.law, "parameters": parameters, "payload": arguments.payload}
+        return SimulatorPlant(robot, terrain=terrain, timestep=PERIOD, **own)
     from octo.plant import MujocoPlant
 
     assert isinstance(terrain, Plane)  # what _check_plant lets through
-    return MujocoPlant(
-        robot,
-        terrain=terrain,
-        friction=arguments.friction,
-        payload=arguments.payload,
-        bumps=arguments.bumps,
-        seed=arguments.seed,
-        timestep=PERIOD,
-    )
+    own = {name: getattr(arguments, name) for name in ("friction", "payload", "bumps", "seed")}
+    return MujocoPlant(robot, terrain=terrain, timestep=PERIOD, **own)
 
 
 def _check_plant(
@@ -261,12 +182,6 @@ def _check_plant(
         import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)
     timing(arguments.seconds, arguments.rate, PERIOD, push, arguments.delay)
-
-
-def _goal(arguments: argparse.Namespace) -> Goal:
-    if arguments.goal not in GOALS:
-        raise UnknownNameError("goal", arguments.goal, GOALS)
-    return Goal(arguments.goal, arguments.speed)
 
 
 def _push(word: str | None) -> Any:

@@ -56,10 +56,8 @@ def _velocity(log: Log, axes: Axes) -> None:
         axes.plot(log.t, log.wanted[:, k], color=COLORS[k], lw=0.8, ls=":")
     # being put back after a fall is no motion
     reach = 0.3 + 1.5 * float(np.abs(log.wanted).max(initial=0.0))
-    axes.set(
-        ylim=(-reach, reach),
-        title="velocity of the centre of mass, mean over 0.2 s; command dotted",
-    )
+    axes.set_ylim(-reach, reach)
+    axes.set_title("velocity of the centre of mass, mean over 0.2 s; command dotted")
     axes.legend(ncols=3, loc="lower right")
 
 
@@ -71,9 +69,8 @@ def _smooth(values: np.ndarray, tick: float) -> np.ndarray:
 def _base(log: Log, axes: Axes) -> None:
     first = log.robot.base_coordinate
     for k, name in ((4, "middle angle (rad)"), (5, "inner angle (rad)"), (2, "height (m)")):
-        axes.plot(
-            log.t, log.x[:, first + k], lw=1.1, color=COLORS[(k + 1) % len(COLORS)], label=name
-        )
+        color = COLORS[(k + 1) % len(COLORS)]
+        axes.plot(log.t, log.x[:, first + k], lw=1.1, color=color, label=name)
     axes.set_title("base")
     axes.legend(ncols=3, loc="lower right")
 
@@ -81,9 +78,8 @@ def _base(log: Log, axes: Axes) -> None:
 def _feet(log: Log, axes: Axes) -> None:
     names = [log.robot.contacts[log.robot.terrain_contacts[c]].name for c in log.feet]
     for c, name in enumerate(names):
-        axes.plot(
-            log.t, 100.0 * log.foot_height[:, c], lw=1.0, color=COLORS[c % len(COLORS)], label=name
-        )
+        height, color = 100.0 * log.foot_height[:, c], COLORS[c % len(COLORS)]
+        axes.plot(log.t, height, lw=1.0, color=color, label=name)
     axes.set_title(f"feet over the ground (cm); they slip {log.slip:.3f} m/s rms")
     if names:
         axes.legend(ncols=min(len(names), 6), loc="upper right")
@@ -93,16 +89,9 @@ def _torque(log: Log, axes: Axes) -> None:
     limit = log.robot.torque_limit
     has = np.isfinite(limit) & (limit > 0.0)
     if has.any():
-        axes.plot(
-            log.t,
-            np.abs(log.u[:, has] / limit[has]).max(axis=1),
-            lw=0.9,
-            color=COLORS[0],
-            label="given",
-        )
-        axes.plot(
-            log.t, np.minimum(log.excess, 3.0), lw=0.9, color=COLORS[1], label="planned (cut at 3)"
-        )
+        given, planned = np.abs(log.u[:, has] / limit[has]).max(axis=1), np.minimum(log.excess, 3.0)
+        axes.plot(log.t, given, lw=0.9, color=COLORS[0], label="given")
+        axes.plot(log.t, planned, lw=0.9, color=COLORS[1], label="planned (cut at 3)")
         axes.legend(ncols=2, loc="upper right")
     axes.set_title("largest torque / limit")
 
@@ -110,10 +99,8 @@ def _torque(log: Log, axes: Axes) -> None:
 def _seconds(log: Log, axes: Axes) -> None:
     axes.plot(log.t, 1e3 * log.seconds, lw=0.7, color=COLORS[0])
     latency = log.latency()
-    axes.set(
-        title=f"step (ms): p50 {1e3 * latency['p50']:.2f}, p99 {1e3 * latency['p99']:.2f}",
-        yscale="log",
-    )
+    title = f"step (ms): p50 {1e3 * latency['p50']:.2f}, p99 {1e3 * latency['p99']:.2f}"
+    axes.set(title=title, yscale="log")
 
 
 def _plan(log: Log, axes: Axes) -> None:

@@ -1,5 +1,4 @@
-"""Files of a command: the folder is checked first, files are written beside, then renamed; numbers
-before pictures."""
+"""Files of a command: the folder is checked first, numbers are written before pictures."""
 
 from __future__ import annotations
 
@@ -76,10 +75,8 @@ class OutputFolder:
         OutputError: the numbers cannot be written here; says where they are instead.
         KeyboardInterrupt: while pictures were drawn; says where the numbers are.
         """
-        numbers = {
-            name: writer for name, writer in writers.items() if Path(name).suffix not in PICTURES
-        }
-        pictures = {name: writer for name, writer in writers.items() if name not in numbers}
+        pictures = {k: writer for k, writer in writers.items() if Path(k).suffix in PICTURES}
+        numbers = {k: writer for k, writer in writers.items() if k not in pictures}
         written = False
         try:
             with postponed():
@@ -96,11 +93,9 @@ class OutputFolder:
         except KeyboardInterrupt:
             if not written:
                 raise
-            said = (
-                f"{_listed(numbers)} in {self.path}, not all of {_listed(pictures)}"
-                if pictures
-                else f"all is in {self.path}"
-            )
+            said = f"all is in {self.path}"
+            if pictures:
+                said = f"{_listed(numbers)} in {self.path}, not all of {_listed(pictures)}"
             raise KeyboardInterrupt(said) from None
 
     @staticmethod

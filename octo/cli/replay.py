@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 
-from octo.cli.arguments import positive, whole
+from octo.checks import one_of
+from octo.cli.arguments import add_options, positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.errors import UnknownNameError
 from octo.replay import Replay, replay
 from octo.replay.run import FEEDBACKS
 from octo.result.solution import Solution
@@ -21,64 +21,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "solution", metavar="SOLUTION", help="what `octo solve` wrote: solution.npz or its folder"
     )
-    parser.add_argument("--plant", default="mujoco", help="mujoco (default)")
-    parser.add_argument(
-        "--kp", type=positive, help="N m/rad, of every joint (default: in proportion to the robot)"
-    )
-    parser.add_argument(
-        "--kd",
-        type=positive,
-        help="N m s/rad, of every joint (default: in proportion to the robot)",
-    )
-    parser.add_argument(
-        "--friction",
-        type=positive,
-        default=0.8,
-        help="sliding coefficient of the plant (default 0.8)",
-    )
-    parser.add_argument(
-        "--starts", type=whole(1), help="perturbed starts (default: the plan's own start, once)"
-    )
-    parser.add_argument("--seed", type=whole(0), default=0, help="of the perturbations (default 0)")
-    parser.add_argument(
-        "--feedback",
-        default="base",
-        help="base: a wrench on the base beside the PD (default), or none",
-    )
-    parser.add_argument(
-        "--timestep", type=positive, default=0.001, help="s, of plant and control (default 0.001)"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-replay)"
+    every = "of every joint (default: in proportion to the robot)"
+    starts = "perturbed starts (default: the plan's own start, once)"
+    wrench = "base: a wrench on the base beside the PD (default), or none"
+    add_options(
+        parser,
+        ("--plant", None, "mujoco", "mujoco (default)"),
+        ("--kp", positive, None, f"N m/rad, {every}"),
+        ("--kd", positive, None, f"N m s/rad, {every}"),
+        ("--friction", positive, 0.8, "sliding coefficient of the plant"),
+        ("--starts", whole(1), None, starts),
+        ("--seed", whole(0), 0, "of the perturbations"),
+        ("--feedback", None, "base", wrench),
+        ("--timestep", positive, 0.001, "s, of plant and control"),
+        ("--out", None, None, "folder of the files (default ./octo-ROBOT-replay)", "DIR"),
     )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    for kind, name, valid in (
-        ("plant", arguments.plant, PLANTS),
-        ("feedback", arguments.feedback, FEEDBACKS),
-    ):
-        if name not in valid:
-            raise UnknownNameError(kind, name, valid)
+    one_of("plant", arguments.plant, PLANTS)
+    one_of("feedback", arguments.feedback, FEEDBACKS)
     plan = Solution.load(arguments.solution)
     folder = OutputFolder(arguments.out or default_folder(plan.name, "replay"))
     folder.check(FILES)
     if not plan.converged:
-        print(
-            f"octo: the plan is {plan.status.label}: what a plant makes of it says little",
-            file=sys.stderr,
-        )
-    done = replay(
-        plan,
-        kp=arguments.kp,
-        kd=arguments.kd,
-        friction=arguments.friction,
-        starts=arguments.starts,
-        seed=arguments.seed,
-        feedback=arguments.feedback,
-        timestep=arguments.timestep,
-    )
+        what = f"the plan is {plan.status.label}"
+        print(f"octo: {what}: what a plant makes of it says little", file=sys.stderr)
+    names = ("kp", "kd", "friction", "starts", "seed", "feedback", "timestep")
+    done = replay(plan, **{name: getattr(arguments, name) for name in names})
     write(folder, done)
     print(done)
     print(f"written to {folder.path}")

@@ -6,10 +6,12 @@ import argparse
 import dataclasses
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from octo.cli.arguments import (
+    add_options,
     add_robot_arguments,
     law_of,
     number,
@@ -25,30 +27,26 @@ from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
 from octo.dynamics.static_pose import inside_limits
-from octo.model.body import Joint
 from octo.model.character import Character
 from octo.model.quantities import GRAVITY, Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.measure import measured
-from octo.result.solution import Solution
-from octo.solver.status import HISTORY, Status
+from octo.result.solution import Solution, recorded
+from octo.solver.status import Status
 
 FILES = ("solution.npz", "report.json", "motion.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_arguments(parser)
-    parser.add_argument("--seconds", type=positive, default=2.0, help="s, of motion (default 2)")
-    parser.add_argument(
-        "--height", type=number, default=0.0, help="m, the start is raised by (default 0)"
-    )
-    parser.add_argument(
-        "--hold", action="store_true", help="springs in the actuated joints hold the start's pose"
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the files (default ./octo-ROBOT-simulate)"
+    add_options(
+        parser,
+        ("--seconds", positive, 2.0, "s, of motion"),
+        ("--height", number, 0.0, "m, the start is raised by"),
+        ("--hold", bool, False, "springs in the actuated joints hold the start's pose"),
+        ("--out", None, None, "folder of the files (default ./octo-ROBOT-simulate)", "DIR"),
     )
     parser.set_defaults(run=run)
 
@@ -82,14 +80,9 @@ def placed(
     start = inside_limits(robot, default if pose is None else pose)
     if arguments.hold:
         robot = held(robot, start)
-    draft = Problem(
-        robot,
-        steps=steps,
-        dt=arguments.dt,
-        costs=[Effort()],
-        terrain=terrain_of(arguments.terrain),
-        law=law_of(arguments.friction),
-    )
+    terrain, law = terrain_of(arguments.terrain), law_of(arguments.friction)
+    own: dict[str, Any] = {"steps": steps, "dt": arguments.dt, "costs": [Effort()]}
+    draft = Problem(robot, terrain=terrain, law=law, **own)
     assert isinstance(draft.dynamics, RobotDynamics)
     balance = Balance(draft.dynamics, draft.p, start)
     start = balance.start.copy()
@@ -103,19 +96,15 @@ def held(robot: Character, pose: Array) -> Character:
     a metre."""
     stiffness = 10.0 * robot.mass * GRAVITY * 0.1  # N m/rad, or N/m of a slide
 
-    def spring(joint: Joint, rest: float) -> Joint:
-        return (
-            dataclasses.replace(joint, stiffness=stiffness, damping=0.1 * stiffness, rest=rest)
-            if joint.actuated
-            else joint
-        )
-
     bodies = []
     for body, first in zip(robot.bodies, robot.first_joint, strict=True):
-        joints = tuple(
-            spring(joint, float(pose[j])) for j, joint in enumerate(body.joints, start=int(first))
-        )
-        bodies.append(dataclasses.replace(body, joints=joints))
+        joints = list(body.joints)
+        for k, joint in enumerate(joints):
+            if joint.actuated:
+                rest = float(pose[int(first) + k])
+                spring = dataclasses.replace(joint, stiffness=stiffness, rest=rest)
+                joints[k] = dataclasses.replace(spring, damping=0.1 * stiffness)
+        bodies.append(dataclasses.replace(body, joints=tuple(joints)))
     return dataclasses.replace(robot, bodies=tuple(bodies))
 
 
@@ -124,16 +113,9 @@ def measured_motion(problem: Problem, motion: Motion, setup: float, seconds: flo
     compiled = CompiledProblem([problem])
     at = compiled.evaluate(compiled.unknowns(motion.x[None]))
     solved = bool(motion.converged.all())
-    return Solution(
-        **measured(compiled, at, 0),
-        multipliers=np.zeros((compiled.K, compiled.ma)),
-        status=Status.SIMULATED if solved else Status.UNSOLVED,
-        iterations=0,
-        factorizations=0,
-        history={name: np.zeros(0) for name in HISTORY},
-        seconds=seconds,
-        setup_seconds=setup,
-    )
+    status = Status.SIMULATED if solved else Status.UNSOLVED
+    own = {"multipliers": np.zeros((compiled.K, compiled.ma)), "status": status}
+    return recorded(**measured(compiled, at, 0), **own, seconds=seconds, setup_seconds=setup)
 
 
 def write(folder: OutputFolder, solution: Solution) -> None:

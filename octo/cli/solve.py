@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from octo.cli.arguments import (
+    add_options,
     add_robot_arguments,
     add_solver_arguments,
     law_of,
@@ -41,16 +42,12 @@ FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_goal_arguments(parser, costs=None, seeds=None)
-    parser.add_argument(
-        "--period",
-        type=positive,
-        help="s, of the stride of a natural motion (default: of several the best)",
-    )
-    parser.add_argument(
-        "--out", metavar="DIR", help="folder of the four files (default ./octo-ROBOT-GOAL)"
-    )
-    parser.add_argument(
-        "--accept-missed", action="store_true", help="exit with 0 also when the goal is missed"
+    stride = "s, of the stride of a natural motion (default: of several the best)"
+    add_options(
+        parser,
+        ("--period", positive, None, stride),
+        ("--out", None, None, "folder of the four files (default ./octo-ROBOT-GOAL)", "DIR"),
+        ("--accept-missed", bool, False, "exit with 0 also when the goal is missed"),
     )
     parser.set_defaults(run=run)
 
@@ -63,51 +60,30 @@ def add_goal_arguments(
 ) -> None:
     """What is solved and how, without where it is written; what is None follows from the goal."""
     add_robot_arguments(parser)
-    parser.add_argument(
-        "--goal", default="walk", help="walk, stride (sideways), turn, jump or stand (default walk)"
+    terms = (
+        "natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing else; "
+        "robot: a plan that a plant should follow (default "
+        f"{costs or 'natural, with --basis hermite paper'}); a jump has its own"
     )
-    parser.add_argument(
-        "--speed",
-        type=number,
-        default=0.5,
-        help="m/s; rad/s for turn, its sign the side (default 0.5)",
-    )
-    parser.add_argument("--distance", type=number, default=0.5, help="m, of a jump (default 0.5)")
-    parser.add_argument(
-        "--height",
-        type=number,
-        default=0.2,
-        help="m, of the centre of mass gained by a jump (default 0.2)",
-    )
-    parser.add_argument(
-        "--seconds", type=positive, help="s, of motion (default 10; a jump takes what it needs)"
-    )
-    parser.add_argument(
-        "--basis", default="nodes", help="nodes or hermite (segments of 10 steps; default nodes)"
-    )
-    parser.add_argument(
-        "--costs",
-        default=costs,
-        help="natural: a motion to keep, from rest to rest; paper: a speed and effort, nothing "
-        "else; robot: a plan that a plant "
-        f"should follow (default {costs or 'natural, with --basis hermite paper'}); a jump "
-        "has its own",
-    )
-    add_solver_arguments(
+    add_options(
         parser,
-        device,
-        seeds,
-        starts=None if seeds else "3 of each period of a stride, 1 of other problems",
+        ("--goal", None, "walk", "walk, stride (sideways), turn, jump or stand"),
+        ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
+        ("--distance", number, 0.5, "m, of a jump"),
+        ("--height", number, 0.2, "m, of the centre of mass gained by a jump"),
+        ("--seconds", positive, None, "s, of motion (default 10; a jump takes what it needs)"),
+        ("--basis", None, "nodes", "nodes or hermite (segments of 10 steps; default nodes)"),
+        ("--costs", None, costs, terms),
     )
+    starts = None if seeds else "3 of each period of a stride, 1 of other problems"
+    add_solver_arguments(parser, device, seeds, starts)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
     arguments.costs = costs_of(arguments)
-    goal = Goal(
-        arguments.goal, arguments.speed, arguments.distance, arguments.height, arguments.costs
-    )
+    goal = goal_of(arguments)
     composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
@@ -123,9 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     if composed:
         solution = from_rest_to_rest(robot, goal, arguments, began)
     else:
-        solution = as_one_problem(
-            described(robot, goal, steps, arguments), goal, start, arguments, began
-        )
+        problem = described(robot, goal, steps, arguments)
+        solution = as_one_problem(problem, goal, start, arguments, began)
     solution = goal.said(solution)
     write(folder, solution, lambda: report(solution, goal))
     print(solution)
@@ -135,6 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
+
+
+def goal_of(arguments: argparse.Namespace) -> Goal:
+    names = ("goal", "speed", "distance", "height", "costs")
+    return Goal(*(getattr(arguments, name) for name in names))
 
 
 def costs_of(arguments: argparse.Namespace) -> str:
@@ -159,10 +139,8 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
                     "add --costs paper"
                 )
     elif arguments.period is not None:
-        raise UsageError(
-            "--period is of a stride: it goes with --costs natural and --goal "
-            f"{', '.join(COMPOSED)}"
-        )
+        goes = f"it goes with --costs natural and --goal {', '.join(COMPOSED)}"
+        raise UsageError(f"--period is of a stride: {goes}")
     if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
         raise UsageError(
             "natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add "
@@ -183,9 +161,8 @@ def from_rest_to_rest(
     seconds = SECONDS if arguments.seconds is None else arguments.seconds
     where = surroundings(robot, arguments)
     prepared = time.perf_counter() - began
-    solution: Solution = getattr(motions, goal.kind)(
-        robot, goal.speed, seconds, progress=True, **where, **given
-    )
+    find = getattr(motions, goal.kind)
+    solution: Solution = find(robot, goal.speed, seconds, progress=True, **where, **given)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -202,12 +179,8 @@ def as_one_problem(
 
     prepared = time.perf_counter() - began
     found = solve_jump if goal.kind == "jump" else solve
-    solution = found(
-        problem,
-        start=start,
-        progress=True,
-        **{**solver_options(arguments), "seeds": arguments.seeds or 1},
-    )
+    options = {**solver_options(arguments), "seeds": arguments.seeds or 1}
+    solution = found(problem, start=start, progress=True, **options)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -291,11 +264,9 @@ def write_page(solution: Solution | Sequence[Solution], path: Path, **options: A
     view(solution, path, **options)
 
 
-def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    path.write_text(
-        json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        encoding="utf-8",
-    )
+def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
+    text = json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(f"{text}\n", encoding="utf-8")
 
 
 def finite(value: Any) -> Any:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from octo.checks import STILLS
+from octo.cli.arguments import add_options
 from octo.cli.output import OutputFolder
 from octo.errors import OctoError, OutputError
 from octo.result.solution import Solution
@@ -14,17 +15,10 @@ from octo.saved import motion_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "solution",
-        metavar="SOLUTION",
-        help="what octo wrote: a solution or log (.npz), or its folder",
-    )
-    parser.add_argument(
-        "--out",
-        default="motion.html",
-        metavar="FILE",
-        help="motion.html (default), plots as .png, .pdf, .svg, a table as .csv",
-    )
+    wrote = "what octo wrote: a solution or log (.npz), or its folder"
+    parser.add_argument("solution", metavar="SOLUTION", help=wrote)
+    kinds = "motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
+    add_options(parser, ("--out", None, "motion.html", kinds, "FILE"))
     parser.set_defaults(run=run)
 
 
@@ -39,11 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder.check((out.name,))
     solution = motion_of(arguments.solution)
     for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
-        raise (
-            error
-            if isinstance(error, OctoError)
-            else OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
-        )
+        if isinstance(error, OctoError):
+            raise error
+        raise OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
     print(f"written to {out}")
     return 0
 

@@ -16,16 +16,10 @@ from octo.solver import sqp
 from octo.solver.status import HISTORY, Status
 
 Array = NDArray[np.float64]
-FIGURES = (  # of a motion, that reports keep of each pass
-    "energy",
-    "violation",
-    "pointwise_residual",
-    "penetration",
-    "penetration_max",
-    "slip",
-    "friction_use",
-    "friction_use_95",
-    "torque_excess",
+# of a motion, that reports keep of each pass
+FIGURES = (
+    "energy violation pointwise_residual penetration penetration_max slip friction_use "
+    "friction_use_95 torque_excess"
 )
 CONTACT = ("contact.w_perp", "contact.w_par", "contact.onset")
 
@@ -63,9 +57,8 @@ class Member:
         """
         number, status = len(self.passes) + 1, result.status[place]
         found = measured(compiled, result.at, place)
-        iterations, factorizations = (
-            int(counted[place]) for counted in (result.iterations, result.factorizations)
-        )
+        iterations = int(result.iterations[place])
+        factorizations = int(result.factorizations[place])
         self.passes.append(
             record(
                 number,
@@ -94,22 +87,10 @@ class Member:
 
     def solution(self) -> Solution:
         """The motion, with the iterations and the time of all passes."""
-        return Solution(
-            **self.motion,
-            status=self.status,
-            seed=self.seed,
-            device=self.device,
-            passes=tuple(self.passes),
-            history={
-                name: np.concatenate([columns[name] for columns in self.history])
-                for name in HISTORY
-            },
-            stages=self.stages,
-            iterations=self.iterations,
-            factorizations=self.factorizations,
-            seconds=self.seconds,
-            processor_seconds=self.processor_seconds,
-        )
+        names = ("status", "seed", "device", "stages", "iterations", "factorizations", "seconds")
+        own = {name: getattr(self, name) for name in (*names, "processor_seconds")}
+        history = {name: np.concatenate([part[name] for part in self.history]) for name in HISTORY}
+        return Solution(**self.motion, **own, passes=tuple(self.passes), history=history)
 
 
 def record(
@@ -129,7 +110,7 @@ def record(
         "converged": status.converged,
         "iterations": iterations,
         "factorizations": factorizations,
-        **{name: getattr(motion, name) for name in FIGURES},
+        **{name: getattr(motion, name) for name in FIGURES.split()},
         "seconds": seconds,
         **{name: value for name, value in weights.items() if value is not None},
     }

@@ -61,11 +61,10 @@ class Continuation:
         try:
             for number in range(1, count + 1):
                 self.monitor.begin(number, count)
-                result = (
-                    self._solve(self.options.max_iterations)
-                    if number == 1
-                    else self._stiffer([schedules[k][number - 2 : number] for k in at_work])
-                )
+                if number == 1:
+                    result = self._solve(self.options.max_iterations)
+                else:
+                    result = self._stiffer([schedules[k][number - 2 : number] for k in at_work])
                 converged = [
                     members[k].add(self.compiled, result, place, self.setup_seconds)
                     for place, k in enumerate(at_work)
@@ -91,13 +90,9 @@ class Continuation:
         self.lam = np.ascontiguousarray(result.lam[members])
 
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
-        """From the end of one pass to the end of the next, over the stiffnesses between each
-        member's two."""
-        ways = [
-            (*intermediate(before, after), after)
-            for before, after in ends
-            if before is not None and after is not None
-        ]
+        """From the end of one pass to the end of the next, in steps of the stiffness."""
+        pairs = [(a, b) for a, b in ends if a is not None and b is not None]
+        ways = [(*intermediate(before, after), after) for before, after in pairs]
         results: list[sqp.Result] = []
         for passes in zip(*ways, strict=True):
             last = len(results) + 1 == len(ways[0])
@@ -114,13 +109,11 @@ class Continuation:
         return result
 
     def _set_stiffness(self, passes: Sequence[Pass]) -> None:
-        """The same problems with stiffer contact laws, and the nodes shifted to their new
-        starts."""
+        """The same problems with stiffer contact laws; the nodes are shifted to their starts."""
         began = time.perf_counter()
         before, problems = self.compiled.problems, stiffened(self.compiled.problems, passes)
-        self.nodes = np.stack(
-            [shifted(*one) for one in zip(self.nodes, before, problems, strict=True)]
-        )
+        pairs = zip(self.nodes, before, problems, strict=True)
+        self.nodes = np.stack([shifted(*one) for one in pairs])
         self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
         self.compiled.check_squares("octo.solve")
         self.setup_seconds += time.perf_counter() - began
@@ -129,19 +122,10 @@ class Continuation:
         """One solve with what is left of the time."""
         monitor = self.monitor
         wanted = self.options if monitor.number == monitor.passes else early(self.options)
-        options = replace(
-            wanted,
-            time_limit=max(self.options.time_limit - self.seconds, 1e-9),
-            max_iterations=max_iterations,
-        )
+        left = max(self.options.time_limit - self.seconds, 1e-9)
+        options = replace(wanted, time_limit=left, max_iterations=max_iterations)
         problem = self.backend.place(self.compiled)
-        result = sqp.run(
-            problem,
-            problem.unknowns(self.nodes),
-            self.backend.array(self.lam),
-            options,
-            monitor,
-            self.backend,
-        )
+        start = (problem.unknowns(self.nodes), self.backend.array(self.lam))
+        result = sqp.run(problem, *start, options, monitor, self.backend)
         self.seconds += result.seconds
         return result

@@ -42,7 +42,8 @@ class Pass:
         return {"contact.w_perp": w_perp, **friction, "contact.onset": self.onset}
 
 
-EARLY = {"dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3, "plateau": 10}
+EARLY = {"dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3}
+EARLY_PLATEAU = 10
 
 
 def early(options: SqpOptions) -> SqpOptions:
@@ -50,12 +51,8 @@ def early(options: SqpOptions) -> SqpOptions:
     the next one's."""
     if options.step != "line_search":
         return options
-    wider = {
-        name: max(value, getattr(options, name))
-        for name, value in EARLY.items()
-        if name != "plateau"
-    }
-    return replace(options, plateau=min(int(EARLY["plateau"]), options.plateau), **wider)
+    wider = {name: max(value, getattr(options, name)) for name, value in EARLY.items()}
+    return replace(options, plateau=min(EARLY_PLATEAU, options.plateau), **wider)
 
 
 # a pass reaches its stiffness in so many equal factors (with two, 14 of 15 strides of anymal_b
@@ -73,11 +70,9 @@ def intermediate(first: Pass, last: Pass) -> list[Pass]:
         return a * (b / a) ** part
 
     def ratio(part: float) -> float | None:
-        return (
-            None
-            if first.ratio is None or last.ratio is None
-            else value(first.ratio, last.ratio, part)
-        )
+        if first.ratio is None or last.ratio is None:
+            return None
+        return value(first.ratio, last.ratio, part)
 
     return [
         Pass(value(first.depth, last.depth, f), ratio(f), value(first.onset, last.onset, f))
@@ -90,14 +85,10 @@ def growable(problem: Problem) -> bool:
     caller."""
     names = ("contact.w_perp", "contact.w_par", "contact.onset")
     law, default = problem.law, Smooth()
-    plain = law is None or (
-        isinstance(law, Smooth) and (law.w_perp, law.onset) == (default.w_perp, default.onset)
-    )
-    return (
-        problem.character is not None
-        and plain
-        and not any(name in problem.parameters for name in names)
-    )
+    own = (default.w_perp, default.onset)
+    plain = law is None or (isinstance(law, Smooth) and (law.w_perp, law.onset) == own)
+    given = any(name in problem.parameters for name in names)
+    return problem.character is not None and plain and not given
 
 
 def ratios(problem: Problem) -> tuple[float | None, ...]:
@@ -129,16 +120,12 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
         if count is not None and count > 1:
             raise ProblemError(
                 f"passes is {count}: the stiffness of this contact law is fixed by the caller, "
-                "must "
-                "be 1"
+                "must be 1"
             )
         return [None]
     last = len(DEPTHS) - 1
-    wanted = (
-        (1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS))
-        if count is None
-        else int(count)
-    )
+    usual = 1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)
+    wanted = usual if count is None else int(count)
     ratio, place, length = ratios(problem), [min(k, last) for k in range(wanted)], problem.length
     return [
         Pass(length * DEPTHS[at] / 2.0 ** (k - at), ratio[at], length * ONSETS[at])
@@ -152,11 +139,8 @@ def stiffened(problems: Sequence[Problem], passes: Sequence[Pass | None]) -> lis
     made: dict[tuple[int, Pass | None], Problem] = {}
     for problem, wanted in zip(problems, passes, strict=True):
         if (id(problem), wanted) not in made:
-            made[id(problem), wanted] = (
-                problem
-                if wanted is None
-                else problem.replace(parameters=wanted.parameters(problem.weight))
-            )
+            given = {} if wanted is None else wanted.parameters(problem.weight)
+            made[id(problem), wanted] = problem.replace(parameters=given) if given else problem
     return [made[id(problem), wanted] for problem, wanted in zip(problems, passes, strict=True)]
 
 

@@ -20,6 +20,7 @@ from octo.dynamics.parameters import section
 from octo.dynamics.simulate import Stepper
 from octo.errors import StaticPoseError
 from octo.interrupts import postponed
+from octo.model.chart import chart_angles
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import normal
@@ -63,11 +64,8 @@ class Balance:
         """Signed distance (m) and outward normal (3,) of the terrain at a point (3,) m."""
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
         view, terrain = section(self.dynamics.layout.view(p), "terrain."), self.dynamics.terrain
-        return ca.Function(
-            "ground",
-            [point, p],
-            [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)],
-        )
+        found = [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)]
+        return ca.Function("ground", [point, p], found)
 
     def ground(self, points: Array) -> tuple[Array, Array]:
         """Distance (k,) m and normal (k, 3) at points (k, 3) m."""
@@ -83,8 +81,7 @@ class Balance:
         return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
 
     def _vertical_slide(self) -> tuple[int, int | None]:
-        """The body hung on the world that an unactuated, steep slide lifts, and that slide; else
-        the base and None."""
+        """The body that an unactuated, steep slide lifts, and that slide; else the base, None."""
         robot = self.dynamics.character
         for b, body in enumerate(robot.bodies):
             for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
@@ -96,16 +93,11 @@ class Balance:
     def _lifting_axis(self) -> Array:
         """(3,) world direction in which the lifting slide moves the robot."""
         body = self.dynamics.character.bodies[self.root]
-        j = (
-            self.lift - int(self.dynamics.character.first_joint[self.root])
-            if self.lift is not None
-            else 0
-        )
-        return body.rotation @ body.joints[j].axis
+        first = int(self.dynamics.character.first_joint[self.root])
+        return body.rotation @ body.joints[0 if self.lift is None else self.lift - first].axis
 
     def _along_the_ground(self, x: Array) -> Array:
-        """x with a floating base turned as a slope is turned from the level: feet that were in one
-        plane stay in it."""
+        """x with a floating base turned as the slope is: feet in one plane stay in it."""
         robot = self.dynamics.character
         if robot.base != "floating":
             return x
@@ -114,33 +106,18 @@ class Balance:
         axis = np.cross([0.0, 0.0, 1.0], outward)
         if np.linalg.norm(axis) < 1e-12:
             return x
-        turn = axis_rotation(
-            axis / np.linalg.norm(axis), np.arctan2(np.linalg.norm(axis), outward[2])
-        )
+        sine = np.linalg.norm(axis)
+        turn = axis_rotation(axis / sine, np.arctan2(sine, outward[2]))
         x, first = x.copy(), int(robot.first_joint[self.root]) + 3
         R = robot.bodies[self.root].rotation.T @ turn @ rotation[self.root]
-        if robot.chart == "zyx":
-            angles = (
-                np.arctan2(R[1, 0], R[0, 0]),
-                -np.arcsin(np.clip(R[2, 0], -1, 1)),
-                np.arctan2(R[2, 1], R[2, 2]),
-            )
-        else:
-            angles = (
-                np.arctan2(-R[0, 1], R[1, 1]),
-                np.arcsin(np.clip(R[2, 1], -1, 1)),
-                np.arctan2(-R[2, 0], R[2, 2]),
-            )
         reference = np.array([robot.joints[first + k].reference for k in range(3)])
-        turns = np.asarray(angles) + reference
-        x[first : first + 3] = turns + 2.0 * np.pi * np.round(
-            (x[first : first + 3] - turns) / (2.0 * np.pi)
-        )
+        turns = np.asarray(chart_angles(R, robot.chart)) + reference
+        whole = np.round((x[first : first + 3] - turns) / (2.0 * np.pi))
+        x[first : first + 3] = turns + 2.0 * np.pi * whole
         return x
 
     def _touching(self, x: Array) -> Array:
-        """x with the robot raised or lowered until its lowest contact is on the ground, then until
-        that carries mg."""
+        """x with the robot raised or lowered until its lowest contacts carry mg."""
         robot, j = self.dynamics.character, self.lift
         if j is None or not robot.terrain_contacts:
             return x
@@ -156,9 +133,8 @@ class Balance:
         nodes = np.repeat(x[None], len(depths), axis=0)
         nodes[:, j] -= depths / up
         at = np.repeat(nodes[:, None], 3, axis=1)
-        force = self.dynamics.evaluate(at, np.repeat(self.p[None], len(depths), axis=0))[0][
-            :, 0, j
-        ] * np.sign(up)
+        fd = self.dynamics.evaluate(at, np.repeat(self.p[None], len(depths), axis=0))[0]
+        force = fd[:, 0, j] * np.sign(up)
         carried = np.flatnonzero(force <= 0.0)
         return nodes[int(carried[0])] if len(carried) else nodes[0]
 
@@ -168,9 +144,8 @@ class Balance:
         if not robot.terrain_contacts:
             return 1.0
         _, origin = body_poses(robot, self.start)
-        return max(
-            float(self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))), 0.05
-        )
+        height = self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))
+        return max(float(height), 0.05)
 
     # --- unknowns ---------------------------------------------------------------------------------
 
@@ -185,9 +160,8 @@ class Balance:
         robot, m = self.dynamics.character, len(self.free)
         zero = np.zeros(m)
         force, stiffness, _, _ = self.linearised(self.start, zero, zero)
-        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0) + np.abs(
-            force * self.row_scale
-        )
+        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0)
+        felt += np.abs(force * self.row_scale)
         place = {int(j): k for k, j in enumerate(self.free)}
         body = robot.bodies[self.root]
         _, origin = body_poses(robot, self.start)
@@ -199,16 +173,13 @@ class Balance:
             axis = body.rotation @ joint.axis
             if joint.kind == "slide":
                 columns[place[j]] = np.eye(m)[place[j]]
-                columns[place[j]][place[self.lift]] = -(outward @ axis) / (
-                    outward @ self._lifting_axis()
-                )
+                rise = -(outward @ axis) / (outward @ self._lifting_axis())
+                columns[place[j]][place[self.lift]] = rise
             elif abs(axis[2]) > 0.9:
                 columns[place[j]] = np.eye(m)[place[j]]
         if self.lift is None:
-            idle = [
-                k for j, k in place.items() if robot.joints[j].kind == "slide" and felt[k] <= 1e-12
-            ]
-            columns = {k: np.eye(m)[k] for k in idle}
+            slides = [k for j, k in place.items() if robot.joints[j].kind == "slide"]
+            columns = {k: np.eye(m)[k] for k in slides if felt[k] <= 1e-12}
         drift = np.array(list(columns.values())).reshape(-1, m).T
         return np.setdiff1d(np.arange(m), list(columns)).astype(np.intp), drift
 
@@ -263,10 +234,8 @@ class Balance:
             force, stiffness, friction, inertia = self.linearised(
                 x, *((zero, moved) if sliding else (moved, zero))
             )
-            last = (inertia if sliding else friction) @ drift
-            return self.row_scale * force, self.row_scale[:, None] * np.hstack(
-                [stiffness[:, still], last]
-            ) * unit
+            slopes = np.hstack([stiffness[:, still], (inertia if sliding else friction) @ drift])
+            return self.row_scale * force, self.row_scale[:, None] * slopes * unit
 
         force, jac = rows(x, rate)
         norm = float(np.linalg.norm(force))
@@ -274,20 +243,16 @@ class Balance:
             if norm <= 1e-3 * TOLERANCE or damping > 1e6:
                 break
             change = _levenberg(jac, force, damping)
-            change *= min(
-                1.0, 0.2 / max(float(np.max(np.abs(change[: len(still)]), initial=0.0)), 1e-300)
-            )
+            largest = float(np.max(np.abs(change[: len(still)]), initial=0.0))
+            change *= min(1.0, 0.2 / max(largest, 1e-300))
             moved = unit * change
             trial = x.copy()
             trial[self.free[still]] += moved[: len(still)]
             tried, tried_jac = rows(trial, rate + moved[len(still) :])
             tried_norm = float(np.linalg.norm(tried))
             if tried_norm < norm:
-                x = trial
-                rate = rate + moved[len(still) :]
-                force = tried
-                jac = tried_jac
-                norm = tried_norm
+                x, rate = trial, rate + moved[len(still) :]
+                force, jac, norm = tried, tried_jac, tried_norm
                 damping = 0.0 if damping < 1e-4 else 0.2 * damping
             else:
                 damping = max(1e-3, 4.0 * damping)
@@ -334,28 +299,22 @@ class Balance:
         zero = np.zeros(len(self.free))
         stiffness = self.linearised(x, zero, zero)[1] * self.step_scale * self.step_scale[:, None]
         square = stiffness[np.ix_(self.still, self.still)]
-        return bool(
-            np.all(
-                np.linalg.eigvalsh(0.5 * (square + square.T)) >= -1e-9 * self.weight * self.length
-            )
-        )
+        values = np.linalg.eigvalsh(0.5 * (square + square.T))
+        return bool(np.all(values >= -1e-9 * self.weight * self.length))
 
     def _base_clearance(self, x: Array) -> float:
         """m, lowest contact of the base body above the ground; infinite where it has none."""
         robot = self.dynamics.character
-        own = [
-            k for k, c in enumerate(robot.terrain_contacts) if robot.contacts[c].body == self.root
-        ]
+        bodies = [robot.contacts[c].body for c in robot.terrain_contacts]
+        own = [k for k, body in enumerate(bodies) if body == self.root]
         return float(np.min(self.gaps(x)[own])) if own and self.lift is not None else np.inf
 
     def objection(self, x: Array, residual: float) -> str:
         """Why x is no static pose, or nothing."""
         robot = self.dynamics.character
         if self.lift is not None and self.tilt(x) > MOST_TILT:
-            return (
-                f"{robot.bodies[self.root].name} tips over by "
-                f"{np.rad2deg(self.tilt(x)):.0f} degrees"
-            )
+            degrees = np.rad2deg(self.tilt(x))
+            return f"{robot.bodies[self.root].name} tips over by {degrees:.0f} degrees"
         if not residual <= TOLERANCE:
             if self.lift is not None and not robot.terrain_contacts:
                 return "it has no contact to stand on"
@@ -366,8 +325,7 @@ class Balance:
 
 
 def _levenberg(jac: Array, rows: Array, damping: float) -> Array:
-    """Step (k,) that minimises |rows + jac·step|² + damping·|step|², of least length where it is
-    not unique."""
+    """Step (k,) of least |rows + jac·step|² + damping·|step|², the shortest of several."""
     k = jac.shape[1]
     if damping > 0.0:
         jac = np.vstack([jac, np.sqrt(damping) * np.eye(k)])

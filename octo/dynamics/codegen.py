@@ -64,11 +64,9 @@ def robot_text(
     every lane of a vector."""
     functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
     for order in (0, 1, 2):
-        functions += [
-            stages.body(order, layout),
-            stages.contact(order, layout, law, terrain),
-            stages.joint(order, layout),
-        ]
+        functions.append(stages.body(order, layout))
+        functions.append(stages.contact(order, layout, law, terrain))
+        functions.append(stages.joint(order, layout))
     elements = elements_of(character, layout, Links(character).of)
     functions += elements.functions
     length = sum(function.n_instructions() for function in functions)
@@ -114,34 +112,18 @@ def function_text(fd: ca.Function, lanes: bool = False) -> str:
     gradient = ca.mtimes(jac.T, lam)
     _check_length(z, p, lam, gradient)
     hess = ca.triu2symm(ca.triu(ca.jacobian(gradient, z)))
-    check_length(
-        "these user-written dynamics",
-        ca.Function("curvature", [z, p, lam], [hess]).n_instructions(),
-        HINT,
-    )
-    blocks = [
-        hess[a * n : (a + 1) * n, b * n : (b + 1) * n]
-        for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
-    ]
-    outputs = [
-        value,
-        ca.vec(ca.densify(jac.T)),
-        ca.veccat(*(ca.densify(block.T) for block in blocks)),
-    ]
+    length = ca.Function("curvature", [z, p, lam], [hess]).n_instructions()
+    check_length("these user-written dynamics", length, HINT)
+    blocks = [hess[a * n : (a + 1) * n, b * n : (b + 1) * n] for a, b in slots.BLOCKS]
+    squares = ca.veccat(*(ca.densify(block.T) for block in blocks))
+    outputs = [value, ca.vec(ca.densify(jac.T)), squares]
     outputs = ca.substitute(outputs, [z], [ca.vertcat(*inputs[:3])])
     options = {"cse": True}
     functions = [
         ca.Function(f"octo_fd{order}", inputs, outputs[: order + 1], options) for order in (0, 1, 2)
     ]
-    sizes = {
-        "NX": n,
-        "NB": 0,
-        "NC": 0,
-        "NP": size,
-        "KIN": 0,
-        "WORK": max(f.sz_w() for f in functions),
-        "CURVATURE": len(blocks),
-    }
+    sizes = {"NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0}
+    sizes |= {"WORK": max(f.sz_w() for f in functions), "CURVATURE": len(blocks)}
     if not lanes:
         return "\n".join([HEAD, _generated(functions), _macros(sizes), source("custom.c")])
     made = "\n".join(lanes_text(function, (3,)) for function in functions)
@@ -224,27 +206,14 @@ def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], l
     spheres = [character.contacts[k] for k in live]
     tables += [
         numbers_table(
-            "joint_table",
-            [
-                [
-                    joint.armature,
-                    joint.damping,
-                    joint.stiffness,
-                    joint.rest,
-                    joint.lower,
-                    joint.upper,
-                ]
-                for joint in character.joints
-            ],
+            "joint_table", [[getattr(j, name) for name in stages.JOINT] for j in character.joints]
         ),
         integers("contact_body", [sphere.body for sphere in spheres]),
         integers("contact_link", [*(links.of[sphere.body] for sphere in spheres), *elements.links]),
         numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]
     if character.elements:
-        tables += [
-            integers(f"element_{name}", values) for name, values in elements.integers.items()
-        ]
+        tables += [integers(f"element_{name}", own) for name, own in elements.integers.items()]
         tables.append(numbers_table("element_points", elements.points))
     return sizes, tables + _pair_tables(character, sizes)
 
@@ -274,8 +243,7 @@ def _levels(character: Character) -> list[int]:
 
 
 def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """Which degrees of freedom are ancestors of which: as runs of neighbouring descendants, and as
-    a list of pairs."""
+    """Who is whose ancestor: as runs of neighbouring descendants, and as a list of pairs."""
     paths = slots.paths(character)
     below: list[list[int]] = [[] for _ in paths]
     for j, path in enumerate(paths):
@@ -283,11 +251,8 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
             below[i].append(j)
     runs = []
     for i, members in enumerate(below):
-        breaks = [
-            0,
-            *(k for k in range(1, len(members)) if members[k] != members[k - 1] + 1),
-            len(members),
-        ]
+        inner = (k for k in range(1, len(members)) if members[k] != members[k - 1] + 1)
+        breaks = [0, *inner, len(members)]
         runs += [(i, members[a], members[b - 1] + 1) for a, b in pairwise(breaks)]
     related = [(i, j) for i, members in enumerate(below) for j in members]
     sizes["NRUN"], sizes["NRELATED"] = len(runs), len(related)
@@ -301,8 +266,7 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
 
 
 def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
-    """The pairs' spheres, and the degrees of freedom that move one sphere of a pair alone
-    (pairs.c)."""
+    """The pairs' spheres, and the coordinates that move one sphere of a pair alone (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
     for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):
         first, second = character.contacts[a], character.contacts[b]
@@ -365,14 +329,12 @@ class Links:
         return [self.of[b] if b >= 0 else -1 for b in above]
 
     def slots(self) -> list[int]:
-        """Where each link's composite is kept while the links are visited from the last on: until
-        its parent has it."""
+        """Where each link's composite is kept, from the last link on, until its parent has it."""
         parents, slot, free = self.parents(), [0] * len(self.first), list(range(len(self.first)))
         for link in reversed(range(len(self.first))):
             slot[link] = free.pop(0)
-            free = sorted(
-                free + [slot[child] for child, parent in enumerate(parents) if parent == link]
-            )
+            given_back = [slot[child] for child, parent in enumerate(parents) if parent == link]
+            free = sorted(free + given_back)
         return slot
 
     def tables(self) -> list[str]:

@@ -87,16 +87,12 @@ def elements_of(character: Character, layout: Layout, links: Sequence[int]) -> E
         own = [layout.index(f"{named[k]}.{name}") for name in element.parameters]
         table["parameter"].append(own[0] if own else 0)  # they follow each other
         table["dof"] += reaches[k]
-        table["moves"] += [
-            sum((j in character.path[b]) << side for side, b in enumerate(bodies))
-            for j in reaches[k]
-        ]
+        for j in reaches[k]:
+            moved = sum((j in character.path[b]) << side for side, b in enumerate(bodies))
+            table["moves"].append(moved)
         table["start"].append(len(table["dof"]))
-    sizes = {
-        "NELEMENT": len(character.elements),
-        "NEND": len(ends),
-        "NREACH": int(max(np.diff(table["start"]), default=0)),
-    }
+    reach = int(max(np.diff(table["start"]), default=0))
+    sizes = {"NELEMENT": len(character.elements), "NEND": len(ends), "NREACH": reach}
     points = [(*element.point_a, *element.point_b) for element in character.elements]
     return Elements(tuple(stages), sizes, tuple(ends), table, points)
 
@@ -140,8 +136,7 @@ def stages_of(
 
 
 class _End:
-    """One point of an element, its force and what its own body sees of it: a contact of radius 0
-    (stages.contact)."""
+    """One point of an element and what its own body sees of it: a contact of radius 0."""
 
     def __init__(self, k: int, points: ca.SX, V: ca.SX, force: ca.SX, slopes: Sequence[ca.SX]):
         self.k, self.force = k, force

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -33,38 +34,12 @@ COMPARISON = {
     ca.OP_NE: "{0} != {1}",
 }
 LOGIC = {ca.OP_NOT: "~{0}", ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}"}
-FUNCTIONS = {
-    ca.OP_SQRT: "sqrt",
-    ca.OP_SIN: "sin",
-    ca.OP_COS: "cos",
-    ca.OP_TAN: "tan",
-    ca.OP_ASIN: "asin",
-    ca.OP_ACOS: "acos",
-    ca.OP_ATAN: "atan",
-    ca.OP_SINH: "sinh",
-    ca.OP_COSH: "cosh",
-    ca.OP_TANH: "tanh",
-    ca.OP_ASINH: "asinh",
-    ca.OP_ACOSH: "acosh",
-    ca.OP_ATANH: "atanh",
-    ca.OP_EXP: "exp",
-    ca.OP_EXPM1: "expm1",
-    ca.OP_LOG: "log",
-    ca.OP_LOG1P: "log1p",
-    ca.OP_ERF: "erf",
-    ca.OP_FLOOR: "floor",
-    ca.OP_CEIL: "ceil",
-    ca.OP_FABS: "fabs",
-    ca.OP_SIGN: "sign",
-    ca.OP_POW: "pow",
-    ca.OP_CONSTPOW: "pow",
-    ca.OP_ATAN2: "atan2",
-    ca.OP_FMOD: "fmod",
-    ca.OP_COPYSIGN: "copysign",
-    ca.OP_HYPOT: "hypot",
-    ca.OP_FMIN: "fmin",
-    ca.OP_FMAX: "fmax",
-}
+WORDS = (  # of C's functions, which are those of CasADi's operations
+    "sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp expm1 log log1p erf "
+    "floor ceil fabs sign pow atan2 fmod copysign hypot fmin fmax"
+)
+FUNCTIONS = {getattr(ca, f"OP_{word.upper()}"): word for word in WORDS.split()}
+FUNCTIONS[ca.OP_CONSTPOW] = "pow"
 NUMBERS = {  # truth is 0 or 1, a double
     **ARITHMETIC,
     **COMPARISON,
@@ -100,9 +75,8 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
         elif operation == ca.OP_CONST:
             places[outputs[0]] = _Value("number", _constant(function.instruction_constant(k)))
         elif operation == ca.OP_INPUT:
-            places[outputs[0]] = _Value(
-                "number" if inputs[0] in shared else "vector", f"i{inputs[0]}[{inputs[1]}]"
-            )
+            kind = "number" if inputs[0] in shared else "vector"
+            places[outputs[0]] = _Value(kind, f"i{inputs[0]}[{inputs[1]}]")
         else:
             made = _apply(function, operation, [places[i] for i in inputs])
             lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
@@ -128,18 +102,11 @@ def function_of_numbers(function: ca.Function) -> str:
         elif operation == ca.OP_OUTPUT:
             made.append((f"res[{outputs[0]}][{outputs[1]}]", ca.OP_ASSIGN, [places[inputs[0]]]))
         else:
-            operands = (
-                [f"arg[{inputs[0]}][{inputs[1]}]"]
-                if operation == ca.OP_INPUT
-                else [places[i] for i in inputs]
-            )
-            made.append(
-                (
-                    f"const double a{k}",
-                    ca.OP_ASSIGN if operation == ca.OP_INPUT else operation,
-                    operands,
-                )
-            )
+            if operation == ca.OP_INPUT:
+                operation, operands = ca.OP_ASSIGN, [f"arg[{inputs[0]}][{inputs[1]}]"]
+            else:
+                operands = [places[i] for i in inputs]
+            made.append((f"const double a{k}", operation, operands))
             places[outputs[0]] = f"a{k}"
     quotients = Counter(operands[1] for _, operation, operands in made if operation == ca.OP_DIV)
     inverse: dict[str, str] = {}
@@ -162,14 +129,12 @@ def _number(function: ca.Function, operation: int, operands: list[str]) -> str:
     raise _unknown(function, operation)
 
 
-class _Value:
+class _Value(NamedTuple):
     """An expression: a number that all lanes share, a vector, or a mask (all bits of a lane where
     it is true)."""
 
-    __slots__ = ("kind", "text")
-
-    def __init__(self, kind: str, text: str):
-        self.kind, self.text = kind, text
+    kind: str
+    text: str
 
     def vector(self) -> str:
         if self.kind == "number":
@@ -194,10 +159,8 @@ def _apply(function: ca.Function, operation: int, values: list[_Value]) -> _Valu
     if operation == ca.OP_IF_ELSE_ZERO:
         return _Value("vector", f"WHERE({values[0].mask()}, {values[1].vector()})")
     if operation in FUNCTIONS:
-        return _Value(
-            "vector",
-            f"octo_{FUNCTIONS[operation]}({', '.join(value.vector() for value in values)})",
-        )
+        operands = ", ".join(value.vector() for value in values)
+        return _Value("vector", f"octo_{FUNCTIONS[operation]}({operands})")
     raise _unknown(function, operation)
 
 

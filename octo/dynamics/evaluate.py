@@ -1,5 +1,4 @@
-"""FD, its Jacobian and the curvature of lamᵀFD over all steps of all problems of a batch, on NumPy
-arrays."""
+"""FD, its Jacobian and the curvature of lamᵀFD over all steps of a batch, in NumPy."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.dynamics import codegen
+from octo.dynamics import codegen, slots
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
 from octo.dynamics.symbolic import element_law, forward_dynamics
@@ -99,11 +98,8 @@ class Dynamics:
         hess = ca.densify(ca.jacobian(ca.gradient(ca.dot(lam, fd), z), z))
         cse = {"cse": True}
         value = ca.Function("fd", [z, p], [ca.densify(fd)], cse)
-        return (
-            value,
-            ca.Function("jacobian", [z, p], [jac.T], cse),
-            ca.Function("curvature", [z, p, lam], [hess], cse),
-        )
+        jacobian = ca.Function("jacobian", [z, p], [jac.T], cse)
+        return value, jacobian, ca.Function("curvature", [z, p, lam], [hess], cse)
 
     def evaluate(
         self, nodes: Array, p: Array, lam: Array | None = None, order: int = 0, threads: int = 1
@@ -142,25 +138,11 @@ class Dynamics:
             self._interpret(nodes, p, lam, fd, jac, hess)
             return fd, jac, hess
         blocks = np.empty((batch, steps, self.curvature_blocks, n, n)) if order == 2 else None
-        self._run(self._library, nodes, p, lam, (fd, jac, blocks), order, threads)
-        return fd, jac, None if blocks is None else unfold(blocks)
-
-    @staticmethod
-    def _run(
-        library: ctypes.CDLL,
-        nodes: Array,
-        p: Array,
-        lam: Array | None,
-        out: Evaluation,
-        order: int,
-        threads: int,
-    ) -> None:
-        pointers = [
-            None if a is None else ctypes.c_void_p(a.ctypes.data) for a in (nodes, p, lam, *out)
-        ]
-        batch, steps = nodes.shape[0], nodes.shape[1] - 2
-        if library.octo_batch(batch, steps, order, max(1, int(threads)), *pointers) != 0:
+        arrays = (nodes, p, lam, fd, jac, blocks)
+        pointers = [None if a is None else ctypes.c_void_p(a.ctypes.data) for a in arrays]
+        if self._library.octo_batch(batch, steps, order, max(1, int(threads)), *pointers) != 0:
             raise MemoryError("octo_batch could not allocate its work arrays")
+        return fd, jac, None if blocks is None else unfold(blocks)
 
     def _interpret(
         self,
@@ -180,9 +162,8 @@ class Dynamics:
             if jac is not None:
                 jac[k] = np.asarray(jacobian.map(steps)(z, at)).T.reshape(steps, n, 3 * n)
             if hess is not None and lam is not None:
-                hess[k] = np.asarray(curvature.map(steps)(z, at, lam[k].T)).T.reshape(
-                    steps, 3 * n, 3 * n
-                )
+                found = np.asarray(curvature.map(steps)(z, at, lam[k].T))
+                hess[k] = found.T.reshape(steps, 3 * n, 3 * n)
 
 
 def unfold(blocks: Array) -> Array:
@@ -190,9 +171,7 @@ def unfold(blocks: Array) -> Array:
     user-written dynamics, H12."""
     n = blocks.shape[-1]
     hess = np.zeros((*blocks.shape[:-3], 3, n, 3, n))
-    for k, (a, b) in enumerate(
-        ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))[: blocks.shape[-3]]
-    ):
+    for k, (a, b) in enumerate(slots.BLOCKS[: blocks.shape[-3]]):
         hess[..., b, :, a, :] = blocks[..., k, :, :].swapaxes(-1, -2)
         hess[..., a, :, b, :] = blocks[..., k, :, :]
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
@@ -273,10 +252,9 @@ class CustomDynamics(Dynamics):
         layout = Layout.of({**({} if "dt" in parameters else {"dt": 0.025}), **parameters})
         x_next, x, x_prev = (ca.SX.sym(name, nx) for name in ("x_next", "x", "x_prev"))
         p = ca.SX.sym("p", layout.size)
+        last = p if isinstance(fd, ca.Function) else layout.view(p)
         try:
-            value = ca.SX(
-                fd(x_next, x, x_prev, p if isinstance(fd, ca.Function) else layout.view(p))
-            )
+            value = ca.SX(fd(x_next, x, x_prev, last))
         except Exception as error:  # a user's code may raise anything
             said = str(error).strip().split("\n")[0]
             raise ModelError(
@@ -284,14 +262,9 @@ class CustomDynamics(Dynamics):
             ) from error
         if value.numel() != nx:
             raise ModelError(f"user-written FD returns {value.numel()} entries, must be nx = {nx}")
-        if not {int(j) for j in actuated} <= set(range(nx)) or len(set(actuated)) != len(
-            list(actuated)
-        ):
-            raise ModelError(
-                f"actuated is {list(actuated)}, must be different indices in 0…{nx - 1}"
-            )
-        names = ["x_next", "x", "x_prev", "p"]
-        function = ca.Function(
-            "FD", [x_next, x, x_prev, p], [ca.densify(ca.vec(value))], names, ["fd"]
-        )
+        driven = list(actuated)
+        if not {int(j) for j in driven} <= set(range(nx)) or len(set(driven)) != len(driven):
+            raise ModelError(f"actuated is {driven}, must be different indices in 0…{nx - 1}")
+        inputs, names = [x_next, x, x_prev, p], ["x_next", "x", "x_prev", "p"]
+        function = ca.Function("FD", inputs, [ca.densify(ca.vec(value))], names, ["fd"])
         super().__init__(function, actuated, layout)

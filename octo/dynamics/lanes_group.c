@@ -12,6 +12,7 @@ typedef struct {
   octo_work work;
   const double *from; /* the problem's nodes */
   int node, last;     /* the first node of ``nodes[ring]``, the last one there is */
+  int apart;          /* the steps share no nodes */
   int ring, touching; /* the pairs have written into slots that are zero otherwise */
 } octo_lanes;
 
@@ -71,13 +72,32 @@ static void octo_lanes_load(octo_lanes *s, int first, real *out) {
 
 /* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
 static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
-  s->from = nodes, s->node = first, s->last = last, s->ring = 0;
+  s->from = nodes, s->node = first, s->last = last, s->ring = s->apart = 0;
   octo_work_begin(&s->work);
   octo_lanes_load(s, first, s->nodes[0]);
 }
 
+/* Start at step ``first``, the last is ``last``, of steps with three nodes of their own each, (.., 3, NX), x_next first. */
+static void octo_lanes_begin_apart(octo_lanes *s, const double *nodes, int first, int last) {
+  s->from = nodes, s->node = first, s->last = last, s->apart = 1;
+  octo_work_begin(&s->work);
+}
+
+static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int order) {
+  real *own[3] = {s->next, s->now, s->nodes[0]};
+  for (int node = 0; node < 3; ++node) {
+    const double *from[STEPS];
+    for (int k = 0; k < STEPS; ++k) from[k] = s->from + ((size_t)(s->node + k < s->last ? s->node + k : s->last) * 3 + node) * NX;
+    octo_gather(from, NX, own[node]);
+    octo_kin(own[node], own[node] + NX);
+  }
+  s->node += STEPS;
+  return (octo_input){{own[0], own[1], own[2]}, {own[0] + NX, own[1] + NX, own[2] + NX}, p, s->lam, order};
+}
+
 /* The next group; ``ring`` has turned after it. */
 static octo_input octo_lanes_turn(octo_lanes *s, const double *p, int order) {
+  if (s->apart) return octo_lanes_turn_apart(s, p, order);
   const real *previous = s->nodes[s->ring];
   s->node += STEPS;
   octo_lanes_load(s, s->node, s->nodes[!s->ring]);

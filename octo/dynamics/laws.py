@@ -97,9 +97,8 @@ class Smooth:
         rise = (depth + onset) ** 2 / (4.0 * ca.fmax(onset, 1e-12))
         d = ca.if_else(depth < onset, rise, depth)
         normal_force = p["w_perp"] * d**2
-        return normal_force * normal + self.friction.force(
-            normal_force, d**2, _tangential(velocity, normal), p
-        )
+        own = (normal_force, d**2, _tangential(velocity, normal), p)
+        return normal_force * normal + self.friction.force(*own)
 
 
 @dataclass(frozen=True)
@@ -121,13 +120,8 @@ class Compliant:
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        own = {
-            "stiffness": self.stiffness,
-            "sigma": self.sigma,
-            "dissipation_velocity": self.dissipation_velocity,
-            "offset": self.offset,
-        }
-        return {**own, **self.friction.parameters}
+        names = ("stiffness", "sigma", "dissipation_velocity", "offset")
+        return {**{name: getattr(self, name) for name in names}, **self.friction.parameters}
 
     def reach(self, p: View) -> ca.SX:
         # log(1 + e^-16) is 1e-7: the step at the cut is 1e-7 of a load
@@ -139,7 +133,5 @@ class Compliant:
         s = ca.dot(normal, velocity) / p["dissipation_velocity"]
         damping = ca.if_else(s < 0.0, 1.0 - s, ca.if_else(s < 2.0, (s - 2.0) ** 2 / 4.0, 0.0))
         normal_force = p["stiffness"] * soft_depth * damping
-        tangential = _tangential(velocity, normal)
-        return normal_force * normal + self.friction.force(
-            normal_force, soft_depth**2, tangential, p
-        )
+        own = (normal_force, soft_depth**2, _tangential(velocity, normal), p)
+        return normal_force * normal + self.friction.force(*own)

@@ -15,9 +15,8 @@ from functools import cache
 from octo.errors import ModelError
 
 LOG = logging.getLogger("octo")
-LONG = (
-    3000  # instructions of a function from which the compiler's -O3 takes long and gains nothing …
-)
+# instructions of a function from which the compiler's -O3 takes long and gains nothing …
+LONG = 3000
 HUGE = 50_000  # … and from which -O1 takes minutes
 COSTLY = 200_000  # instructions of all functions from which the cost is said before
 MOST = 2_000_000  # instructions that are compiled at all
@@ -29,18 +28,12 @@ def brisk(text: str, instructions: int) -> str:
     """C text whose longest function is so long, at -O1 from LONG on, at -O0 from HUGE on."""
     if instructions < LONG:
         return text
-    clang = (
-        ("#pragma clang optimize off", "#pragma clang optimize on")
-        if instructions >= HUGE
-        else ("", "")
-    )
-    level = "O0" if instructions >= HUGE else "O1"
+    clang, level = ("", ""), "O1"
+    if instructions >= HUGE:
+        clang, level = ("#pragma clang optimize off", "#pragma clang optimize on"), "O0"
     gcc = (f'#pragma GCC push_options\n#pragma GCC optimize ("{level}")', "#pragma GCC pop_options")
-    pairs = zip(clang, gcc, strict=True)
-    begin, end = (
-        f"#ifdef __clang__\n{own}\n#elif defined(__OPTIMIZE__)\n{other}\n#endif"
-        for own, other in pairs
-    )
+    text_of = "#ifdef __clang__\n{}\n#elif defined(__OPTIMIZE__)\n{}\n#endif".format
+    begin, end = map(text_of, clang, gcc)
     return "\n".join([begin, text, end, ""])
 
 
@@ -64,12 +57,9 @@ def check_length(what: str, instructions: int, hint: str) -> None:
 def _say(what: str, instructions: int) -> None:
     seconds, memory = f"{SECONDS * instructions:.0f} s", f"{BYTES * instructions / 1e9:.1f} GB"
     LOG.warning(
-        "%s: %s instructions of C with their derivatives; to generate and compile them takes about "
-        "%s of processor time and %s of memory, the first time",
-        what,
-        in_words(instructions),
-        seconds,
-        memory,
+        f"{what}: {in_words(instructions)} instructions of C with their derivatives; to generate "
+        f"and compile them takes about {seconds} of processor time and {memory} of memory, the "
+        "first time"
     )
 
 

@@ -42,10 +42,8 @@ class Layout:
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Layout:
-        return cls(
-            tuple(values),
-            np.array([number(f"parameter {name}", value) for name, value in values.items()]),
-        )
+        defaults = [number(f"parameter {name}", value) for name, value in values.items()]
+        return cls(tuple(values), np.array(defaults))
 
     @property
     def size(self) -> int:
@@ -72,9 +70,7 @@ class Layout:
 def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:
     """The entries whose names start with ``prefix``, without it: a law's or a terrain's own
     parameters."""
-    return {
-        name.removeprefix(prefix): value for name, value in view.items() if name.startswith(prefix)
-    }
+    return {k.removeprefix(prefix): value for k, value in view.items() if k.startswith(prefix)}
 
 
 def robot_layout(

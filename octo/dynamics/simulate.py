@@ -102,8 +102,7 @@ class Stepper:
         return best, left
 
     def _continue(self, load: Array) -> tuple[Array, float]:
-        """Newton along solutions of shorter steps, dt s with s from 0 to 1: each one starts the
-        next."""
+        """Newton along solutions of shorter steps, dt·s with s from 0 to 1, each from the last."""
         x_prev, x = self._nodes[0, 0].copy(), self._nodes[0, 1].copy()
         place = self.dynamics.layout.index("dt")
         dt = self.p[0, place]
@@ -134,8 +133,7 @@ class Stepper:
         return x_next
 
     def _newton(self, start: Array, load: Array) -> tuple[Array, float]:
-        """Newton that shortens a step until the scaled force shrinks, and gives up when it does
-        not."""
+        """Newton that shortens a step until the scaled force shrinks; it ends where none does."""
         n = self.dynamics.nx
         x_next = self._at(start)
         force, jac = self._evaluate(x_next, load, 1)
@@ -238,10 +236,9 @@ def step(dynamics: Dynamics, x: Array, x_prev: Array, u: Array | None, p: Array)
     """
     load = np.zeros(dynamics.nx)
     if u is not None:
-        load[dynamics.actuated] = _checked("u", u, (dynamics.nu,))
-    return Stepper(dynamics, p)(
-        _checked("x", x, (dynamics.nx,)), _checked("x_prev", x_prev, (dynamics.nx,)), load
-    )[0]
+        load[dynamics.actuated] = numbers("u", u, (dynamics.nu,))
+    now, before = numbers("x", x, (dynamics.nx,)), numbers("x_prev", x_prev, (dynamics.nx,))
+    return Stepper(dynamics, p)(now, before, load)[0]
 
 
 def simulate(
@@ -282,9 +279,9 @@ def simulate(
     else:
         raise ProblemError(f"model is a {type(model).__name__}, must be a Character or a Dynamics")
     dt = time_step(dt) if isinstance(dynamics, RobotDynamics) else positive("dt", dt, "s")
-    p = _parameters(dynamics, dt, {} if parameters is None else parameters)
-    x0 = _checked("x0", x0, (dynamics.nx,))
-    v0 = np.zeros(dynamics.nx) if v0 is None else _checked("v0", v0, (dynamics.nx,))
+    p = parameters_of(dynamics, dt, {} if parameters is None else parameters)
+    x0 = numbers("x0", x0, (dynamics.nx,))
+    v0 = np.zeros(dynamics.nx) if v0 is None else numbers("v0", v0, (dynamics.nx,))
     N, control = _schedule(controls, seconds, steps, dt, dynamics.nx, dynamics.nu)
     stepper = Stepper(dynamics, p)
     x, u = np.empty((N + 2, dynamics.nx)), np.zeros((N, dynamics.nu))
@@ -298,7 +295,8 @@ def simulate(
     return Motion(x, u, float(dt), residual <= TOLERANCE, residual)
 
 
-def _parameters(dynamics: Dynamics, dt: float, parameters: Mapping[str, float]) -> Array:
+def parameters_of(dynamics: Dynamics, dt: float, parameters: Mapping[str, float]) -> Array:
+    """p (NP,) with ``dt`` s and the given ones, which are checked, in place of the defaults."""
     for name, value in instance("parameters", parameters, Mapping, "numbers by name").items():
         one_of("parameter", name, dynamics.layout.names)
         number(f"parameter {name}", value)
@@ -328,14 +326,10 @@ def _schedule(
                 "give seconds or steps: controls is a function, so how long is not known"
             )
         policy = controls
-        return int(steps), lambda i, q, v: _checked(
+        return int(steps), lambda i, q, v: numbers(
             f"controls at step {i}", policy(i * dt, q.copy(), v), (nu,)
         )
     array = numbers("controls", controls)
     N = int(steps) if steps is not None else len(np.atleast_1d(array))
-    table = _checked("controls", array, (N, nu))
+    table = numbers("controls", array, (N, nu))
     return N, lambda i, q, v: table[i]
-
-
-def _checked(name: str, value: Array, shape: tuple[int, ...]) -> Array:
-    return numbers(name, value, shape)

@@ -1,5 +1,4 @@
-"""Where lanes_step.c keeps the numbers of J and of the curvature: nothing but what is not zero by
-structure."""
+"""Where lanes_step.c keeps J and the curvature: only what is not zero by structure."""
 
 from __future__ import annotations
 
@@ -9,6 +8,8 @@ from numpy.typing import NDArray
 from octo.model.character import Character
 
 Integers = NDArray[np.int_]
+# of the curvature, by two of the nodes x_next, x, x_prev; a robot has none of the last
+BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
 
 
 def paths(character: Character) -> list[list[int]]:
@@ -111,7 +112,5 @@ def table(jac: Integers, hess: Integers) -> str:
 
 
 def one_table(name: str, values: Integers) -> str:
-    return (
-        f"static const octo_slot octo_{name}_slot[] = "
-        f"{{{', '.join(str(int(v)) for v in values.ravel())}}};"
-    )
+    entries = ", ".join(str(int(v)) for v in values.ravel())
+    return f"static const octo_slot octo_{name}_slot[] = {{{entries}}};"

@@ -24,6 +24,8 @@ PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is 
 # inputs that are p or of a table
 SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}
 
+JOINT = ("armature", "damping", "stiffness", "rest", "lower", "upper")  # of its table
+
 
 def body(order: int, layout: Layout) -> ca.Function:
     """Inertia and gravity of one body.
@@ -57,21 +59,15 @@ def body(order: int, layout: Layout) -> ca.Function:
     if order == 2:
         omega, v, none = ca.skew(V[:3]), moved(V, c0), ca.SX(1, 1)
         VQ0, VQ1, VQ2, delta = rate * omega @ Q0, now * omega @ Q1, old * omega @ Q2, rate * m * v
-        K = q_form(VQ0 + VQ0.T, delta, delta, none) + raised(
-            g_form(N @ omega.T + f @ v.T + VQ0, delta)
-        )
+        bent = raised(g_form(N @ omega.T + f @ v.T + VQ0, delta))
+        K = q_form(VQ0 + VQ0.T, delta, delta, none) + bent
         out.append(about(K, c0, c0))
-        out += [
-            about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1),
-            about(q_form(VQ2, delta, zero, none), c0, c2),
-        ]
-        out += [
-            about(raised(g_form(VQ1, -2.0 * delta)), c1, c1),
-            about(raised(g_form(VQ2, delta)), c2, c2),
-        ]
-    return ca.Function(
-        f"{PREFIX}body{order}", [*flat, inertia, p, V], [rows(o) for o in out], OPTIONS
-    )
+        out.append(about(q_form(VQ1, -2.0 * delta, zero, none), c0, c1))
+        out.append(about(q_form(VQ2, delta, zero, none), c0, c2))
+        out.append(about(raised(g_form(VQ1, -2.0 * delta)), c1, c1))
+        out.append(about(raised(g_form(VQ2, delta)), c2, c2))
+    inputs = [*flat, inertia, p, V]
+    return ca.Function(f"{PREFIX}body{order}", inputs, [rows(o) for o in out], OPTIONS)
 
 
 def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
@@ -104,9 +100,8 @@ class _Touch:
         at = self.center, place[1]
         normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
         self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
-        self._curvature = ca.Function(
-            "curvature", [*place, pull], [ca.hessian(ca.dot(pull, n), point)[0]]
-        )
+        second = ca.hessian(ca.dot(pull, n), point)[0]
+        self._curvature = ca.Function("curvature", [*place, pull], [second])
         self._at = at
         self.Q = R1 @ R.T
         self.U = R1 @ sphere[:3] + t1 + self.Q @ self.arm
@@ -149,23 +144,18 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
     if order >= 1:
         f_tau, f_now = f_c @ touch.c_tau + f_U @ touch.U_tau, f_U @ touch.U_now
         P = -ca.vertcat(arm @ f_tau - ca.skew(force) @ (touch.c_tau + touch.arm_tau), f_tau)
-        out += [
-            about(P, touch.center, touch.center),
-            about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U),
-        ]
+        out.append(about(P, touch.center, touch.center))
+        out.append(about(-ca.vertcat(arm @ f_now, f_now), touch.center, touch.U))
     if order == 2:
         delta = ca.cross(V[:3], touch.arm) + moved(V, touch.center)
         h, g = ca.hessian(-ca.dot(held, f), ca.vertcat(c, U))
         g, h = ca.Function("law", [*at_law, held], [g, h])(*here, delta)
         K, T1, L1 = _contact_curvature(touch, V[:3], delta, force, (g, h, f_c, f_U))
-        out += [
-            about(K, touch.center, touch.center),
-            about(T1, touch.center, touch.U),
-            about(L1, touch.U, touch.U),
-        ]
-    return ca.Function(
-        f"{PREFIX}contact{order}", [*flat, sphere, p, V], [rows(ca.SX(o)) for o in out], OPTIONS
-    )
+        out.append(about(K, touch.center, touch.center))
+        out.append(about(T1, touch.center, touch.U))
+        out.append(about(L1, touch.U, touch.U))
+    inputs = [*flat, sphere, p, V]
+    return ca.Function(f"{PREFIX}contact{order}", inputs, [rows(ca.SX(o)) for o in out], OPTIONS)
 
 
 def _contact_curvature(
@@ -182,13 +172,11 @@ def _contact_curvature(
     # ``pull``
     pull = touch.Q.T @ g_U + ca.cross(g_delta, omega)
     bent = touch.bend.T @ pull
-    half = delta_tau.T @ mixed - raised(
-        ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
-    )
+    turned = ca.skew(g_delta) @ ca.skew(omega) @ slide - ca.skew(pull) @ touch.arm_tau
+    half = delta_tau.T @ mixed - raised(turned)
     K = z.T @ h @ z + half + half.T + c_tau.T @ touch.arm_curvature(pull) @ c_tau
-    K = ca.triu2symm(ca.triu(ca.densify(K))) + raised(
-        g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
-    )
+    own = g_form(g_delta @ delta.T + touch.arm @ pull.T, g_c + bent)
+    K = ca.triu2symm(ca.triu(ca.densify(K))) + raised(own)
     T1 = (z.T @ h[:, 3:] - delta_tau.T @ f_U) @ touch.U_now - raised(ca.skew(g_U) @ U_tau).T
     L1 = touch.U_now.T @ h[3:, 3:] @ touch.U_now + raised(g_form(ca.SX(3, 3), g_U))
     return [K, T1, L1]
@@ -197,25 +185,20 @@ def _contact_curvature(
 def joint(order: int, layout: Layout) -> ca.Function:
     """Armature, damping, spring, limits of one joint and their derivatives.
 
-    Inputs: x_next, x, x_prev, table (6: armature, damping, stiffness, rest, lower, upper), p.
+    Inputs: x_next, x, x_prev, table (6: JOINT), p.
     Outputs: force; its derivatives to the three; its second derivative to x_next.
     """
     x_next, x, x_prev = (ca.SX.sym(name) for name in ("x_next", "x", "x_prev"))
     table, p = ca.SX.sym("table", 6), ca.SX.sym("p", layout.size)
-    names = ("armature", "damping", "stiffness", "rest", "lower", "upper")
-    named = {name: table[k] for k, name in enumerate(names)}
+    named = {name: table[k] for k, name in enumerate(JOINT)}
     force = symbolic.joint_force(named, x_next, x, x_prev, layout.view(p))
     out = [force]
     if order >= 1:
         out += [ca.jacobian(force, node) for node in (x_next, x, x_prev)]
     if order == 2:
         out += [ca.jacobian(ca.jacobian(force, x_next), x_next)]
-    return ca.Function(
-        f"{PREFIX}joint{order}",
-        [x_next, x, x_prev, table, p],
-        [ca.densify(o) for o in out],
-        OPTIONS,
-    )
+    inputs = [x_next, x, x_prev, table, p]
+    return ca.Function(f"{PREFIX}joint{order}", inputs, [ca.densify(o) for o in out], OPTIONS)
 
 
 def pair(layout: Layout) -> ca.Function:

@@ -12,10 +12,9 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError, StaticPoseError, ValueRangeError
 from octo.model.character import Array, Character
 from octo.model.describe import lost_shapes
-from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.feet import low_contacts
 from octo.model.kinematics import center_of_mass, sphere_centers
 
-LOW = 0.1  # of the span of the contacts' heights: those up to there over the lowest are feet
 MARGIN = 0.05  # of a joint's range
 UPRIGHT = 0.2  # rad of tilt up to which a pose of octo's own choice is taken at once
 
@@ -107,11 +106,9 @@ def inside_limits(robot: Character, pose: Array) -> Array:
 
 def _middle(robot: Character, pose: Array) -> Array:
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    return np.where(
-        limited,
-        0.5 * (np.where(limited, robot.lower, 0.0) + np.where(limited, robot.upper, 0.0)),
-        pose,
-    )
+    middle = pose.copy()
+    middle[limited] = 0.5 * (robot.lower[limited] + robot.upper[limited])
+    return middle
 
 
 def over_the_feet(robot: Character, pose: Array) -> Array:
@@ -120,12 +117,11 @@ def over_the_feet(robot: Character, pose: Array) -> Array:
     joints = robot.actuated
     if not len(joints) or not robot.terrain_contacts:
         return pose
-    feet = lowest_contacts(robot, pose, LOW * float(np.ptp(terrain_bottoms(robot, pose))))
+    feet = low_contacts(robot, pose)
 
     def offset(x: Array) -> Array:
-        return (center_of_mass(robot, x) - sphere_centers(robot, x)[..., feet, :].mean(axis=-2))[
-            ..., :2
-        ]
+        middle = sphere_centers(robot, x)[..., feet, :].mean(axis=-2)
+        return (center_of_mass(robot, x) - middle)[..., :2]
 
     small = 1e-6  # rad or m
     for _ in range(10):

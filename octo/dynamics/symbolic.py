@@ -144,9 +144,8 @@ def contact_state(
     point = center - radius * outward
     velocity = (point - before) / view["dt"]
     own = section(view, "contact.")
-    force = ca.if_else(
-        depth > -law.reach(own), law.force(depth, outward, velocity, own), ca.SX.zeros(3)
-    )
+    inside = law.force(depth, outward, velocity, own)
+    force = ca.if_else(depth > -law.reach(own), inside, ca.SX.zeros(3))
     return ContactState(depth, point, outward, velocity, force)
 
 
@@ -175,17 +174,12 @@ def joint_force(
 ) -> ca.SX:
     """Armature, damping, spring and limit (§4.2) of one joint: its own scalar part of FD, N m or
     N."""
-    get = (
-        (lambda name: joint[name])
-        if isinstance(joint, dict)
-        else (lambda name: getattr(joint, name))
-    )
+    own = joint if isinstance(joint, dict) else vars(joint)
     dt = view["dt"]
-    force = (
-        get("armature") * ((x_next - x) - (x - x_prev)) / dt**2 + get("damping") * (x_next - x) / dt
-    )
-    force += get("stiffness") * (x_next - get("rest"))
-    above, below = x_next - get("upper"), get("lower") - x_next
+    force = own["armature"] * ((x_next - x) - (x - x_prev)) / dt**2
+    force = force + own["damping"] * (x_next - x) / dt
+    force += own["stiffness"] * (x_next - own["rest"])
+    above, below = x_next - own["upper"], own["lower"] - x_next
     limit = ca.if_else(above > 0.0, above**2, 0.0) - ca.if_else(below > 0.0, below**2, 0.0)
     return force + 3.0 * view["w_joint"] * limit
 
@@ -258,11 +252,8 @@ def inertial_energy(body: Body, pose: Pose, now: Pose, previous: Pose, view: Vie
     # differences first: the mass matrix would amplify their rounding
     turn = pose[0] - 2.0 * now[0] + previous[0]
     move = turn @ com + (pose[1] - 2.0 * now[1] + previous[1])
-    energy = (
-        0.5
-        * (ca.trace(turn @ second_moment @ turn.T) + body.mass * ca.dot(move, move))
-        / view["dt"] ** 2
-    )
+    squares = ca.trace(turn @ second_moment @ turn.T) + body.mass * ca.dot(move, move)
+    energy = 0.5 * squares / view["dt"] ** 2
     gravity = ca.vertcat(view["gravity_x"], view["gravity_y"], view["gravity_z"])
     return energy - body.mass * ca.dot(gravity, pose[0] @ com + pose[1])
 
@@ -277,13 +268,9 @@ def forward_dynamics(
     p = ca.SX.sym("p", layout.size)
     view = layout.view(p)
     poses, now, previous = (body_poses(character, node) for node in (x_next, x, x_prev))
-    potential = sum(
-        (
-            inertial_energy(body, poses[b], now[b], previous[b], view)
-            for b, body in enumerate(character.bodies)
-        ),
-        ca.SX(0),
-    )
+    potential = ca.SX(0)
+    for b, body in enumerate(character.bodies):
+        potential += inertial_energy(body, poses[b], now[b], previous[b], view)
     for a, b in character.pairs:
         first, second = (_center(character, k, poses) for k in (a, b))
         radii = character.contacts[a].radius + character.contacts[b].radius
@@ -309,11 +296,8 @@ def forward_dynamics(
     fd = ca.gradient(potential - work, x_next)
     if held:
         fd = ca.substitute(fd, ca.vertcat(*held), ca.vertcat(*values))
-    joints = [
-        joint_force(joint, x_next[j], x[j], x_prev[j], view)
-        for j, joint in enumerate(character.joints)
-    ]
-    fd = fd + ca.vertcat(*joints)
+    pairs = enumerate(character.joints)
+    fd = fd + ca.vertcat(*(joint_force(own, x_next[j], x[j], x_prev[j], view) for j, own in pairs))
     names = ["x_next", "x", "x_prev", "p"]
     return ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(fd)], names, ["fd"], {"cse": True})
 

@@ -70,10 +70,10 @@ class DeviceBackend(Backend):
     def _check_memory(self, problem: CompiledProblem) -> None:
         each, free = bytes_of(problem), self.device.free_bytes()
         if each * problem.batch > free:
+            need = f"{problem.batch} problems of {each / 1e6:.0f} MB need"
             raise DeviceError(
-                f"{problem.batch} problems of {each / 1e6:.0f} MB need "
-                f"{each * problem.batch / 1e9:.2g} GB, "
-                f"the GPU has {free / 1e9:.2g} GB free: solve {max(1, free // each)} at a time"
+                f"{need} {each * problem.batch / 1e9:.2g} GB, the GPU has {free / 1e9:.2g} GB "
+                f"free: solve {max(1, free // each)} at a time"
             )
 
     def array(self, values: NDArray[np.float64] | None) -> Array | None:
@@ -81,10 +81,9 @@ class DeviceBackend(Backend):
 
     def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
+        own = text(problem.nc, problem.ma, self.device.shared_limit)
         with ThreadPoolExecutor(1) as pool:
-            beside = pool.submit(
-                self.device.compile, [text(problem.nc, problem.ma, self.device.shared_limit)]
-            )
+            beside = pool.submit(self.device.compile, [own])
             self.place(problem)
             beside.result()
         self.linear(problem.nc, problem.ma)
@@ -149,10 +148,8 @@ class DeviceBackend(Backend):
         at_work = self._own.at_work
         if at_work is None or at_work[0] is not problem:
             self._release()
-            at_work = self._own.at_work = (
-                problem,
-                Work(problem, self.linear(problem.nc, problem.ma)),
-            )
+            made = Work(problem, self.linear(problem.nc, problem.ma))
+            at_work = self._own.at_work = (problem, made)
         return at_work[1]
 
     def _release(self) -> None:

@@ -21,6 +21,7 @@ from octo.gpu import nvrtc
 from octo.gpu.device import Array
 from octo.gpu.sequence import SWITCH, NoGraph, Sequenced
 
+INSTALL = "pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
 UNASKED = 48 * 1024  # bytes of shared memory that a kernel may have without asking
 THREAD_LOCAL = 1  # cudaStreamCaptureModeThreadLocal
 
@@ -31,10 +32,7 @@ def reason() -> str | None:
     try:
         cupy = importlib.import_module("cupy")
     except Exception as error:  # besides ImportError, whatever a half-installed CUDA makes it raise
-        return (
-            f"CuPy cannot be imported ({_first_line(error)}): pip install 'octo-trajopt[cuda13]' "
-            "or '[cuda12]'"
-        )
+        return f"CuPy cannot be imported ({_first_line(error)}): {INSTALL}"
     try:
         count = int(cupy.cuda.runtime.getDeviceCount())
     except cupy.cuda.runtime.CUDARuntimeError as error:
@@ -44,13 +42,11 @@ def reason() -> str | None:
     try:
         compiler = nvrtc.version()
     except MissingExtraError:
-        return "NVRTC is missing: pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
+        return f"NVRTC is missing: {INSTALL}"
     driver = int(cupy.cuda.runtime.driverGetVersion()) // 1000
     if int(compiler.split(".")[0]) > driver:
-        return (
-            f"the driver is for CUDA {driver} and NVRTC is {compiler}: its machine code would not "
-            "load"
-        )
+        versions = f"the driver is for CUDA {driver} and NVRTC is {compiler}"
+        return f"{versions}: its machine code would not load"
     return None
 
 

@@ -28,7 +28,6 @@ class Kernel(Protocol):
     ) -> None:
         """Launch ``grid`` blocks (up to three numbers) of ``threads`` threads with ``shared`` bytes
         of shared memory."""
-        ...
 
 
 class Module(Protocol):
@@ -47,57 +46,44 @@ class Device(Protocol):
 
     def module(self, text: str) -> Module:
         """Compile CUDA text, or take it from the cache."""
-        ...
 
     def compile(self, texts: Sequence[str]) -> None:
         """Compile texts side by side, into the cache."""
-        ...
 
     def threads(self, wanted: int) -> int:
         """Threads of a block: what the caller wishes, or what this device has."""
-        ...
 
     def array(self, values: Any, dtype: Any = np.float64) -> Array:
         """A contiguous copy on the device."""
-        ...
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Array:
         """Uninitialised memory; within a sequence, what it had there the time before."""
-        ...
 
     def within(self, workspace: Workspace) -> AbstractContextManager[None]:
         """``empty`` takes from ``workspace``."""
-        ...
 
     def capture(self, launches: Callable[[], Any]) -> Graph:
         """What ``launches`` launches, recorded and not run; raises NoGraph where that is
         refused."""
-        ...
 
     def without_graphs(self, why: NoGraph) -> None:
         """Launch one by one from now on, and say so."""
-        ...
 
     def write(self, values: NDArray[Any], array: Array) -> None:
         """Host ``values`` into an array of the device. The host does not wait."""
-        ...
 
     def copy(self, source: Array, target: Array) -> None:
         """One contiguous array of the device into another of its shape and type. The host does not
         wait."""
-        ...
 
     def synchronize(self) -> None:
         """Wait until everything launched is done."""
-        ...
 
     def free_bytes(self) -> int:
         """Memory that is left."""
-        ...
 
     def host(self, array: Array) -> NDArray[Any]:
         """A copy on the host: waits for the device."""
-        ...
 
 
 def source(name: str) -> str:

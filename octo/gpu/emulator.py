@@ -58,9 +58,8 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
         raise DeviceError(
             "no C++ compiler (g++, c++ or clang++): octo's kernels cannot be run on the CPU"
         )
-    key = hashlib.sha256("\0".join((text, *flags, words, native.machine())).encode()).hexdigest()[
-        :24
-    ]
+    known = "\0".join((text, *flags, words, native.machine()))
+    key = hashlib.sha256(known.encode()).hexdigest()[:24]
 
     def make(path: Path) -> None:
         written = path.with_name("octo.cpp")
@@ -98,15 +97,11 @@ class EmulatedKernel:
     def __call__(
         self, grid: tuple[int, ...], threads: int, *arguments: Any, shared: int = 0
     ) -> None:
-        if len(arguments) != len(self.signature):
-            raise TypeError(
-                f"{self.name} has {len(self.signature)} arguments, got {len(arguments)}"
-            )
-        if shared > self.device.shared_limit:
-            raise ValueError(
-                f"{self.name}: {shared} bytes of shared memory, a block has "
-                f"{self.device.shared_limit}"
-            )
+        limit, wanted = self.device.shared_limit, len(self.signature)
+        if len(arguments) != wanted:
+            raise TypeError(f"{self.name} has {wanted} arguments, got {len(arguments)}")
+        if shared > limit:
+            raise ValueError(f"{self.name}: {shared} bytes of shared memory, a block has {limit}")
         if not 0 < threads <= 1024 or min(grid) < 1 or max(grid[1:], default=1) > 65535:
             raise ValueError(f"{self.name}: grid {grid} of {threads} threads is not legal")
         values = [self._value(k, argument) for k, argument in enumerate(arguments)]
@@ -121,16 +116,12 @@ class EmulatedKernel:
     def run(self, launch: Launch, values: list[Any], arguments: tuple[Any, ...]) -> None:
         """``values`` are what C is given: numbers, and where the arrays are."""
         if self.device.recorder is not None:
-            arrays = [
-                None if a is None else self.device.plain(a) if not np.isscalar(a) else a
-                for a in arguments
-            ]
+            plain = self.device.plain
+            arrays = [a if a is None or np.isscalar(a) else plain(a) for a in arguments]
             self.device.recorder(self, launch, arrays)
+        addresses = (ctypes.c_void_p * len(values))(*map(ctypes.addressof, values))
         with self.device.lock:  # blockDim and gridDim are one of a library
-            self._launch(
-                ctypes.byref(launch),
-                (ctypes.c_void_p * len(values))(*(ctypes.addressof(value) for value in values)),
-            )
+            self._launch(ctypes.byref(launch), addresses)
 
     def _value(self, place: int, argument: Any) -> Any:
         letter, where = self.signature[place], f"argument {place} of {self.name}"

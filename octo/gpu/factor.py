@@ -1,5 +1,4 @@
-"""The KKT matrices of a batch on a device: equilibrated, factored by block cyclic reduction, solved
-with refinement."""
+"""The KKT matrices of a batch on a device: equilibrated, factored, solved with refinement."""
 
 from __future__ import annotations
 
@@ -56,28 +55,14 @@ class Solving:
         first and residual."""
         device, columns, (batch, K) = linear.device, columns_of(rhs_v), rhs_v.shape[:2]
         if out is None:
-            lam = device.empty((batch, K, linear.ma, *rhs_v.shape[3:]))
-            out = (
-                device.empty(rhs_v.shape),
-                lam,
-                device.empty((batch, columns)),
-                device.empty((batch, columns)),
-            )
+            multipliers = (batch, K, linear.ma, *rhs_v.shape[3:])
+            shapes = (rhs_v.shape, multipliers, (batch, columns), (batch, columns))
+            out = tuple(map(device.empty, shapes))
         v, lam, first, residual = out
         lefts = device.empty(v.shape), device.empty(lam.shape)
         tops, coarse = device.empty((batch, K, columns, 2)), device.empty((batch,), np.int32)
-        return cls(
-            rhs_v,
-            rhs_c if linear.ma else None,
-            v,
-            lam,
-            *lefts,
-            tops,
-            first,
-            residual,
-            coarse,
-            tolerance,
-        )
+        given = (rhs_v, rhs_c if linear.ma else None)
+        return cls(*given, v, lam, *lefts, tops, first, residual, coarse, tolerance)
 
 
 class DeviceFactor:
@@ -107,33 +92,14 @@ class DeviceFactor:
         linear.each("octo_kkt_finite", one, D, active, blocks, self.finite, threads=PARTS)
         scales: list[Array] = [None, *(device.empty((batch, D, B)) for _ in range(EQUILIBRATIONS))]
         for old, new in pairwise(scales):
-            linear.each(
-                "octo_kkt_equilibrate",
-                grid,
-                active,
-                diagonal,
-                lower,
-                old,
-                new,
-                shared=8 * SLICES * B,
-            )
+            own = (active, diagonal, lower, old, new)
+            linear.each("octo_kkt_equilibrate", grid, *own, shared=8 * SLICES * B)
         self._scale = scales[-1]
         linear.each("octo_kkt_scale", grid, active, self.finite, self._scale, diagonal, lower)
         self._reduced = Reduction(linear, "kkt", diagonal, lower, ROUNDING, SHIFT, active)
+        given = (D, K, active, self.finite, self._reduced.counts)
         found = (self.good, self.negative, self.shifted)
-        counts = self._reduced.counts
-        linear.each(
-            "octo_kkt_verdict",
-            one,
-            D,
-            K,
-            active,
-            self.finite,
-            counts,
-            *found,
-            threads=PARTS,
-            shared=16 * PARTS,
-        )
+        linear.each("octo_kkt_verdict", one, *given, *found, threads=PARTS, shared=16 * PARTS)
         self.residual: Array | None = None
 
     @property
@@ -153,9 +119,8 @@ class DeviceFactor:
         rows, −1 where none shows it."""
         xp = self._linear.device.xp
         excess = self._reduced.counts[:, :, 0] > 2 * self.shape[3]
-        block = self._linear.device.array(2 * self._reduced.order, np.int64)[
-            xp.argmax(excess, axis=1)
-        ]
+        order = self._linear.device.array(2 * self._reduced.order, np.int64)
+        block = order[xp.argmax(excess, axis=1)]
         return xp.where(self.usable & (self.negative > 0) & excess.any(axis=1), block, -1)
 
     def solve(
@@ -186,11 +151,9 @@ class DeviceFactor:
         self.begin(solving)
         for _ in range(refine):
             self.refine(solving)
-        self.residual = (
-            xp.where(solving.first > tolerance, solving.residual, solving.first)
-            if refine
-            else solving.first
-        )
+        self.residual = solving.first
+        if refine:
+            self.residual = xp.where(solving.first > tolerance, solving.residual, solving.first)
         return solving.v, solving.lam
 
     def begin(self, solving: Solving, usable: Array | None = None) -> None:
@@ -225,31 +188,8 @@ class DeviceFactor:
         linear, (batch, K, _, ma), D = self._linear, self.shape, self._reduced.D
         usable = self.finite if usable is None else usable
         r = linear.device.empty((batch, D, self._reduced.B, s.columns))
-        rhs_v, rhs_c = rhs
-        linear.each(
-            "octo_kkt_join",
-            (D, batch),
-            K,
-            s.columns,
-            active,
-            usable,
-            self._scale,
-            rhs_v,
-            None if ma == 0 else rhs_c,
-            r,
-        )
-        x = self._reduced.solve(r, active)
-        more = int(active is not None)
-        linear.each(
-            "octo_kkt_part",
-            (D, batch),
-            K,
-            s.columns,
-            more,
-            active,
-            usable,
-            self._scale,
-            x,
-            s.v,
-            s.lam,
-        )
+        sizes, rhs_v, rhs_c = (K, s.columns), rhs[0], None if ma == 0 else rhs[1]
+        own = (active, usable, self._scale)
+        linear.each("octo_kkt_join", (D, batch), *sizes, *own, rhs_v, rhs_c, r)
+        x, more = self._reduced.solve(r, active), int(active is not None)
+        linear.each("octo_kkt_part", (D, batch), *sizes, more, *own, x, s.v, s.lam)

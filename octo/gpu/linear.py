@@ -1,5 +1,4 @@
-"""Block cyclic reduction and products with H and A of a batch on a device, by the kernels of
-linear.cu and kkt.cu."""
+"""Block cyclic reduction, and products with H and A of a batch on a device."""
 
 from __future__ import annotations
 
@@ -19,15 +18,8 @@ TILE, EDGE, SLICES = 48, 16, 4
 def sizes(nc: int, ma: int, shared: int) -> str:
     """What the kernels know of units of nc variables and ma constraint rows, and of a GPU whose
     blocks have ``shared`` bytes."""
-    known = {
-        "NCV": nc,
-        "MAV": ma,
-        "SHARED_BYTES": shared,
-        "WIDE": WIDE,
-        "TILE": TILE,
-        "EDGE": EDGE,
-        "SLICES": SLICES,
-    }
+    known = {"NCV": nc, "MAV": ma, "SHARED_BYTES": shared}
+    known |= {"WIDE": WIDE, "TILE": TILE, "EDGE": EDGE, "SLICES": SLICES}
     return "\n".join(f"#define {name} {value}" for name, value in known.items())
 
 
@@ -86,16 +78,8 @@ class Linear:
         """base + factor A v."""
         out = self.device.empty((*v.shape[:2], self.ma, *v.shape[3:]))
         if self.ma:
-            self.each(
-                "octo_rows_times",
-                (v.shape[1], v.shape[0]),
-                columns_of(v),
-                float(factor),
-                A,
-                base,
-                v,
-                out,
-            )
+            given = (columns_of(v), float(factor), A, base, v)
+            self.each("octo_rows_times", (v.shape[1], v.shape[0]), *given, out)
         return out
 
     def rows_transposed_times(
@@ -103,31 +87,15 @@ class Linear:
     ) -> Array:
         """base + factor Aᵀ lam."""
         out = self.device.empty((*lam.shape[:2], self.nc, *lam.shape[3:]))
-        self.each(
-            "octo_rows_transposed_times",
-            (lam.shape[1], lam.shape[0]),
-            columns_of(lam),
-            float(factor),
-            A,
-            base,
-            lam,
-            out,
-        )
+        given = (columns_of(lam), float(factor), A, base, lam)
+        self.each("octo_rows_transposed_times", (lam.shape[1], lam.shape[0]), *given, out)
         return out
 
     def step_numbers(self, A: Array, b: Array, delta: Array, lam: Array, out: Array) -> None:
         """out (batch, K, 3) of each unit: ‖Δ‖∞, ‖b + Aᵀlam‖∞, bᵀΔ."""
-        self.each(
-            "octo_step_numbers",
-            (b.shape[1], b.shape[0]),
-            A,
-            b,
-            delta,
-            lam,
-            out,
-            threads=PARTS,
-            shared=24 * PARTS,
-        )
+        own = (A, b, delta, lam, out)
+        grid, room = (b.shape[1], b.shape[0]), 24 * PARTS
+        self.each("octo_step_numbers", grid, *own, threads=PARTS, shared=room)
 
     def advance(
         self, bounds: Array, numbers: Array, at: Array, delta: Array, unknowns: Array
@@ -136,18 +104,9 @@ class Linear:
 
         bounds (batch, 2) are limit and cap, numbers those of ``step_numbers``.
         """
-        grid = (at.shape[1], at.shape[0])
-        self.each(
-            "octo_advance",
-            grid,
-            bounds,
-            numbers,
-            at,
-            delta,
-            unknowns,
-            threads=PARTS,
-            shared=8 * PARTS,
-        )
+        own = (bounds, numbers, at, delta, unknowns)
+        grid, room = (at.shape[1], at.shape[0]), 8 * PARTS
+        self.each("octo_advance", grid, *own, threads=PARTS, shared=room)
 
     def negative(self, v: Array, out: Array) -> None:
         """out = −v."""
@@ -178,6 +137,10 @@ class _Level:
     sign: Array
     left: Array
     right: Array
+
+    def given(self, active: Array | None) -> tuple[Any, ...]:
+        """What its kernels begin with."""
+        return self.D, self.first, active, self.half, self.sign, self.left, self.right
 
 
 class Reduction:
@@ -245,17 +208,8 @@ class Reduction:
         self._levels.append(_Level(D, first, half, sign, left, right))
         return new, new_lower
 
-    def _each(
-        self,
-        name: str,
-        grid: tuple[int, ...],
-        *arguments: Any,
-        threads: int = WIDE,
-        shared: int = 0,
-    ) -> None:
-        self._linear.each(
-            f"octo_{self._name}_{name}", grid, *arguments, threads=threads, shared=shared
-        )
+    def _each(self, name: str, grid: tuple[int, ...], *arguments: Any, **room: int) -> None:
+        self._linear.each(f"octo_{self._name}_{name}", grid, *arguments, **room)
 
     def solve(self, r: Array, active: Array | None = None) -> Array:
         """x (batch, D, B, columns), without refinement, of all members or of the active ones."""
@@ -265,37 +219,15 @@ class Reduction:
             S = level.D // 2 + level.first
             w = device.empty((batch, level.D - S, B, columns))
             folded = device.empty((batch, S, B, columns))
-            own = (
-                level.D,
-                level.first,
-                active,
-                level.half,
-                level.sign,
-                level.left,
-                level.right,
-                r,
-                w,
-                folded,
-            )
-            self._each("fold", (S, batch, columns), *own, shared=8 * (2 + 2 * SLICES) * B)
+            room = 8 * (2 + 2 * SLICES) * B
+            self._each("fold", (S, batch, columns), *level.given(active), r, w, folded, shared=room)
             held.append(w)
             r = folded
         x, room = device.empty((batch, 1, B, columns)), 8 * (1 + SLICES) * B
         self._each("last", (1, batch, columns), active, *self._last, r, x, shared=room)
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
             unfolded = device.empty((batch, level.D, B, columns))
-            own = (
-                level.D,
-                level.first,
-                active,
-                level.half,
-                level.sign,
-                level.left,
-                level.right,
-                w,
-                x,
-                unfolded,
-            )
+            own = (*level.given(active), w, x, unfolded)
             self._each("unfold", (level.D, batch, columns), *own, shared=room)
             x = unfolded
         return x

@@ -1,5 +1,4 @@
-"""CUDA text to machine code with NVRTC from the wheel ``nvidia-cuda-nvrtc``: no driver, no GPU, no
-toolkit needed."""
+"""CUDA text to machine code with NVRTC's wheel: no driver, GPU or toolkit is needed."""
 
 from __future__ import annotations
 
@@ -45,18 +44,12 @@ def compile_text(
     """Machine code of ``text`` for one real architecture; refuses with the compiler's log."""
     library = _library()
     program = ctypes.c_void_p()
-    _check(
-        library,
-        library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), b"octo.cu", 0, None, None),
-    )
+    own = (ctypes.byref(program), text.encode(), b"octo.cu", 0, None, None)
+    _check(library, library.nvrtcCreateProgram(*own))
     try:
-        words = [
-            f"--gpu-architecture={architecture}".encode(),
-            *(word.encode() for word in options),
-        ]
-        status = library.nvrtcCompileProgram(
-            program, len(words), (ctypes.c_char_p * len(words))(*words)
-        )
+        words = [word.encode() for word in (f"--gpu-architecture={architecture}", *options)]
+        argv = (ctypes.c_char_p * len(words))(*words)
+        status = library.nvrtcCompileProgram(program, len(words), argv)
         log = _read(library, "ProgramLog", program).rstrip(b"\0").decode(errors="replace")
         if status != 0:
             raise DeviceError(
@@ -79,12 +72,8 @@ def version() -> str:
 def _library() -> ctypes.CDLL:
     """NVRTC of the wheel, of $CUDA_PATH, or of the system's search path."""
     spec = importlib.util.find_spec("nvidia")
-    folders = [
-        *(spec.submodule_search_locations or () if spec else ()),
-        os.environ.get("CUDA_PATH", ""),
-        "/usr/local/cuda/lib64",
-    ]
-    for folder in filter(None, folders):
+    wheel = spec.submodule_search_locations or () if spec else ()
+    for folder in filter(None, (*wheel, os.environ.get("CUDA_PATH"), "/usr/local/cuda/lib64")):
         for path in sorted(Path(folder).rglob("libnvrtc.so.*"), reverse=True):
             for builtins in path.parent.glob("libnvrtc-builtins.so.*"):
                 # NVRTC opens it by name, and the wheel's folder is on no search path

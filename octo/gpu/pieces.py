@@ -121,9 +121,8 @@ class _Cut:
         return made
 
     def _add(self, inputs: list[ca.SX], output: ca.SX, place: int, live: int) -> None:
-        function = ca.Function(
-            f"{self.name}_{len(self.functions)}", inputs, [output], {"cse": True}
-        )
+        name = f"{self.name}_{len(self.functions)}"
+        function = ca.Function(name, inputs, [output], {"cse": True})
         half = output.numel() // 2
         if function.sz_w() > live and half:
             self._add(inputs, output[:half], place, live)
@@ -138,16 +137,13 @@ class _Cut:
             f"case {k}: {function.name()}(arg, res); break;"
             for k, function in enumerate(self.functions)
         )
-        return "\n".join(
-            [
-                *(f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)),
-                f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
-                f"static void {self.name}(int k, const double **arg, double **res) {{",
-                f"  switch (k) {{ {cases} }}",
-                "}",
-                "",
-            ]
-        )
+        lines = [f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)]
+        lines += [
+            f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
+            f"static void {self.name}(int k, const double **arg, double **res) {{",
+            f"  switch (k) {{ {cases} }}\n}}\n",
+        ]
+        return "\n".join(lines)
 
 
 def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
@@ -189,11 +185,8 @@ class _Rewritten:
             if operation == ca.OP_OUTPUT:
                 made[put[0]][put[1]] = self._value[take[0]]
             elif operation == ca.OP_INPUT:
-                self._keep(
-                    put[0],
-                    given[take[0]][take[1]],
-                    (take[0], take[1], 0.0) if take[0] in ANGULAR else None,
-                )
+                angle = (take[0], take[1], 0.0) if take[0] in ANGULAR else None
+                self._keep(put[0], given[take[0]][take[1]], angle)
             elif operation == ca.OP_CONST:
                 self._keep(put[0], ca.SX(function.instruction_constant(k)), None)
             else:
@@ -208,22 +201,13 @@ class _Rewritten:
     def _apply(self, operation: int, take: Sequence[int], place: int) -> None:
         values, angle = [self._value[k] for k in take], self._angle[take[0]]
         if operation in TRIGONOMETRY and angle is not None:
-            name = f"angle{len(self._pairs)}"
-            pair = self._pairs.setdefault(
-                angle, (ca.SX.sym(f"sin_{name}"), ca.SX.sym(f"cos_{name}"))
-            )
+            sine, cosine = (f"{name}_angle{len(self._pairs)}" for name in ("sin", "cos"))
+            pair = self._pairs.setdefault(angle, (ca.SX.sym(sine), ca.SX.sym(cosine)))
             self._keep(place, pair[TRIGONOMETRY[operation]], None)
             return
-        value = (
-            ca.SX.unary(operation, *values)
-            if len(values) == 1
-            else ca.SX.binary(operation, *values)
-        )
         moved = None
         if operation in (ca.OP_ADD, ca.OP_SUB) and angle is not None and values[1].is_constant():
-            moved = (
-                angle[0],
-                angle[1],
-                angle[2] + (float(values[1]) if operation == ca.OP_ADD else -float(values[1])),
-            )
-        self._keep(place, value, moved)
+            by = float(values[1]) if operation == ca.OP_ADD else -float(values[1])
+            moved = (angle[0], angle[1], angle[2] + by)
+        apply = ca.SX.unary if len(values) == 1 else ca.SX.binary
+        self._keep(place, apply(operation, *values), moved)

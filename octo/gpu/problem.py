@@ -1,5 +1,4 @@
-"""A batch of problems on a device: the ``evaluate`` and ``linearize`` of CompiledProblem, by
-kernels."""
+"""A batch of problems on a device: ``evaluate`` and ``linearize`` by kernels."""
 
 from __future__ import annotations
 
@@ -13,6 +12,7 @@ from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, 
 from octo.gpu.step_pairs import Numbers, gathers
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.neighbours import anchors
 
 BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
 
@@ -27,9 +27,9 @@ class DeviceProblem:
         self.p, self.q, self.row_scale, self.constant = (
             device.array(getattr(problem, name)) for name in BATCHED[:4]
         )
-        neighbours = problem.neighbours
+        between = bool(problem.functions.between)
         self.anchor = device.array(
-            np.zeros((problem.batch, 1)) if neighbours is None else neighbours.anchors(problem.data)
+            anchors(problem.plan, problem.data) if between else np.zeros((problem.batch, 1))
         )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         self._tables: dict[str, Array] = (
@@ -41,11 +41,8 @@ class DeviceProblem:
         host = self.host
         self.problems, self.functions, self.dynamics = host.problems, host.functions, host.dynamics
         self.batch, self.steps, self.n, self.K = len(self.p), host.steps, host.n, host.K
-        self.nc = host.nc
-        self.ma = host.ma
-        self.m = host.m
-        self.weight = host.weight
-        self.threads = host.threads
+        self.nc, self.ma, self.m = host.nc, host.ma, host.m
+        self.weight, self.threads = host.weight, host.threads
 
     def _fits(self, problem: CompiledProblem) -> bool:
         same = problem.basis == self.host.basis and problem.steps == self.host.steps
@@ -59,15 +56,10 @@ class DeviceProblem:
         dummy[self.host.fixed] = 1
         for place in self.host.idle:
             dummy[place] = 1
-        tests = np.where(
-            stencil.test_row >= 0, stencil.test_row * stencil.parts + stencil.test_part, -1
-        )
-        whole = {
-            "slot_unit": stencil.unit,
-            "slot_part": stencil.part,
-            "test_row": tests,
-            "dummy": dummy,
-        }
+        rows = stencil.test_row
+        tests = np.where(rows >= 0, rows * stencil.parts + stencil.test_part, -1)
+        slots = {"slot_unit": stencil.unit, "slot_part": stencil.part}
+        whole = {**slots, "test_row": tests, "dummy": dummy}
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
         arrays["slot_value"] = device.array(stencil.coefficient)
         arrays["test_value"] = device.array(stencil.test_coefficient)
@@ -138,32 +130,13 @@ class DeviceProblem:
         device, program, tables = self.device, self.program, self._tables
         sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
-        self._flat(
-            "octo_nodes",
-            at.nodes.size,
-            *sizes,
-            *slots,
-            self.constant,
-            self.carry,
-            at.unknowns,
-            at.nodes,
-        )
+        given = (self.constant, self.carry, at.unknowns, at.nodes)
+        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, *given)
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
-        self._each_step(
-            "octo_terms",
-            SMALL,
-            room,
-            at.nodes,
-            kin,
-            self.p,
-            self.q,
-            at.fd,
-            at.terms,
-            at.rows,
-            together=TOGETHER,
-        )
+        terms = (at.nodes, kin, self.p, self.q, at.fd, at.terms, at.rows)
+        self._each_step("octo_terms", SMALL, room, *terms, together=TOGETHER)
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         if program.pairs is not None:
@@ -190,37 +163,21 @@ class DeviceProblem:
         else:
             out = (scratch["lam"], scratch["fd"], scratch["jac"], scratch["curvature"])
             self._each_step("octo_curvature", NARROW, 8 * program.work, *dynamics, *out)
-        self._each_step(
-            "octo_step_model",
-            TILED,
-            program.room,
-            program.held,
-            *dynamics,
-            self.q,
-            scratch["r"],
-            scratch["cost_jac"],
-            scratch["jac"],
-            None if lam is None else scratch["curvature"],
-            scratch["hess"],
-            scratch["gradient"],
-        )
+        slopes = (scratch["r"], scratch["cost_jac"], scratch["jac"])
+        curvature = None if lam is None else scratch["curvature"]
+        squares = (scratch["hess"], scratch["gradient"])
+        given = (program.held, *dynamics, self.q, *slopes, curvature)
+        self._each_step("octo_step_model", TILED, program.room, *given, *squares)
         if program.bends is not None and lam is not None:
             numbers = (at.nodes, self.p, self.q, at.fd)
             program.bends.add(curved, numbers, scratch["jac"], scratch["second"], scratch["hess"])
         if program.touch:
-            own = (
-                int(lam is not None),
-                curved,
-                kin,
-                scratch["touch"],
-                scratch["hess"],
-                scratch["gradient"],
-            )
+            own = (int(lam is not None), curved, kin, scratch["touch"], *squares)
             self._each_step("octo_touch", TILED, program.touching, *own)
         if pairs is not None:
             pairs.chain(scratch["jac"], lam is not None, curved)
         if self.carry is not None:
-            carried = (self.steps, self.carry, scratch["jac"], scratch["hess"], scratch["gradient"])
+            carried = (self.steps, self.carry, scratch["jac"], *squares)
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
@@ -236,29 +193,19 @@ class DeviceProblem:
         self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array
     ) -> None:
         """Residuals of the terms, their derivatives, and the multipliers of each step's FD."""
-        program, tables, scratch = self.program, self._tables, self.scratch
+        tables, room = self._tables, 8 * self.program.arguments
+        sizes = (self.K * self.host.stencil.parts, tables["test_row"].shape[1])
+        tests = (tables["test_row"], tables["test_value"])
+        given = (at.nodes, kin, self.p, self.q, self.row_scale, at.fd, lam, curved)
+        out = [self.scratch[name] for name in ("r", "cost_jac", "touch", "lam")]
         self._each_step(
-            "octo_cost_derivatives",
-            SMALL,
-            8 * program.arguments,
-            self.K * self.host.stencil.parts,
-            tables["test_row"].shape[1],
-            tables["test_row"],
-            tables["test_value"],
-            at.nodes,
-            kin,
-            self.p,
-            self.q,
-            self.row_scale,
-            at.fd,
-            lam,
-            curved,
-            scratch["r"],
-            scratch["cost_jac"],
-            scratch["touch"],
-            scratch["lam"],
-            together=TOGETHER,
+            "octo_cost_derivatives", SMALL, room, *sizes, *tests, *given, *out, together=TOGETHER
         )
+
+    def gradient(self, at: Evaluation) -> tuple[Array, Array]:
+        """As :meth:`CompiledProblem.gradient`, out of a whole model."""
+        model = self.linearize(at, None)
+        return model.b, model.A
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
@@ -288,9 +235,9 @@ class DeviceProblem:
             if exact:
                 self.program.between.bend(*between, curved, H)
         if self.ma:
-            rows = (self.row_scale, scratch["jac"], A)
+            rows = (*jacobian, self.row_scale, scratch["jac"], A)
             self.program.kernel("octo_gather_constraints")(
-                (self.K, 3, self.batch), threads, self.steps, parts, *jacobian, *rows
+                (self.K, 3, self.batch), threads, self.steps, parts, *rows
             )
         return Model(H, A, b, at.C)
 
@@ -306,16 +253,8 @@ class DeviceProblem:
         if not self.ma:
             return
         tables = [self._tables[f"tests_{part}"] for part in ("first", "source", "value")]
-        self._flat(
-            "octo_constraints",
-            C.size,
-            self.steps,
-            self.K * self.host.stencil.parts,
-            *tables,
-            self.row_scale,
-            fd,
-            C,
-        )
+        sizes = (self.steps, self.K * self.host.stencil.parts)
+        self._flat("octo_constraints", C.size, *sizes, *tables, self.row_scale, fd, C)
 
     def _flat(self, name: str, count: int, *arguments: Any) -> None:
         """A kernel over ``count`` things, one a thread."""
@@ -325,8 +264,7 @@ class DeviceProblem:
     def _each_step(
         self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1
     ) -> None:
-        """A kernel with a block for each step of each problem, or for ``together`` of them;
-        ``shared`` bytes for each step."""
+        """A kernel with a block for ``together`` steps of each problem; ``shared`` bytes a step."""
         grid = (-(-self.steps // together), self.batch)
         self.program.kernel(name)(
             grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared

@@ -27,14 +27,8 @@ PARTS = 128  # of common.cuh
 # columns that a thread multiplies with as many; steps that a block evaluates the costs of
 TILE, TOGETHER = 3, 2
 # for the kernels
-DEFINED = {
-    "WARP": WARP,
-    "SMALL": SMALL,
-    "TILED": TILED,
-    "FLAT": FLAT,
-    "TILE": TILE,
-    "TOGETHER": TOGETHER,
-}
+DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT}
+DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
@@ -49,26 +43,19 @@ class Program:
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
         pieces, stages = Pieces.of(functions), functions.calls.stages_text
-        costs = [
-            codegen.residual_text(
-                functions, dynamics, pieces.functions, pieces.rows, pieces.columns
-            ),
-            pieces.text(),
-        ]
-        common = [
-            *(f"#define {name} {value}" for name, value in DEFINED.items()),
-            # of the units of a cycle
-            *([] if functions.pairs is None else ["#define FOUR_PARTS"]),
-            source("common.cuh"),
-        ]
-        parts = [
-            [text, *common, source("dynamics.cu")],
-            [stages + text, *costs, *common, source("model.cu"), source("gather.cu")],
-        ]
+        own = (pieces.functions, pieces.rows, pieces.columns)
+        costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
+        defined = [f"#define {name} {value}" for name, value in DEFINED.items()]
+        if functions.pairs is not None:
+            defined.append("#define FOUR_PARTS")  # of the units of a cycle
+        common = [*defined, source("common.cuh")]
+        model = [*common, source("model.cu"), source("gather.cu")]
+        parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self.dynamics, self.model = map(device.module, self.texts)
-        self.between = None if problem.neighbours is None else Between(problem.neighbours, device)
+        between = problem.program.between
+        self.between = None if between is None else Between(between, device)
         bent = functions.curvature is not None
         self.bends = Bends(functions, dynamics, device) if bent else None
         pairs = functions.pairs
@@ -81,11 +68,9 @@ class Program:
         self.arguments = dynamics.nu + 2 * len(pieces.angles) + functions.calls.size
         self.entries = functions.state_sparsity.nnz()
         self.touch = len(functions.contact_spheres) * contact_numbers(functions)
-        self.touching = 8 * (
-            0
-            if functions.contact is None
-            else 18 * functions.contact.factors.size + TOUCHED + 54 * dynamics.nx
-        )
+        held = TOUCHED + 54 * dynamics.nx  # bytes are for contacts that have terms
+        contact = functions.contact
+        self.touching = 0 if contact is None else 8 * (18 * contact.factors.size + held)
         self.terms = len(functions.references.terms)
         self.curvature = dynamics.curvature_blocks
         width, rows = 3 * dynamics.nx, len(functions.state_terms)
@@ -94,8 +79,7 @@ class Program:
         if 8 * self.work > device.shared_limit:
             raise DeviceError(
                 f"a step needs {8 * self.work} bytes of shared memory, this device has "
-                f"{device.shared_limit}: "
-                "the robot is too large for it; try device 'cpu'"
+                f"{device.shared_limit}: the robot is too large for it; try device 'cpu'"
             )
 
     def kernel(self, name: str) -> Kernel:
@@ -120,12 +104,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
     if functions.curvature is not None:
         scratch += N * len(functions.curvature.rows)
-    if problem.neighbours is not None:
-        scratch += (
-            K
-            * sum(function.numel_out(0) for _, function in problem.neighbours.functions)
-            * (2 * nc + 1)
-        )
+    if problem.program.between is not None:
+        scratch += K * problem.program.between.rows * (2 * nc + 1)
     if functions.pairs is not None:
         scratch += N * (functions.pairs.rows * (4 * n + 2) + functions.pairs.sparsity.nnz())
     # poses and twists: bodies are no more than a few for each degree of freedom

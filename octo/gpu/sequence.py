@@ -8,7 +8,7 @@ every later one (``Workspace``).
 
 from __future__ import annotations
 
-import sys
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +21,7 @@ import numpy as np
 from octo.errors import DeviceError
 
 T = TypeVar("T")
+LOG = logging.getLogger("octo")
 SWITCH = "OCTO_GPU_GRAPH"  # "0" in the environment: every kernel is launched on its own
 
 
@@ -108,7 +109,7 @@ class Sequenced:
     def without_graphs(self, why: NoGraph) -> None:
         """Launch one by one from now on, and say so."""
         self.graphs = False
-        print(f"octo: no CUDA graphs, kernels are launched one by one: {why}", file=sys.stderr)
+        LOG.warning("no CUDA graphs, kernels are launched one by one: %s", why)
 
 
 class Workspace:

@@ -1,5 +1,4 @@
-"""Where each number of H, A, b and C comes from: the stencil of a basis turned round, so that a
-unit can gather its sums."""
+"""The stencil of a basis turned round: where each number of H, A, b and C comes from."""
 
 from __future__ import annotations
 
@@ -9,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.dynamics.slots import BLOCKS
 from octo.problem.basis import Stencil
 
 Integers = NDArray[np.int32]
 Array = NDArray[np.float64]
-# of a step's Hessian, by its nodes
-BLOCK = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (1, 1): 3, (2, 2): 4, (1, 2): 5}
+BLOCK = {nodes: k for k, nodes in enumerate(BLOCKS)}  # of a step's Hessian
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +38,10 @@ class Gather:
             rows.setdefault((place, source), np.zeros(width))[part] += value
         keys = np.array(list(rows), dtype=np.int64).reshape(-1, 2)
         order = np.argsort(keys[:, 0], kind="stable")
-        first = np.concatenate([[0], np.cumsum(np.bincount(keys[:, 0], minlength=places))]).astype(
-            np.int32
-        )
-        return cls(
-            first,
-            keys[order, 1].astype(np.int32),
-            np.array(list(rows.values())).reshape(-1, width)[order],
-        )
+        counts = np.bincount(keys[:, 0], minlength=places)
+        first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        values = np.array(list(rows.values())).reshape(-1, width)
+        return cls(first, keys[order, 1].astype(np.int32), values[order])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,28 +67,16 @@ class Tables:
                 for b, other, other_part, other_value in slots:
                     if other <= unit:
                         block = (6 * i + BLOCK[min(a, b), max(a, b)]) * n * n
+                        place, source = 3 * unit + unit - other, block if a <= b else ~block
                         pair = part * parts + other_part
-                        hessian.append(
-                            (
-                                3 * unit + unit - other,
-                                block if a <= b else ~block,
-                                pair,
-                                value * other_value,
-                            )
-                        )
+                        hessian.append((place, source, pair, value * other_value))
             for k in np.flatnonzero(stencil.test_row[i] >= 0):
                 row, row_part = int(stencil.test_row[i, k]), int(stencil.test_part[i, k])
                 test = float(stencil.test_coefficient[i, k])
                 tests.append((row * parts + row_part, i, 0, test))
                 for a, unit, part, value in slots:
-                    jacobian.append(
-                        (
-                            3 * row + row - unit,
-                            (3 * n * i + a) * n,
-                            row_part * parts + part,
-                            test * value,
-                        )
-                    )
+                    place, pair = 3 * row + row - unit, row_part * parts + part
+                    jacobian.append((place, (3 * n * i + a) * n, pair, test * value))
         return cls(
             Gather.of(3 * units, parts**2, hessian),
             Gather.of(units, parts, gradient),
@@ -108,9 +91,5 @@ def slots_of(stencil: Stencil, step: int, nodes: int = 3) -> Iterator[tuple[int,
     for node in range(nodes):
         row = step + 2 - node if node < step + 3 else len(stencil.unit) - 3
         for k in np.flatnonzero(stencil.unit[row] >= 0):
-            yield (
-                node,
-                int(stencil.unit[row, k]),
-                int(stencil.part[row, k]),
-                float(stencil.coefficient[row, k]),
-            )
+            unit, part = int(stencil.unit[row, k]), int(stencil.part[row, k])
+            yield node, unit, part, float(stencil.coefficient[row, k])

@@ -44,18 +44,11 @@ class Work:
         device, batch, K = problem.device, problem.batch, problem.K
         self.problem, self.linear, self.device = problem, linear, device
         iterate = {"summary": (batch, 4), "sizes": (batch, K), **problem.shapes()}
-        step: dict[str, tuple[int, ...]] = {
-            "delta": (batch, K, problem.nc),
-            "lam": (batch, K, problem.ma),
-        }
-        numbers = {
-            "units": (batch, K, 3),
-            "first": (batch, 1),
-            "residual": (batch, 1),
-            "beside": (BESIDE, batch),
-        }
+        step = {"delta": (batch, K, problem.nc), "lam": (batch, K, problem.ma)}
+        numbers = {"units": (batch, K, 3), "first": (batch, 1), "residual": (batch, 1)}
+        beside = {"beside": (BESIDE, batch)}
         self.at = SlabEvaluation(Slab.fresh(device, iterate))
-        self.trial = Slab.fresh(device, {**step, **numbers, **iterate})
+        self.trial = Slab.fresh(device, {**step, **numbers, **beside, **iterate})
         self.tried = SlabEvaluation(self.trial)
         self._iterate, self._found = self.trial.part("summary"), self.trial.part("beside", "sizes")
         self.decisive = self.trial.part("units", "sizes")  # about a step and its trial
@@ -64,10 +57,7 @@ class Work:
         self.weight, self.bounds = device.empty((batch, K)), device.empty((batch, 2))
         self.active = device.empty((batch,), np.int32)
         self.curved = device.empty((batch,), np.int32)
-        self.parts = {
-            name: self.trial[name]
-            for name in ("delta", "lam", "units", "first", "residual", "beside", "sizes")
-        }
+        self.parts = {name: self.trial[name] for name in (*step, *numbers, *beside, "sizes")}
         self.plain = False  # whether rhs_c is −C of the model
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
@@ -201,9 +191,8 @@ class Modelled:
         work.plain = rhs_c is None
         if self._step is None:
             out = tuple(work.parts[name] for name in ("delta", "lam", "first", "residual"))
-            self._step = Solving.of(
-                work.linear, work.device.empty(self._own.b.shape), work.rhs_c, TOLERANCE, out
-            )
+            rhs_v = work.device.empty(self._own.b.shape)
+            self._step = Solving.of(work.linear, rhs_v, work.rhs_c, TOLERANCE, out)
         (self._refined if self._coarse else self._attempt)()
         numbers = work.decisive.host(work.device)
         coarse = numbers["first"] > TOLERANCE  # NaN: there is no factor
@@ -217,9 +206,8 @@ class Modelled:
             numbers = work.decisive.host(work.device)
             refinements += 1
         slab, units = work.trial.copy(), numbers["units"]
-        return Attempt(
-            slab["delta"], slab["lam"], lambda: _numbers(units), work.evaluated(slab, numbers)
-        )
+        tried = work.evaluated(slab, numbers)
+        return Attempt(slab["delta"], slab["lam"], lambda: _numbers(units), tried)
 
     def untried(self, rhs_c: Array) -> Attempt:
         """The step without its trial, which some members want only."""
@@ -274,10 +262,9 @@ class Modelled:
     def _launch_step(self) -> None:
         """The numbers of the step, and its trial."""
         work, parts, model = self._work, self._work.parts, self._own
-        work.linear.step_numbers(model.A, model.b, parts["delta"], work.lam, parts["units"])
-        work.linear.advance(
-            work.bounds, parts["units"], work.at.unknowns, parts["delta"], work.tried.unknowns
-        )
+        delta, units = parts["delta"], parts["units"]
+        work.linear.step_numbers(model.A, model.b, delta, work.lam, units)
+        work.linear.advance(work.bounds, units, work.at.unknowns, delta, work.tried.unknowns)
         work.launch_trial()
 
     def _launch_solve(self) -> Solving:
@@ -325,12 +312,8 @@ class DeviceFactors:
         cap: float,
         members: NDArray[np.bool_] | None = None,
     ) -> Attempt:
-        if (
-            rhs_c is not None
-            and members is not None
-            and not every(members)
-            and not self._work.together
-        ):
+        some_of_them = members is not None and not every(members)
+        if rhs_c is not None and some_of_them and not self._work.together:
             return self._own.untried(rhs_c)
         bounds = np.empty((self._work.problem.batch, 2))
         bounds[:, 0], bounds[:, 1] = limit, cap

@@ -75,17 +75,14 @@ def ball_motors(model: Any, j: int) -> BallMotors:
             continue
         limit = sum(force_limit(model, actuators[k]) * abs(float(parts[k, hinge])) for k in mine)
         first = int(mine[0])
-        motors.append(
-            Motor(True, limit, float(parts[first, hinge]) * strength(model, actuators[first]))
-        )
+        gear = float(parts[first, hinge]) * strength(model, actuators[first])
+        motors.append(Motor(True, limit, gear))
     notes = [
         "its motors act about the hinges, which is about their own axes where it is not turned"
     ]
     if not apart:
-        notes.append(
-            "they pull about oblique axes: one torque about each hinge, with the sum of their "
-            "limits"
-        )
+        oblique = "they pull about oblique axes: one torque about each hinge"
+        notes.append(f"{oblique}, with the sum of their limits")
     elif len(actuators) > driving.any(axis=0).sum():
         notes.append("those about one axis are one torque, with the sum of their limits")
     return BallMotors(axes, tuple(motors), "; ".join(notes))
@@ -117,11 +114,8 @@ def _hinge_axes(directions: Array) -> tuple[Array, bool]:
 
 def actuators_of(model: Any, j: int) -> list[int]:
     """Actuators that drive joint ``j``; one whose gear is zero does not."""
-    mine = [
-        a
-        for a in range(model.nactuator)
-        if drives_joint(model, a) and model.actuator_trnid[a, 0] == j
-    ]
+    driving = [a for a in range(model.nactuator) if drives_joint(model, a)]
+    mine = [a for a in driving if model.actuator_trnid[a, 0] == j]
     for a in mine:
         gear = model.actuator_gear[a]
         if not np.isfinite(gear).all():
@@ -153,10 +147,8 @@ def control_index(model: Any, a: int) -> int:
 
 def drives_joint(model: Any, a: int) -> bool:
     kinds = import_mujoco().mjtTrn
-    return int(model.actuator_trntype[a]) in (
-        int(kinds.mjTRN_JOINT),
-        int(kinds.mjTRN_JOINTINPARENT),
-    )
+    known = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    return int(model.actuator_trntype[a]) in known
 
 
 def is_motor(model: Any, a: int) -> bool:
@@ -179,7 +171,6 @@ def force_limit(model: Any, a: int) -> float:
         force = float(np.abs(model.actuator_forcerange[a]).max())
     control = control_index(model, a)
     if is_motor(model, a) and model.actuator_ctrllimited[control]:
-        force = min(
-            force, abs(strength(model, a)) * float(np.abs(model.actuator_ctrlrange[control]).max())
-        )
+        most = float(np.abs(model.actuator_ctrlrange[control]).max())
+        force = min(force, abs(strength(model, a)) * most)
     return force

@@ -1,5 +1,4 @@
-"""Files of arrays and JSON (.npz) that octo wrote, from wherever they come: every number is
-checked, any damage is one line."""
+"""Files of arrays and JSON (.npz) that octo wrote: all is checked, any damage is one line."""
 
 from __future__ import annotations
 
@@ -37,17 +36,13 @@ class Archive:
         ValueRangeError: missing, not numbers, or not finite. ShapeError: another shape.
         """
         found = self._numbers(name, self.arrays.get(name), "fiu")
-        if found.ndim != len(shape) or any(
-            n is not None and n != m for n, m in zip(shape, found.shape, strict=True)
-        ):
-            raise ShapeError(
-                name, found.shape, f"({', '.join('any' if n is None else str(n) for n in shape)})"
-            )
+        wanted = tuple(m if n is None else n for n, m in zip(shape, found.shape, strict=False))
+        if found.ndim != len(shape) or found.shape != wanted:
+            words = ", ".join("any" if n is None else str(n) for n in shape)
+            raise ShapeError(name, found.shape, f"({words})")
         if finite and not np.isfinite(found).all():
-            raise ValueRangeError(
-                f"{name} is not finite at index "
-                f"{tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0])}"
-            )
+            where = tuple(int(k) for k in np.argwhere(~np.isfinite(found))[0])
+            raise ValueRangeError(f"{name} is not finite at index {where}")
         return np.ascontiguousarray(found, dtype=float)
 
     def indices(self, name: str, size: int, below: int) -> NDArray[np.intp]:
@@ -64,10 +59,8 @@ class Archive:
         if found is None:
             raise ValueRangeError(f"{name} is missing")
         if found.dtype.kind not in kinds:
-            raise ValueRangeError(
-                f"{name} holds {found.dtype.name} values, must be "
-                f"{'whole ' if kinds == 'iu' else ''}numbers"
-            )
+            wanted = "whole numbers" if kinds == "iu" else "numbers"
+            raise ValueRangeError(f"{name} holds {found.dtype.name} values, must be {wanted}")
         return found
 
     def group(self, prefix: str) -> dict[str, Array]:
@@ -86,14 +79,10 @@ class Archive:
 
     def number(self, name: str, *, positive: bool = False, finite: bool = True) -> float:
         found = self._plain(name, (int, float), "a number")
-        if (
-            isinstance(found, bool)
-            or (finite and not math.isfinite(found))
-            or (positive and not found > 0.0)
-        ):
-            raise ValueRangeError(
-                f"{name} is {found!r}, must be a {'positive ' if positive else ''}finite number"
-            )
+        legal = (math.isfinite(found) or not finite) and (found > 0.0 or not positive)
+        if isinstance(found, bool) or not legal:
+            wanted = "a positive finite number" if positive else "a finite number"
+            raise ValueRangeError(f"{name} is {found!r}, must be {wanted}")
         return float(found)
 
     def whole(self, name: str) -> int:
@@ -117,14 +106,10 @@ class Archive:
         """Numbers by name."""
         found = self._plain(name, dict, "numbers by name")
         for key, value in found.items():
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, float))
-                or (finite and not math.isfinite(value))
-            ):
-                raise ValueRangeError(
-                    f"{name} has {str(value)[:40]!r} for {key!r}, must be a finite number"
-                )
+            legal = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not legal or (finite and not math.isfinite(value)):
+                what = f"{name} has {str(value)[:40]!r} for {key!r}"
+                raise ValueRangeError(f"{what}, must be a finite number")
         return {key: float(value) for key, value in found.items()}
 
     def records(self, name: str) -> tuple[dict[str, Any], ...]:
@@ -137,11 +122,10 @@ class Archive:
     def _plain(self, name: str, kind: Any, wanted: str) -> Any:
         if name not in self.plain:
             raise ValueRangeError(f"{name} is missing")
-        if not isinstance(self.plain[name], kind):
-            raise ValueRangeError(
-                f"{name} is of type {type(self.plain[name]).__name__}, must be {wanted}"
-            )
-        return self.plain[name]
+        found = self.plain[name]
+        if not isinstance(found, kind):
+            raise ValueRangeError(f"{name} is of type {type(found).__name__}, must be {wanted}")
+        return found
 
 
 @contextlib.contextmanager
@@ -180,10 +164,7 @@ def _sentence(error: Exception) -> str:
     if isinstance(error, KeyError):
         text = f"{error.args[0] if error.args else 'an entry'} is missing"
     else:
-        text = (
-            str(error)
-            if isinstance(error, OctoError) and str(error)
-            else f"{type(error).__name__}: {error}"
-        )
+        own = isinstance(error, OctoError) and str(error)
+        text = str(error) if own else f"{type(error).__name__}: {error}"
     text = " ".join(printable(text).split())
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -55,33 +55,19 @@ class Joint:
         for name in ("reference", "gear", "rest"):
             keep(self, name, quantity(f"{which}: {name}", getattr(self, name)))
         for name in ("armature", "damping", "stiffness"):
-            keep(
-                self,
-                name,
-                quantity(f"{which}: {name}", getattr(self, name), "finite and not negative"),
-            )
-        for end in ("lower", "upper"):
-            keep(
-                self,
-                end,
-                quantity(f"{which}: {end} limit", getattr(self, end), "a number", unlimited=True),
-            )
+            value = quantity(f"{which}: {name}", getattr(self, name), "finite and not negative")
+            keep(self, name, value)
+        limits = {"lower": "a number", "upper": "a number"}
+        limits |= {"torque_limit": "not negative", "velocity_limit": "positive"}
+        for name, rule in limits.items():
+            what = f"{which}: {name.removesuffix('_limit')} limit"
+            keep(self, name, quantity(what, getattr(self, name), rule, unlimited=True))
         if not self.lower <= self.upper:
             raise ModelError(
                 f"{which}: lower limit {self.lower} is above the upper limit {self.upper}"
             )
         if math.isinf(self.lower) and self.lower == self.upper:
             raise ModelError(f"{which}: both limits are {self.lower}, must leave a range")
-        keep(
-            self,
-            "torque_limit",
-            quantity(f"{which}: torque limit", self.torque_limit, "not negative", unlimited=True),
-        )
-        keep(
-            self,
-            "velocity_limit",
-            quantity(f"{which}: velocity limit", self.velocity_limit, "positive", unlimited=True),
-        )
 
     @property
     def limited(self) -> bool:
@@ -115,12 +101,8 @@ class Body:
             raise ModelError(f"{which}: joints is {said(self.joints)}, must be a tuple of Joint")
         keep(self, "joints", tuple(self.joints))
         keep(self, "mass", quantity(f"{which}: mass", self.mass, "finite and not negative"))
-        for name, shape in (
-            ("position", (3,)),
-            ("rotation", (3, 3)),
-            ("com", (3,)),
-            ("inertia", (3, 3)),
-        ):
+        shapes = {"position": (3,), "rotation": (3, 3), "com": (3,), "inertia": (3, 3)}
+        for name, shape in shapes.items():
             words = {"com": "centre of mass"}.get(name, name)
             keep(self, name, array(f"{which}: {words}", getattr(self, name), shape))
         off = float(np.abs(self.rotation @ self.rotation.T - np.eye(3)).max())

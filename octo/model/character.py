@@ -1,5 +1,4 @@
-"""What moves and what it touches: a tree of rigid bodies as frozen dataclasses, checked where they
-are made."""
+"""What moves and what it touches: a tree of rigid bodies, checked where it is made."""
 
 from __future__ import annotations
 
@@ -48,8 +47,7 @@ class Character(Tree, Shown):
             if not -1 <= body.parent < b:
                 raise ModelError(
                     f"body {body.name!r}: parent index {body.parent} must be -1 or less than its "
-                    "own "
-                    f"index {b}"
+                    f"own index {b}"
                 )
         for kind, things in (
             ("bodies", self.bodies),
@@ -77,8 +75,7 @@ class Character(Tree, Shown):
             if not all(0 <= k < len(self.contacts) for k in pair) or pair[0] == pair[1]:
                 raise ModelError(
                     f"pair {pair}: must be two different indices of the {len(self.contacts)} "
-                    "contact "
-                    "spheres"
+                    "contact spheres"
                 )
         self._check_poses()
         self._check_inertia()
@@ -118,36 +115,29 @@ class Character(Tree, Shown):
         keep(self, "elements", checked(which, self.elements, names))
 
     def _check_base(self) -> None:
-        """A floating base begins with the six joints of :func:`floating_base`; a robot that nothing
-        moves may have none."""
+        """A floating base begins with the joints of :func:`floating_base`, where anything moves."""
         if self.base == "fixed" or not self.joints:
             return
         body = self.bodies[self.base_body]
         six = [joint.kind for joint in body.joints[:6] if not joint.actuated]
         if six != 3 * ["slide"] + 3 * ["hinge"]:
-            what = (
-                f"base is 'floating', but body {body.name!r}, the first that moves, does not begin "
-                "with"
-            )
             raise ModelError(
-                f"character {self.name!r}: {what} three slides and three hinges that nothing drives"
+                f"character {self.name!r}: base is 'floating', but body {body.name!r}, the first "
+                "that moves, does not begin with three slides and three hinges that nothing drives"
             )
 
     def _check_poses(self) -> None:
+        which, keep = f"character {self.name!r}", object.__setattr__
         if not isinstance(self.poses, Mapping):
             raise ModelError(
-                f"character {self.name!r}: poses is {said(self.poses)}, must be configurations by "
-                "name"
+                f"{which}: poses is {said(self.poses)}, must be configurations by name"
             )
-        poses = dict(self.poses)
         if self.default_pose is not None:
-            pose = array(f"character {self.name!r}: default pose", self.default_pose, (self.nx,))
-            object.__setattr__(self, "default_pose", pose)
-        named = {
-            name: array(f"character {self.name!r}: pose {name!r}", pose, (self.nx,))
-            for name, pose in poses.items()
-        }
-        object.__setattr__(self, "poses", named)
+            keep(
+                self, "default_pose", array(f"{which}: default pose", self.default_pose, (self.nx,))
+            )
+        poses = {n: array(f"{which}: pose {n!r}", x, (self.nx,)) for n, x in self.poses.items()}
+        keep(self, "poses", poses)
 
     def _check_inertia(self) -> None:
         """Every joint must move some inertia (its own armature counts), or FD has no solution."""
@@ -158,28 +148,20 @@ class Character(Tree, Shown):
         for b, body in enumerate(self.bodies):
             for joint in body.joints:
                 if carried[b] <= 0.0 and joint.armature <= 0.0:
-                    raise ModelError(
-                        f"joint {joint.name!r} moves no mass: the bodies from {body.name!r} on are "
-                        "massless"
-                    )
+                    why = f"the bodies from {body.name!r} on are massless"
+                    raise ModelError(f"joint {joint.name!r} moves no mass: {why}")
 
     def __repr__(self) -> str:
-        size = (
-            f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies, "
-            f"{self.mass:.4g} kg"
-        )
+        size = f"{self.nx} coordinates, {self.nu} actuated, {len(self.bodies)} bodies"
         lines = [
-            f"{self.name}, {self.base} base: {size}",
+            f"{self.name}, {self.base} base: {size}, {self.mass:.4g} kg",
             listed("joints", [joint.name for joint in self.joints]),
             listed("contacts", [contact.name for contact in self.contacts]),
             listed("poses", list(self.poses)),
         ]
-        dropped = (
-            [f"  {len(self.dropped)} things of its file are not modelled: see .dropped"]
-            if self.dropped
-            else []
-        )
-        return "\n".join(lines + dropped)
+        if self.dropped:
+            lines.append(f"  {len(self.dropped)} things of its file are not modelled: see .dropped")
+        return "\n".join(lines)
 
     def summary(self) -> str:
         """A table to read: sizes, height and inertia; range, limits and poses of each joint; mass

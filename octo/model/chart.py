@@ -1,5 +1,4 @@
-"""The chart of a floating base: three angles, outermost (yaw) first, as rotations and back, in
-microseconds."""
+"""The chart of a floating base: three angles, outermost first, as rotations and back."""
 
 from __future__ import annotations
 
@@ -52,11 +51,9 @@ def angles_of(rotation: Array, chart: str, near: Any) -> tuple[float, float, flo
         else:
             c = math.atan2(ca * R[0][2] + sa * R[1][2], ca * R[0][0] + sa * R[1][0])
     choices = [_near((a, b, c), near), _near((a + math.pi, math.pi - b, c + math.pi), near)]
-    distance = [
-        sum((value - aim) ** 2 for value, aim in zip(choice, near, strict=True))
-        for choice in choices
-    ]
-    return choices[0] if distance[0] <= distance[1] else choices[1]
+    return min(
+        choices, key=lambda choice: sum((v - w) ** 2 for v, w in zip(choice, near, strict=True))
+    )
 
 
 def _near(angles: tuple[float, float, float], near: list[float]) -> tuple[float, float, float]:
@@ -89,3 +86,20 @@ def turned_by(vector: Array) -> Array:
             [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
         ]
     )
+
+
+def chart_angles(rotation: Array, chart: str) -> list[float]:
+    """The three angles (rad) of the chart's hinges, outermost first, that turn by ``rotation`` (3,
+    3)."""
+    R = rotation
+    if chart == "zyx":
+        return [
+            math.atan2(R[1, 0], R[0, 0]),
+            math.asin(-np.clip(R[2, 0], -1.0, 1.0)),
+            math.atan2(R[2, 1], R[2, 2]),
+        ]
+    return [
+        math.atan2(-R[0, 1], R[1, 1]),
+        math.asin(np.clip(R[2, 1], -1.0, 1.0)),
+        math.atan2(-R[2, 0], R[2, 2]),
+    ]

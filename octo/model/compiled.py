@@ -13,6 +13,7 @@ from octo.errors import RobotFileError
 from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
 from octo.model.body import Body, Joint, floating_base
 from octo.model.character import Character
+from octo.model.chart import chart_angles
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
@@ -20,6 +21,7 @@ from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
+WORDS = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}
 # of the hinges of a ball joint; the body's own axes unless its motors pull about others
 BALL_CHART = "zyx"
 
@@ -56,29 +58,25 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
     base: Literal["floating", "fixed"] = "fixed" if source.free_body is None else "floating"
     with named(source.file):
         bodies = tuple(_with_mass(tree, source, k) for k in range(len(tree.bodies)))
-        plain = Character(
-            source.name,
-            bodies,
-            base=base,
-            chart=tree.chart,
-            default_pose=configuration(tree, source, model.qpos0),
-        )
+        pose = configuration(tree, source, model.qpos0)
+        plain = Character(source.name, bodies, base=base, chart=tree.chart, default_pose=pose)
     if plain.nx == 0:
         raise RobotFileError(
             f"{source.file}: has no joints and nothing moves; base='floating' makes its body free"
         )
     check_mass_matrix(plain, source.file)
     with named(source.file):
-        contacts = contact_spheres(plain, source, tree.carriers, notes)
-        character = replace(
-            plain, contacts=contacts, dropped=tuple(notes), poses=_keyframes(tree, source)
-        )
+        contacts, model = contact_spheres(plain, source, tree.carriers, notes), source.model
+        poses = {
+            name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
+            for k in range(model.nkey)
+        }
+        character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=poses)
     return replace(character, pairs=self_collision_pairs(character))
 
 
 def _check_numbers(source: RobotFile) -> None:
-    """Refuse places and sizes that are no numbers, or too large to be reckoned with, before
-    anything is made of them."""
+    """Refuse places and sizes that are no numbers, or too large to be reckoned with."""
     fields = {
         "body": ("pos", "quat", "ipos", "mass", "inertia"),
         "jnt": ("pos", "axis"),
@@ -96,23 +94,16 @@ def _check_numbers(source: RobotFile) -> None:
                 element = {"jnt": "joint"}.get(kind, kind)
                 which = f"{element} {name_of(source.model, element, index)!r}"
                 if kind == "geom":
-                    which += (
-                        " of body "
-                        f"{name_of(source.model, 'body', int(source.model.geom_bodyid[index]))!r}"
-                    )
-                words = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}.get(
-                    name, name
+                    body = int(source.model.geom_bodyid[index])
+                    which += f" of body {name_of(source.model, 'body', body)!r}"
+                what = f"{WORDS.get(name, name)} has the entry {values[index, column]}"
+                raise RobotFileError(
+                    f"{source.file}: {which}: {what}, must be finite and at most {LARGEST:.0e}"
                 )
-                what = (
-                    f"{words} has the entry {values[index, column]}, must be finite and at most "
-                    f"{LARGEST:.0e}"
-                )
-                raise RobotFileError(f"{source.file}: {which}: {what}")
 
 
 def _body_order(source: RobotFile) -> list[int]:
-    """MuJoCo's bodies that belong to the robot, parents first, the floating tree before all
-    others."""
+    """MuJoCo's bodies of the robot, parents first, the floating tree before all others."""
     model = source.model
     kept = [b for b in range(1, model.nbody) if b not in source.left_out]
     if source.free_body is None:
@@ -138,22 +129,18 @@ def _add_body(tree: Tree, source: RobotFile, b: int, notes: list[str]) -> None:
         return
     if b == source.free_body:
         joints = _free_joints(model, b, tree.chart, notes)
-        position = np.zeros(3)
-        rotation = np.eye(3)
+        position, rotation = np.zeros(3), np.eye(3)
     else:
-        joints = tuple(
-            joint for j in _joints_of(model, b) for joint in _joints(tree, source, j, notes)
-        )
+        made = [_joints(tree, source, j, notes) for j in _joints_of(model, b)]
+        joints = tuple(joint for group in made for joint in group)
     tree.carriers[b] = Carrier(len(tree.bodies), np.eye(3), np.zeros(3))
-    tree.bodies.append(
-        Body(name, -1 if parent is None else parent.body, joints, position, rotation)
-    )
+    above = -1 if parent is None else parent.body
+    tree.bodies.append(Body(name, above, joints, position, rotation))
     tree.source.append(b)
 
 
 def _holds_anything(model: Any, b: int) -> bool:
-    """Whether a body fixed to the world has mass or carries something that moves; marks and
-    decoration do not."""
+    """Whether a body fixed to the world has mass or carries what moves: marks do not."""
     if model.body_subtreemass[b] > 0.0:
         return True
     return any(
@@ -186,8 +173,7 @@ def _free_joints(model: Any, b: int, chart: Chart, notes: list[str]) -> tuple[Jo
 
 
 def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
-    """``prefix``, with an underscore in front for as long as the file has joints of the names that
-    come of it."""
+    """``prefix``, with underscores in front while the file has joints of names made of it."""
     taken = {name_of(model, "joint", j) for j in range(model.njnt)}
     while any(prefix + ending in taken for ending in endings):
         prefix = f"_{prefix}"
@@ -195,8 +181,7 @@ def _free_prefix(model: Any, prefix: str, endings: list[str]) -> str:
 
 
 def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Joint, ...]:
-    """The one-coordinate joints of MuJoCo's joint ``j``: itself, the three hinges of a ball,
-    nothing for a removed free one."""
+    """Of MuJoCo's joint ``j``: itself, a ball's three hinges, nothing of a removed free one."""
     mujoco, model = import_mujoco(), source.model
     kind, name, dof = model.jnt_type[j], name_of(model, "joint", j), model.jnt_dofadr[j]
     if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -241,11 +226,9 @@ def _driven(motor: Motor) -> dict[str, Any]:
 
 
 def _ball_note(model: Any, j: int, name: str, ball: BallMotors) -> str:
-    extra = (
-        [f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out"]
-        if model.jnt_limited[j]
-        else []
-    )
+    extra = []
+    if model.jnt_limited[j]:
+        extra.append(f"its cone limit of {model.jnt_range[j, 1]:.3g} rad is left out")
     dof = model.jnt_dofadr[j]
     if model.dof_armature[dof] or model.dof_damping[dof] or model.jnt_stiffness[j]:
         extra.append("armature, damping and spring act about each hinge")
@@ -265,11 +248,8 @@ def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
             R = carrier.rotation
             parts.append(Inertial(own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
     mass = sum(part.mass for part in parts)
-    com = (
-        sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
-        if mass > 0.0
-        else np.zeros(3)
-    )
+    com = sum((part.mass * part.com for part in parts), np.zeros(3))
+    com = com / mass if mass > 0.0 else np.zeros(3)
     inertia = np.zeros((3, 3))
     for part in parts:
         r = part.com - com
@@ -292,42 +272,15 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
                     x += [*qpos[address : address + 3], *chart_angles(turn, tree.chart)]
             elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
                 frame = tree.balls[j][::-1]  # (3, 3) rows x', y', z'
-                x += chart_angles(
-                    frame @ rotation_of(qpos[address : address + 4]) @ frame.T, BALL_CHART
-                )
+                turn = frame @ rotation_of(qpos[address : address + 4]) @ frame.T
+                x += chart_angles(turn, BALL_CHART)
             else:
                 x.append(qpos[address])
     return np.array(x, dtype=float)
 
 
-def _keyframes(tree: Tree, source: RobotFile) -> dict[str, Array]:
-    model = source.model
-    return {
-        name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
-        for k in range(model.nkey)
-    }
-
-
 def _least_singular_chart(rotation: Array) -> Chart:
-    """zyx, unless the base stands so close to its singular pitch (60° and more) that zxy is
-    better."""
+    """zyx, unless the base stands so near to its singular pitch that zxy is better."""
     # sines of the middle angles of zyx and of zxy
     pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])
     return "zxy" if pitch > 0.87 and roll < pitch else "zyx"
-
-
-def chart_angles(rotation: Array, chart: str) -> list[float]:
-    """The three angles (rad) of the chart's hinges, outermost first, that turn by ``rotation`` (3,
-    3)."""
-    R = rotation
-    if chart == "zyx":
-        return [
-            math.atan2(R[1, 0], R[0, 0]),
-            math.asin(-np.clip(R[2, 0], -1.0, 1.0)),
-            math.atan2(R[2, 1], R[2, 2]),
-        ]
-    return [
-        math.atan2(-R[0, 1], R[1, 1]),
-        math.asin(np.clip(R[2, 1], -1.0, 1.0)),
-        math.atan2(-R[2, 0], R[2, 2]),
-    ]

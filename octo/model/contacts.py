@@ -1,10 +1,9 @@
-"""Collision geoms of a compiled robot file -> contact spheres and self-collision pairs, as few as
-will do."""
+"""Collision geoms of a robot file -> as few contact spheres and pairs as will do."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +26,13 @@ COMPACT = 2.0  # if its longest side is at most this often its shortest
 SHARED = 0.25
 PAIR_CLEARANCE = 0.005  # m between the spheres of a pair in the default pose
 PAIR_RADIUS = 0.005  # m; smaller spheres are corners, no use against each other
+SPHERES_OF: dict[str, Callable[[Array], shapes.Spheres]] = {  # by the kind of a geom, of its size
+    "sphere": lambda size: shapes.sphere(size[0]),
+    "capsule": lambda size: shapes.capsule(size[0], size[1]),
+    "ellipsoid": shapes.ellipsoid,
+    "box": shapes.box,
+    "cylinder": lambda size: shapes.cylinder(size[0], size[1]),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +82,17 @@ def contact_spheres(
 
 def _boxed(own: list[Shape]) -> list[Shape]:
     """The shapes of the trunk, or one box around them where they are many."""
-    if not own:
+    if sum(len(shape.radii) for shape in own) <= MOST_SPHERES:
         return own
-    centers = np.concatenate([s.centers for s in own])
-    radii = np.concatenate([s.radii for s in own])
-    if len(radii) <= MOST_SPHERES:
-        return own
-    return [
-        replace(own[0], centers=corners, radii=skins)
-        for corners, skins in [shapes.bounding_box(centers, radii)]
-    ]
+    return [own[0].with_spheres(shapes.bounding_box(*_all_spheres(own)))]
+
+
+def _all_spheres(own: list[Shape]) -> shapes.Spheres:
+    return np.concatenate([s.centers for s in own]), np.concatenate([s.radii for s in own])
 
 
 def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) -> list[Shape]:
-    """The shapes of body ``b`` with all that cannot be a foot or a hand reduced to rods and
-    balls."""
+    """The shapes of body ``b``: what cannot be a foot or a hand becomes rods and balls."""
     if not own:
         return own
     anchor = _anchor(character, b)
@@ -101,9 +103,8 @@ def _simplified(character: Character, b: int, own: list[Shape], at_end: bool) ->
         if at_end and reach[id(shape)] >= AT_END * farthest:
             if shape.kind == "mesh" and len(shape.radii) > 1 and _compact(shape.centers, farthest):
                 outward = shape.centers.mean(axis=0) - anchor
-                shape = shape.with_spheres(
-                    shapes.end_ball(shape.centers, outward / np.linalg.norm(outward))
-                )
+                outward /= np.linalg.norm(outward)
+                shape = shape.with_spheres(shapes.end_ball(shape.centers, outward))
         elif len(shape.radii) > 2:
             shape = shape.with_spheres(shape.rod)
         result.append(shape)
@@ -151,8 +152,7 @@ def _paired(model: Any, g: int) -> list[int]:
 
 
 def _collides(model: Any, g: int, ground: list[int], floating: bool) -> bool:
-    """Whether geom ``g`` touches the ground of the file; in a file without one, whether it could
-    touch anything."""
+    """Whether geom ``g`` touches the ground of the file, or without one could touch anything."""
     if not ground:
         return _collidable(model, g)
     partners = set(_paired(model, g))
@@ -171,16 +171,8 @@ def _shape(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[Shape
     kind, size = _kind(mujoco, model, g), np.array(model.geom_size[g], dtype=float)
     link = name_of(model, "body", int(model.geom_bodyid[g]))
     name = model.geom(g).name or link
-    if kind == "sphere":
-        centers, radii = shapes.sphere(size[0])
-    elif kind == "capsule":
-        centers, radii = shapes.capsule(size[0], size[1])
-    elif kind == "ellipsoid":
-        centers, radii = shapes.ellipsoid(size)
-    elif kind == "box":
-        centers, radii = shapes.box(size)
-    elif kind == "cylinder":
-        centers, radii = shapes.cylinder(size[0], size[1])
+    if kind in SPHERES_OF:
+        centers, radii = SPHERES_OF[kind](size)
     elif kind == "mesh":
         centers, radii = shapes.hull(_hull_vertices(model, int(model.geom_dataid[g])))
     else:
@@ -208,23 +200,18 @@ def _pruned(own: list[Shape], touches: bool) -> list[ContactSphere]:
     """The spheres of one body that make up its hull."""
     if not own:
         return []
-    centers = np.concatenate([s.centers for s in own])
-    radii = np.concatenate([s.radii for s in own])
+    centers, radii = _all_spheres(own)
     names = [shape.name for shape in own for _ in shape.radii]
-    size = float(
-        np.linalg.norm(
-            (centers + radii[:, None]).max(axis=0) - (centers - radii[:, None]).min(axis=0)
-        )
-    )
-    chosen = shapes.prune(centers, radii, TOLERANCE * size, MOST_SPHERES)
+    top, bottom = (centers + radii[:, None]).max(axis=0), (centers - radii[:, None]).min(axis=0)
+    tolerance, body = TOLERANCE * float(np.linalg.norm(top - bottom)), own[0].body
     return [
-        ContactSphere(names[k], own[0].body, centers[k], float(radii[k]), touches) for k in chosen
+        ContactSphere(names[k], body, centers[k], float(radii[k]), touches)
+        for k in shapes.prune(centers, radii, tolerance, MOST_SPHERES)
     ]
 
 
 def _without_shared(character: Character, spheres: list[ContactSphere]) -> list[ContactSphere]:
-    """Drop a sphere that stays inside, or in the place of, one of another body: two links that
-    share a knee."""
+    """Drop a sphere that stays inside of another body's: two links that share a knee."""
     if not spheres:
         return []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (4, character.nx))
@@ -294,12 +281,9 @@ def _unique_names(spheres: list[ContactSphere]) -> list[ContactSphere]:
     numbered = []
     for sphere in spheres:
         seen[sphere.name] = seen.get(sphere.name, 0) + 1
-        name = (
-            sphere.name if names.count(sphere.name) == 1 else f"{sphere.name}_{seen[sphere.name]}"
-        )
-        numbered.append(
-            ContactSphere(name, sphere.body, sphere.position, sphere.radius, sphere.touches_terrain)
-        )
+        alone = names.count(sphere.name) == 1
+        name = sphere.name if alone else f"{sphere.name}_{seen[sphere.name]}"
+        numbered.append(replace(sphere, name=name))
     return numbered
 
 

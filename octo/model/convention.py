@@ -44,9 +44,8 @@ class Convention:
         self.quaternion = slice(first + 3, first + 7)
         self._after = slice(first + 7, None)
         self._origin, self._frame, self.chart = base.position, base.rotation, robot.chart
-        self.actuated_q = robot.actuated + np.where(
-            robot.actuated >= first + 6, int(self.floating), 0
-        )
+        behind = robot.actuated >= first + 6
+        self.actuated_q = robot.actuated + np.where(behind, int(self.floating), 0)
 
     def to_octo(self, q: Array, v: Array, dt: float, near: Array) -> tuple[Array, Array]:
         """x_0 (nx,) in the chart nearest to ``near`` (nx,), and x_{-1} = x_0 − dt·v_0, where the
@@ -76,9 +75,8 @@ class Convention:
             return v.copy()
         rate, turn = v.copy(), rotation_of_angles(x[self._r], self.chart)
         rate[self._p] = self._frame.T @ v[self._p] if self.real_first else turn @ v[self._p]
-        rate[self._r] = np.linalg.lstsq(body_axes(x[self._r], self.chart), v[self._r], rcond=1e-9)[
-            0
-        ]
+        axes = body_axes(x[self._r], self.chart)
+        rate[self._r] = np.linalg.lstsq(axes, v[self._r], rcond=1e-9)[0]
         return rate
 
     def of_mujoco(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -108,9 +106,8 @@ class Convention:
         """Place (3,) m and rotation (3, 3) of a floating base; of a fixed one, the world's."""
         if not self.floating:
             return np.zeros(3), np.eye(3)
-        return self._origin + self._frame @ x[self._p], self._frame @ rotation_of_angles(
-            x[self._r], self.chart
-        )
+        turn = rotation_of_angles(x[self._r], self.chart)
+        return self._origin + self._frame @ x[self._p], self._frame @ turn
 
     def tangent(self, x: Array) -> Array:
         """(nx, nv) the rates of the chart for a velocity in this convention; damped where the chart
@@ -118,9 +115,8 @@ class Convention:
         matrix = np.eye(self.nv)
         if self.floating:
             axes = body_axes(x[self._r], self.chart)
-            matrix[self._r, self._r] = np.linalg.solve(
-                axes.T @ axes + DAMPING**2 * np.eye(3), axes.T
-            )
+            damped = axes.T @ axes + DAMPING**2 * np.eye(3)
+            matrix[self._r, self._r] = np.linalg.solve(damped, axes.T)
             turn = rotation_of_angles(x[self._r], self.chart)
             matrix[self._p, self._p] = self._frame.T if self.real_first else turn
         return matrix

@@ -8,24 +8,16 @@ from typing import Any
 import numpy as np
 
 from octo.checks import instance
-from octo.model.body import Joint
+from octo.model.body import Body, Joint
 from octo.model.element import names_of
 from octo.model.feet import terrain_bottoms
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quantities import Array
 from octo.model.tree import Tree
 
-UNITS = {
-    "length": "m",
-    "mass": "kg",
-    "inertia": "kg m²",
-    "hinge": "rad",
-    "slide": "m",
-    "speed of a hinge": "rad/s",
-    "speed of a slide": "m/s",
-    "torque of a hinge": "N m",
-    "force of a slide": "N",
-}
+UNITS = {"length": "m", "mass": "kg", "inertia": "kg m²", "hinge": "rad", "slide": "m"}
+UNITS |= {"speed of a hinge": "rad/s", "speed of a slide": "m/s"}
+UNITS |= {"torque of a hinge": "N m", "force of a slide": "N"}
 SHOWN = 4  # meshes named in one sentence
 
 
@@ -48,11 +40,9 @@ def describe(character: Tree) -> dict[str, Any]:
     instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
     pose = character.start_pose
+    poses = {"default": pose, **character.poses}
     return {
-        "name": character.name,
-        "nx": character.nx,
-        "nu": character.nu,
-        "mass": character.mass,
+        **{name: getattr(character, name) for name in ("name", "nx", "nu", "mass")},
         "bodies": [body.name for body in character.bodies],
         "contacts": names,
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
@@ -62,35 +52,22 @@ def describe(character: Tree) -> dict[str, Any]:
         "chart": character.chart,
         "height": default_height(character),
         "inertia": whole_inertia(character, pose).tolist(),
-        "joints": [
-            {
-                "name": joint.name,
-                "kind": joint.kind,
-                "body": body.name,
-                "actuated": joint.actuated,
-                "lower": _finite(joint.lower),
-                "upper": _finite(joint.upper),
-                "velocity_limit": _finite(joint.velocity_limit),
-                "torque_limit": _finite(joint.torque_limit) if joint.actuated else None,
-            }
-            for body in character.bodies
-            for joint in body.joints
-        ],
-        "links": [
-            {
-                "name": body.name,
-                "mass": body.mass,
-                "com": body.com.tolist(),
-                "inertia": body.inertia.tolist(),
-            }
-            for body in character.bodies
-        ],
-        "poses": {
-            "default": pose.tolist(),
-            **{name: np.asarray(values).tolist() for name, values in character.poses.items()},
-        },
+        "joints": [_joint(body, joint) for body in character.bodies for joint in body.joints],
+        "links": [_link(body) for body in character.bodies],
+        "poses": {name: np.asarray(values).tolist() for name, values in poses.items()},
         "units": UNITS,
     }
+
+
+def _joint(body: Body, joint: Joint) -> dict[str, Any]:
+    own = {"name": joint.name, "kind": joint.kind, "body": body.name, "actuated": joint.actuated}
+    limits = {n: _finite(getattr(joint, n)) for n in ("lower", "upper", "velocity_limit")}
+    return own | limits | {"torque_limit": _finite(joint.torque_limit) if joint.actuated else None}
+
+
+def _link(body: Body) -> dict[str, Any]:
+    own = {"name": body.name, "mass": body.mass}
+    return own | {"com": body.com.tolist(), "inertia": body.inertia.tolist()}
 
 
 def _elements(character: Tree) -> list[dict[str, Any]]:
@@ -124,9 +101,8 @@ def summary(character: Tree) -> Text:
     height = default_height(character)
     instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
-    moments = ", ".join(
-        f"{value:.3g}" for value in np.linalg.eigvalsh(whole_inertia(character, pose))
-    )
+    principal = np.linalg.eigvalsh(whole_inertia(character, pose))
+    moments = ", ".join(f"{value:.3g}" for value in principal)
     counted = {
         "bodies": [body.name for body in character.bodies],
         "contacts": names,
@@ -172,9 +148,8 @@ def whole_inertia(character: Tree, x: Array) -> Array:
     for b in np.flatnonzero(character.own):
         body, rotation, origin = character.bodies[b], rotations[b], origins[b]
         arm = origin + rotation @ body.com - middle
-        total += rotation @ body.inertia @ rotation.T + body.mass * (
-            arm @ arm * np.eye(3) - np.outer(arm, arm)
-        )
+        steiner = arm @ arm * np.eye(3) - np.outer(arm, arm)
+        total += rotation @ body.inertia @ rotation.T + body.mass * steiner
     return total
 
 
@@ -183,11 +158,8 @@ def _finite(value: float) -> float | None:
 
 
 def _counted(names: list[str], one_a_line: bool) -> str:
-    return (
-        f"{len(names)}: {(f'{chr(10)}          ' if one_a_line else ', ').join(names)}"
-        if names
-        else "none"
-    )
+    between = f"\n{'':10s}" if one_a_line else ", "
+    return f"{len(names)}: {between.join(names)}" if names else "none"
 
 
 def _joint_rows(character: Tree, poses: dict[str, Array]) -> list[str]:

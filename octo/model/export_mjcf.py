@@ -1,5 +1,4 @@
-"""A character as an MJCF that MuJoCo compiles: the way back from :mod:`octo.model.mjcf`, and the
-plant's model."""
+"""A character as an MJCF: the way back from octo.model.mjcf, and the plant's model."""
 
 from __future__ import annotations
 
@@ -95,18 +94,11 @@ def mjcf_text(
         parent = elements[body.parent] if body.parent >= 0 else world
         elements.append(_add_body(parent, character, b))
     for contact in character.contacts:
-        SubElement(
-            elements[contact.body],
-            "geom",
-            name=contact.name,
-            type="sphere",
-            size=_text(max(contact.radius, LEAST_RADIUS)),
-            pos=_text(contact.position),
-            mass="0",
-            contype="0",
-            conaffinity=str(int(contact.touches_terrain)),
-            friction=f"{friction:.10g} {ROLLING}",
-        )
+        sphere = {"name": contact.name, "type": "sphere", "mass": "0", "contype": "0"}
+        sphere["size"] = _text(max(contact.radius, LEAST_RADIUS))
+        sphere["pos"] = _text(contact.position)
+        sphere["conaffinity"] = str(int(contact.touches_terrain))
+        SubElement(elements[contact.body], "geom", sphere, friction=f"{friction:.10g} {ROLLING}")
     _add_pairs(top, character, friction)
     _add_elements(top, world, elements, character)
     motors = SubElement(top, "actuator")
@@ -127,41 +119,22 @@ def plane_rotation(terrain: Plane) -> Array:
     return np.stack([along, np.cross(normal, along), normal], axis=1)
 
 
-def free_base(character: Character) -> bool:
-    """Whether the character has the six leading joints that a free joint stands for."""
-    return character.base == "floating"
-
-
 def _add_ground(
     world: Element, terrain: Plane, friction: str, bumps: Iterable[tuple[Array, Array]]
 ) -> None:
     rotation, origin = plane_rotation(terrain), np.array([0.0, 0.0, terrain.height])
-    turn, place = _text(quaternions(rotation[None])[0]), _text(origin)
-    common = {"contype": "1", "conaffinity": "0", "friction": friction}
-    SubElement(
-        world,
-        "geom",
-        {
-            "name": "ground",
-            "type": "plane",
-            "pos": place,
-            "quat": turn,
-            "size": "0 0 0.1",
-            **common,
-        },
-    )
+    common = {"quat": _text(quaternions(rotation[None])[0])}
+    common |= {"contype": "1", "conaffinity": "0", "friction": friction}
+    plane = {"name": "ground", "type": "plane", "size": "0 0 0.1"}
+    SubElement(world, "geom", plane | common, pos=_text(origin))
     for center, half in bumps:
-        place = _text(origin + rotation @ center)
-        SubElement(
-            world,
-            "geom",
-            {"type": "box", "pos": place, "quat": turn, "size": _text(half), **common},
-        )
+        box = {"type": "box", "pos": _text(origin + rotation @ center), "size": _text(half)}
+        SubElement(world, "geom", box | common)
 
 
 def _add_body(parent: Element, character: Character, b: int) -> Element:
     body = character.bodies[b]
-    floats = free_base(character) and b == character.base_body
+    floats = character.base == "floating" and b == character.base_body
     position, rotation, joints = body.position, body.rotation, body.joints
     if floats:
         pose = character.start_pose
@@ -169,13 +142,8 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
         position, rotation = origins[b], rotations[b]
     # MuJoCo's own name of what does not move
     name = body.name if body.name != "world" else "_world"
-    element = SubElement(
-        parent,
-        "body",
-        name=name,
-        pos=_text(position),
-        quat=_text(quaternions(np.asarray(rotation)[None])[0]),
-    )
+    turn = _text(quaternions(np.asarray(rotation)[None])[0])
+    element = SubElement(parent, "body", name=name, pos=_text(position), quat=turn)
     if floats:
         _add_free_joint(element, body)
         joints = joints[6:]
@@ -193,25 +161,18 @@ def _add_free_joint(element: Element, body: Body) -> None:
         if len(found) > 1:
             raise ModelError(
                 f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has "
-                "one "
-                "number for all"
+                "one number for all"
             )
         values[name] = _text(found.pop())
     SubElement(element, "joint", {"name": f"{body.name}_free", "type": "free", **values})
 
 
 def _add_joint(element: Element, joint: Joint) -> None:
-    values = {
-        "name": joint.name,
-        "type": joint.kind,
-        "axis": _text(joint.axis),
-        "pos": _text(joint.anchor),
-        "ref": _text(joint.reference),
-        "armature": _text(joint.armature),
-        "damping": _text(joint.damping),
-        "stiffness": _text(joint.stiffness),
-        "springref": _text(joint.rest),
-    }
+    values = {"name": joint.name, "type": joint.kind, "axis": _text(joint.axis)}
+    values |= {"pos": _text(joint.anchor), "ref": _text(joint.reference)}
+    values |= {"springref": _text(joint.rest)}
+    for name in ("armature", "damping", "stiffness"):
+        values[name] = _text(getattr(joint, name))
     if joint.limited:
         lower, upper = max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)
         apart = NARROWEST if upper - lower < NARROWEST else 0.0
@@ -222,43 +183,29 @@ def _add_joint(element: Element, joint: Joint) -> None:
 def _add_inertial(element: Element, body: Body) -> None:
     mass, inertia = body.mass, np.asarray(body.inertia)
     moments = np.linalg.eigvalsh(inertia)
-    if (
-        moments[0] < -LEAST_MASS
-        or moments[2] > (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS
-    ):
+    largest = (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS
+    if moments[0] < -LEAST_MASS or moments[2] > largest:
         raise ModelError(
             f"body {body.name!r}: principal moments {_text(moments)} kg m² are of no mass "
-            "distribution (the largest must be at "
-            f"most the sum of the others): MuJoCo does not compile it"
+            "distribution (the largest must be at most the sum of the others): MuJoCo does not "
+            "compile it"
         )
     lift = max(0.0, LEAST_MASS - float(moments[0]))
     # rounding of a thin rod, within 1e-6
     lift += 0.5 * max(0.0, float(moments[2] - moments[1] - moments[0]) - lift)
     full = (inertia + lift * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    SubElement(
-        element,
-        "inertial",
-        pos=_text(body.com),
-        mass=_text(max(mass, LEAST_MASS)),
-        fullinertia=_text(full),
-    )
+    values = {"pos": _text(body.com), "mass": _text(max(mass, LEAST_MASS))}
+    SubElement(element, "inertial", values, fullinertia=_text(full))
 
 
 def _add_pairs(top: Element, character: Character, friction: float) -> None:
     if not character.pairs:
         return
     contact = SubElement(top, "contact")
+    common = {"condim": "3", "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001"}
     for first, second in character.pairs:
         names = {"geom1": character.contacts[first].name, "geom2": character.contacts[second].name}
-        SubElement(
-            contact,
-            "pair",
-            {
-                **names,
-                "condim": "3",
-                "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001",
-            },
-        )
+        SubElement(contact, "pair", names | common)
 
 
 def _add_elements(
@@ -276,9 +223,8 @@ def _add_elements(
                 "tendon for, as SpringDamper: leave it out with "
                 "dataclasses.replace(robot, elements=())"
             )
-        tendon = SubElement(
-            tendons, "spatial", {"name": name, **{k: _text(v) for k, v in values.items()}}
-        )
+        words = {key: _text(value) for key, value in values.items()}
+        tendon = SubElement(tendons, "spatial", {"name": name} | words)
         ends = (("a", element.body_a, element.point_a), ("b", element.body_b, element.point_b))
         for end, body, point in ends:
             on = world if body is None else bodies[character.body_index(body)]
@@ -300,15 +246,10 @@ def _add_keys(top: Element, character: Character) -> None:
     found = {name: pose for name, pose in poses.items() if pose is not None}
     if not found:
         return
-    keys = SubElement(top, "keyframe")
-    order = depth_first(character)
+    keys, order = SubElement(top, "keyframe"), depth_first(character)
     for name, pose in found.items():
-        SubElement(
-            keys,
-            "key",
-            name=name,
-            qpos=_text(_qpos(character, np.asarray(pose, dtype=float), order)),
-        )
+        q = _qpos(character, np.asarray(pose, dtype=float), order)
+        SubElement(keys, "key", name=name, qpos=_text(q))
 
 
 def depth_first(character: Character) -> list[int]:
@@ -329,7 +270,7 @@ def _qpos(character: Character, x: Array, order: list[int]) -> Array:
     values: list[float] = []
     for b in order:
         first, count = int(character.first_joint[b]), len(character.bodies[b].joints)
-        if free_base(character) and b == character.base_body:
+        if character.base == "floating" and b == character.base_body:
             rotation, origin = (value[b] for value in body_poses(character, x))
             values += [*origin, *quaternions(rotation[None])[0]]
             first, count = first + 6, count - 6

@@ -18,12 +18,8 @@ FLAGS = ("gravity", "spring", "damper", "contact", "limit", "actuation")
 def left_out_features(model: Any, left_out: frozenset[int]) -> list[str]:
     """Sentences about what of the robot's part of ``model`` octo leaves out; ``left_out``: bodies
     that are not the robot's."""
-    return [
-        *_joint_features(model, left_out),
-        *_actuator_features(model),
-        *_ties(model),
-        *_world_features(model),
-    ]
+    of_robot = [*_joint_features(model, left_out), *_actuator_features(model)]
+    return [*of_robot, *_ties(model), *_world_features(model)]
 
 
 def _listed(what: str, names: Iterable[str]) -> list[str]:
@@ -38,22 +34,20 @@ def _joint_features(model: Any, left_out: frozenset[int]) -> list[str]:
     def named(condition: Any) -> list[str]:
         return [name_of(model, "joint", j) for j in joints if condition(j, model.jnt_dofadr[j])]
 
-    sentences = _listed(
-        "dry friction (frictionloss) of joints", named(lambda j, d: model.dof_frictionloss[d] > 0.0)
-    )
-    sentences += _listed(
-        "springs that are not linear", named(lambda j, d: model.jnt_stiffnesspoly[j].any())
-    )
-    sentences += _listed(
-        "damping that is not linear", named(lambda j, d: model.dof_dampingpoly[d].any())
-    )
-    sentences += _listed("plastic springs", named(lambda j, d: model.jnt_plasticadr[j] >= 0))
+    rubbing = named(lambda j, d: model.dof_frictionloss[d] > 0.0)
+    bent = named(lambda j, d: model.jnt_stiffnesspoly[j].any())
+    damped = named(lambda j, d: model.dof_dampingpoly[d].any())
+    plastic = named(lambda j, d: model.jnt_plasticadr[j] >= 0)
     heavy = [name_of(model, "body", b) for b in bodies if model.body_gravcomp[b] != 0.0]
-    sentences += _listed("gravity compensation of bodies", heavy)
-    return sentences + _listed(
-        "mocap bodies stand still",
-        [name_of(model, "body", b) for b in bodies if model.body_mocapid[b] >= 0],
-    )
+    mocap = [name_of(model, "body", b) for b in bodies if model.body_mocapid[b] >= 0]
+    return [
+        *_listed("dry friction (frictionloss) of joints", rubbing),
+        *_listed("springs that are not linear", bent),
+        *_listed("damping that is not linear", damped),
+        *_listed("plastic springs", plastic),
+        *_listed("gravity compensation of bodies", heavy),
+        *_listed("mocap bodies stand still", mocap),
+    ]
 
 
 def _actuator_features(model: Any) -> list[str]:
@@ -68,10 +62,8 @@ def _actuator_features(model: Any) -> list[str]:
             continue
         j = int(model.actuator_trnid[a, 0])
         if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-            sentences.append(
-                f"actuator {name} on the free joint of "
-                f"{name_of(model, 'body', int(model.jnt_bodyid[j]))}"
-            )
+            body = name_of(model, "body", int(model.jnt_bodyid[j]))
+            sentences.append(f"actuator {name} on the free joint of {body}")
             continue
         if not model.actuator_gear[a, : gears(model, j)].any():
             idle.append(name)
@@ -136,14 +128,9 @@ def _world_features(model: Any) -> list[str]:
             "said otherwise"
         )
     bits = import_mujoco().mjtDisableBit
-    sentences += _listed(
-        "flags that switch off",
-        [
-            flag
-            for flag in FLAGS
-            if option.disableflags & int(getattr(bits, f"mjDSBL_{flag.upper()}"))
-        ],
-    )
+    switches = {flag: int(getattr(bits, f"mjDSBL_{flag.upper()}")) for flag in FLAGS}
+    off = [flag for flag, bit in switches.items() if option.disableflags & bit]
+    sentences += _listed("flags that switch off", off)
     if model.nflex and model.flex_rigid.all():
         sentences.append(f"{model.nflex} rigid flex bodies: their shapes touch nothing")
     if model.nplugin:

@@ -73,11 +73,8 @@ def surfaces(character: Character, fineness: int = 2) -> list[Surface | None]:
     out: list[Surface | None] = []
     for b, core in enumerate(cores):
         solids = [*([core] if core else []), *_rods(character, b, cores, thin)]
-        out.append(
-            _joined([hull(s, fineness + (s.radius > THICK * scale)) for s in solids])
-            if solids
-            else None
-        )
+        hulls = [hull(solid, fineness + (solid.radius > THICK * scale)) for solid in solids]
+        out.append(_joined(hulls) if hulls else None)
     return out
 
 
@@ -85,9 +82,8 @@ def size(character: Character) -> float:
     """m, the largest extent of joints and spheres in the default pose."""
     pose = character.start_pose
     moving = [b for b, body in enumerate(character.bodies) if character.path[b] or body.parent < 0]
-    points = np.concatenate(
-        [body_poses(character, pose)[1][moving], sphere_centers(character, pose)]
-    )
+    places = body_poses(character, pose)[1][moving]
+    points = np.concatenate([places, sphere_centers(character, pose)])
     radius = max((contact.radius for contact in character.contacts), default=0.0)
     return float(max(np.ptp(points, axis=0).max() + 2 * radius, 0.05))
 
@@ -119,10 +115,8 @@ def unit_sphere(fineness: int) -> Array:
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     for _ in range(fineness):
         faces = ConvexHull(points).simplices
-        edges = np.unique(
-            np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]]), axis=1),
-            axis=0,
-        )
+        sides = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [0, 2])])
+        edges = np.unique(np.sort(sides, axis=1), axis=0)
         middle = points[edges].sum(axis=1)
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
     return cast(Array, points)
@@ -130,9 +124,7 @@ def unit_sphere(fineness: int) -> Array:
 
 def _core(character: Character, b: int, scale: float) -> Solid | None:
     """The body without its rods; ``scale`` is the size of the character."""
-    spheres = [
-        contact for contact in character.contacts if contact.body == b and contact.radius > 0.0
-    ]
+    spheres = [s for s in character.contacts if s.body == b and s.radius > 0.0]
     if len(spheres) >= 2:
         return Solid(np.array([s.position for s in spheres]), np.array([s.radius for s in spheres]))
     core = _of_inertia(character.bodies[b], _reach(character, b, scale))
@@ -142,8 +134,7 @@ def _core(character: Character, b: int, scale: float) -> Solid | None:
 
 
 def _reach(character: Character, b: int, scale: float) -> float:
-    """m, how far a body may stretch from its centre of mass: robot files give some links the
-    inertia of far larger ones."""
+    """m, how far a body may stretch from its centre of mass, whatever inertia its file gives it."""
     body = character.bodies[b]
     if body.parent < 0:
         return np.inf
@@ -153,8 +144,7 @@ def _reach(character: Character, b: int, scale: float) -> float:
 
 
 def _of_inertia(body: Body, reach: float) -> Solid | None:
-    """The capsule or rounded box that has the body's mass and inertia, at most ``reach`` long; None
-    without a mass."""
+    """The capsule or rounded box of the body's mass and inertia, at most ``reach`` m long."""
     if body.mass <= 0.0:
         return None
     # m², ascending: the first axis is the longest
@@ -174,47 +164,39 @@ def _of_inertia(body: Body, reach: float) -> Solid | None:
 
 
 def _capsule_of(along: float, across: float) -> tuple[float, float]:
-    """Radius and length between the ends (m) of the solid capsule with these moments per mass
-    (m²)."""
+    """Radius and length (m) of the solid capsule with these moments per mass (m²)."""
 
     def moments(ratio: float) -> tuple[float, float]:
         cylinder, balls = ratio, 4.0 / 3.0  # volumes over π radius³
         total = cylinder + balls
-        about_axis = (cylinder / 2 + balls * 0.4) / total
-        about_other = (
-            cylinder * (0.25 + ratio**2 / 12) + balls * (0.4 + ratio**2 / 4 + 0.375 * ratio)
-        ) / total
-        return about_axis, about_other
+        of_cylinder, of_balls = 0.25 + ratio**2 / 12, 0.4 + ratio**2 / 4 + 0.375 * ratio
+        about_other = (cylinder * of_cylinder + balls * of_balls) / total
+        return (cylinder / 2 + balls * 0.4) / total, about_other
 
     def excess(ratio: float) -> float:
         own, other = moments(ratio)
         return other / own - across / along
 
-    ratio = (
-        0.0 if excess(0.0) >= 0.0 else float(brentq(excess, 0.0, 1e3)) if excess(1e3) > 0.0 else 1e3
-    )
+    if excess(0.0) >= 0.0:
+        ratio = 0.0
+    else:
+        ratio = float(brentq(excess, 0.0, 1e3)) if excess(1e3) > 0.0 else 1e3
     radius = float(np.sqrt(along / moments(ratio)[0]))
     return radius, ratio * radius
 
 
 def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) -> list[Solid]:
-    """From the body's joint, its children's joints and its lone sphere to its core; nothing where
-    they touch already."""
+    """From the body's joints and its lone sphere to its core, where they do not touch it."""
     body, core = character.bodies[b], cores[b]
     ends: list[tuple[Array, float]] = []
     if body.joints and body.parent >= 0:
-        anchors = [joint.anchor for joint in body.joints if joint.kind == "hinge"]
-        ends.append((anchors[0] if anchors else np.zeros(3), _radius(cores[body.parent], thin)))
+        ends.append((_hinge(body), _radius(cores[body.parent], thin)))
     for c, child in enumerate(character.bodies):
         if child.parent == b:
-            anchors = [joint.anchor for joint in child.joints if joint.kind == "hinge"]
-            place = child.position + child.rotation @ anchors[0] if anchors else child.position
+            place = child.position + child.rotation @ _hinge(child)
             ends.append((place, _radius(cores[c], thin)))
-    ends += [
-        (contact.position, max(contact.radius, thin))
-        for contact in character.contacts
-        if contact.body == b
-    ]
+    own_spheres = [sphere for sphere in character.contacts if sphere.body == b]
+    ends += [(sphere.position, max(sphere.radius, thin)) for sphere in own_spheres]
     rods = []
     for place, other in ends:
         nearest = core.nearest(place) if core is not None else np.zeros(3)
@@ -222,6 +204,12 @@ def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) 
         if np.linalg.norm(place - nearest) > (0.5 * own if core is not None else 1e-6):
             rods.append(Solid(np.stack([nearest, place]), np.full(2, ROD * min(own, other))))
     return rods
+
+
+def _hinge(body: Body) -> Array:
+    """(3,) m, a point of the axis of its first hinge; the body's origin where it has none."""
+    anchors = (joint.anchor for joint in body.joints if joint.kind == "hinge")
+    return next(anchors, np.zeros(3))
 
 
 def _radius(core: Solid | None, thin: float) -> float:

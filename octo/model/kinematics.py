@@ -1,5 +1,4 @@
-"""Where the bodies of a character are, in NumPy: pictures, starts and tests (the optimiser uses
-CasADi's form)."""
+"""Where the bodies of a character are, in NumPy; the optimiser uses CasADi's form."""
 
 from __future__ import annotations
 
@@ -72,7 +71,5 @@ def center_of_mass(character: Tree, x: NDArray) -> Array:
     rotation, origin = body_poses(character, x)
     mass = character.masses
     com = np.array([body.com for body in character.bodies])
-    return (
-        np.einsum("b,...bi->...i", mass, origin + np.einsum("...bij,bj->...bi", rotation, com))
-        / mass.sum()
-    )
+    places = origin + np.einsum("...bij,bj->...bi", rotation, com)
+    return np.einsum("b,...bi->...i", mass, places) / mass.sum()

@@ -69,12 +69,8 @@ def check_mass_matrix(character: Character, file: str) -> None:
             best, motion = values[0], vectors[:, 0] / scale
     if not best > SMALLEST:
         share = np.abs(motion) / np.abs(motion).max()
-        involved = [
-            joint.name for joint, part in zip(character.joints, share, strict=True) if part > 0.1
-        ]
-        of_base = character.base == "floating" and not set(involved).isdisjoint(
-            joint.name for joint in character.joints[:6]
-        )
+        involved = [character.joints[j].name for j in np.flatnonzero(share > 0.1)]
+        of_base = character.base == "floating" and bool((share[:6] > 0.1).any())
         hint = "; base='fixed' takes the base away" if of_base else ""
         raise ModelError(
             f"{file}: joints {', '.join(involved)}: a motion of theirs has no inertia "

@@ -25,7 +25,7 @@ from octo.errors import MirrorError, ProblemError, ShapeError
 from octo.model.body import Joint
 from octo.model.character import Character
 from octo.model.element import Element, names_of
-from octo.model.feet import bottoms
+from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.model.quantities import Array
@@ -38,7 +38,6 @@ INERTIA = 0.02  # of the robot's mass and squared size
 PASSIVE = 0.25  # of the largest armature, damping and stiffness of the robot's joints
 REST = 0.05  # rad or m, of springs
 CONTACTS = 0.02  # of the robot's size: centres and radii of spheres
-FEET = 0.05  # of the robot's size: spheres up to here above the lowest one must have an image
 BY_HAND = 10.0  # times JOINTS where joints are paired by hand
 POSES = 5.0  # times JOINTS, of the bodies at the end of a chain of joints
 
@@ -97,9 +96,8 @@ def mirror_of(robot: Character, pairs: Mapping[str, str] | None = None) -> Mirro
     UnknownNameError: ``pairs`` names no joint of the robot.
     """
     instance("robot", robot, Character, "a Character: what octo.load gives")
-    by_hand = _both_ways(
-        robot, {} if pairs is None else instance("pairs", pairs, Mapping, "names of joints by name")
-    )
+    given = {} if pairs is None else pairs
+    by_hand = _both_ways(robot, instance("pairs", given, Mapping, "names of joints by name"))
     refusals: list[_NoImage] = []
     for x in _configurations(robot):
         try:
@@ -325,8 +323,7 @@ class _Search:
         return contacts, tuple(spheres[k].name for k in alone)
 
     def _check_elements(self, image: Mapping[int, int]) -> None:
-        """Every element must have an image: where its points are reflected to, with the reflected
-        force."""
+        """Every element must have an image: reflected points, with the reflected force."""
         elements = self.robot.elements
         for name, element in zip(names_of(elements), elements, strict=True):
             if not any(self._reflects(element, other, image) for other in elements):
@@ -370,12 +367,10 @@ class _Search:
             values.append(ca.DM(element.force(*at, dict(element.parameters))).full().ravel())
         return np.array(values)
 
-    def _feet(self) -> NDArray[np.intp]:
+    def _feet(self) -> list[int]:
         """The spheres that a robot in its default pose would stand on."""
-        robot = self.robot
-        pose = self.x if robot.default_pose is None else robot.default_pose
-        bottom = bottoms(robot, pose)
-        return np.flatnonzero(bottom <= bottom.min(initial=math.inf) + FEET * self.size)
+        default = self.robot.default_pose
+        return lowest_contacts(self.robot, self.x if default is None else default)
 
     def _check_poses(self, mirror: Mirror, image: Mapping[int, int]) -> None:
         """In mirrored configurations the bodies must be where their reflected images are."""

@@ -1,5 +1,4 @@
-"""MJCF files: compiled by MuJoCo; which trees are the robot, which base it has, what octo leaves
-out."""
+"""MJCF files: which trees are the robot, which base it has, what octo leaves out."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.features import left_out_features
-from octo.model.robot_file import RobotFile, import_mujoco, name_of, one_line, quiet_compiler
+from octo.model.robot_file import RobotFile, import_mujoco, name_of, quiet_compiler, uncompiled
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
@@ -39,8 +38,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
 
 
 def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
-    """MjSpec and MjModel of an MJCF; geoms whose mesh file is missing are dropped where they give
-    no mass."""
+    """MjSpec and MjModel; geoms whose mesh file is missing are dropped where they have no mass."""
     mujoco = import_mujoco()
     try:
         with quiet_compiler():
@@ -48,26 +46,19 @@ def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
             _drop_missing_meshes(path, spec, notes)
             return spec, spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise RobotFileError(
-            f"{path.name}: MuJoCo does not compile it: {one_line(error)}"
-        ) from None
+        raise uncompiled(path, error) from None
 
 
 def _drop_missing_meshes(path: Path, spec: Any, notes: list[str]) -> None:
     folder = Path(spec.modelfiledir) / spec.meshdir
-    missing = {
-        mesh.name or Path(mesh.file).stem: mesh
-        for mesh in spec.meshes
-        if mesh.file and not (folder / mesh.file).is_file()
-    }
+    lost = [mesh for mesh in spec.meshes if mesh.file and not (folder / mesh.file).is_file()]
+    missing = {mesh.name or Path(mesh.file).stem: mesh for mesh in lost}
     bare: dict[str, list[str]] = {}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if not (geom.parent.explicitinertial or geom.mass == 0.0 or geom.density == 0.0):
-            mesh = Path(missing[geom.meshname].file).name
-            what = (
-                f"mesh file {mesh} is missing and body {geom.parent.name!r} takes its mass from it"
-            )
-            raise RobotFileError(f"{path.name}: {what}; give the body an <inertial>")
+            what = f"mesh file {Path(missing[geom.meshname].file).name} is missing"
+            takes = f"body {geom.parent.name!r} takes its mass from it"
+            raise RobotFileError(f"{path.name}: {what} and {takes}; give the body an <inertial>")
         if geom.contype or geom.conaffinity:
             bare.setdefault(geom.meshname, []).append(geom.parent.name or "without a name")
         spec.delete(geom)
@@ -93,16 +84,12 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
     soft = _without_soft_bodies(path, model, trees, notes)
     driven = _driven(model)
-    robot = max(
-        trees,
-        key=lambda root: (driven[trees[root]].sum(), model.body_dofnum[trees[root]].sum(), -root),
-    )
+    dofs = model.body_dofnum
+    robot = max(trees, key=lambda root: (driven[trees[root]].sum(), dofs[trees[root]].sum(), -root))
 
     def floats(root: int) -> bool:
-        return (
-            bool(model.body_jntnum[root])
-            and model.jnt_type[model.body_jntadr[root]] == mujoco.mjtJoint.mjJNT_FREE
-        )
+        first, free = model.body_jntadr[root], mujoco.mjtJoint.mjJNT_FREE
+        return bool(model.body_jntnum[root]) and model.jnt_type[first] == free
 
     others, standing, robot_bodies = set(soft), [], trees[robot]
     moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
@@ -168,17 +155,14 @@ def _without_soft_bodies(
             rest = [b for b in trees.get(root, []) if b not in nodes]
             moving = [b for b in rest if model.body_dofnum[b]]
             if moving:
-                what = (
-                    f"deformable body (flex) {name!r} moves with body "
-                    f"{name_of(model, 'body', moving[0])!r}"
-                )
+                what = f"deformable body (flex) {name!r} moves with body"
+                body = name_of(model, "body", moving[0])
                 raise UnsupportedFeatureError(
-                    f"{path.name}: {what}; octo models rigid bodies, take it out"
+                    f"{path.name}: {what} {body!r}; octo models rigid bodies, take it out"
                 )
             trees[root] = rest
-        notes.append(
-            f"deformable body (flex) {name} of {len(nodes)} nodes: octo models rigid bodies"
-        )
+        what = f"deformable body (flex) {name} of {len(nodes)} nodes"
+        notes.append(f"{what}: octo models rigid bodies")
         soft.update(nodes)
     for root in [root for root, members in trees.items() if not members]:
         del trees[root]
@@ -191,18 +175,16 @@ def _without_soft_bodies(
 
 def _flex_bodies(model: Any, f: int) -> set[int]:
     """Bodies that carry the vertices or the nodes of flex ``f``."""
-    vertices = model.flex_vertbodyid[
-        model.flex_vertadr[f] : model.flex_vertadr[f] + model.flex_vertnum[f]
-    ]
-    nodes = model.flex_nodebodyid[
-        model.flex_nodeadr[f] : model.flex_nodeadr[f] + model.flex_nodenum[f]
-    ]
-    return {int(b) for b in (*vertices, *nodes) if b > 0}
+    found: set[int] = set()
+    for kind in ("vert", "node"):
+        first, count = (getattr(model, f"flex_{kind}{what}")[f] for what in ("adr", "num"))
+        bodies = getattr(model, f"flex_{kind}bodyid")[first : first + count]
+        found |= {int(b) for b in bodies if b > 0}
+    return found
 
 
 def _is_node(model: Any, b: int) -> bool:
-    """Whether body ``b`` is there for a flex alone: it has slides and no shape; a pinned vertex is
-    of a body that has more."""
+    """Whether body ``b`` is there for a flex alone: it has slides and no shape."""
     joints = model.jnt_type[model.body_jntadr[b] : model.body_jntadr[b] + model.body_jntnum[b]]
     slide = import_mujoco().mjtJoint.mjJNT_SLIDE
     return bool(len(joints) and (joints == slide).all() and not model.body_geomnum[b])
@@ -211,21 +193,14 @@ def _is_node(model: Any, b: int) -> bool:
 def _body_to_free(file: str, model: Any, others: frozenset[int]) -> int:
     """The one body of the world that carries the robot and has no joints of its own."""
     roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and b not in others]
-    moving = [
-        b
-        for b in roots
-        if any(model.body_jntnum[c] for c in range(b, model.nbody) if model.body_rootid[c] == b)
-    ]
+    owned = model.body_rootid[:, None] == roots  # (bodies, roots)
+    moving = [b for b, own in zip(roots, owned.T, strict=True) if model.body_jntnum[own].any()]
     candidates = moving or [b for b in roots if model.body_subtreemass[b] > 0.0]
     names = ", ".join(name_of(model, "body", b) for b in candidates)
+    must = f"{file}: base is 'floating', must be 'auto' or 'fixed'"
     if len(candidates) != 1:
-        raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': {len(candidates)} bodies of "
-            f"the world could float ({names})"
-        )
+        could = f"{len(candidates)} bodies of the world could float ({names})"
+        raise UnsupportedFeatureError(f"{must}: {could}")
     if model.body_jntnum[candidates[0]]:
-        raise UnsupportedFeatureError(
-            f"{file}: base is 'floating', must be 'auto' or 'fixed': body {names} has joints to "
-            "the world of its own"
-        )
+        raise UnsupportedFeatureError(f"{must}: body {names} has joints to the world of its own")
     return candidates[0]

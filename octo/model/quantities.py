@@ -1,5 +1,4 @@
-"""Numbers and names of a character as they are given, checked one by one: finite, of the right
-shape, and of a size that the arithmetic bears."""
+"""Numbers and names of a character, checked: finite, of the right shape and size."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Rotation matrices as quaternions and back, and the turn from each to the next as a rotation
-vector."""
+"""Rotation matrices as quaternions and back, and the turn from each to the next."""
 
 from __future__ import annotations
 
@@ -16,27 +15,10 @@ def quaternions(rotation: Array) -> Array:
     squares[:, 1:] = 1.0 - diagonal.sum(axis=1, keepdims=True) + 2.0 * diagonal
     R, S = rotation, rotation + rotation.transpose(0, 2, 1)
     wx, wy, wz = R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]
-    table = np.stack(  # 4·(product of the row's and the column's entry)
-        [
-            squares[:, 0],
-            wx,
-            wy,
-            wz,
-            wx,
-            squares[:, 1],
-            S[:, 0, 1],
-            S[:, 0, 2],
-            wy,
-            S[:, 0, 1],
-            squares[:, 2],
-            S[:, 1, 2],
-            wz,
-            S[:, 0, 2],
-            S[:, 1, 2],
-            squares[:, 3],
-        ],
-        axis=1,
-    ).reshape(-1, 4, 4)
+    (ww, xx, yy, zz), xy, xz, yz = squares.T, S[:, 0, 1], S[:, 0, 2], S[:, 1, 2]
+    # 4·(product of the row's and the column's entry)
+    rows = [ww, wx, wy, wz], [wx, xx, xy, xz], [wy, xy, yy, yz], [wz, xz, yz, zz]
+    table = np.array(rows).transpose(2, 0, 1)
     out = table[np.arange(len(table)), np.argmax(squares, axis=1)]
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     sign = np.cumprod(np.where(np.sum(out[1:] * out[:-1], axis=1) < 0.0, -1.0, 1.0))

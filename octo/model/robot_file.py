@@ -1,5 +1,4 @@
-"""A robot file as MuJoCo compiled it, with what only the file says; the one place that imports
-MuJoCo for the importers."""
+"""A robot file as MuJoCo compiled it; the one place that imports MuJoCo to read one."""
 
 from __future__ import annotations
 
@@ -8,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,6 +106,10 @@ def named(file: str) -> Iterator[None]:
 
 def one_line(error: Exception) -> str:
     return " ".join(str(error).split())
+
+
+def uncompiled(path: Path, error: Exception) -> RobotFileError:
+    return RobotFileError(f"{path.name}: MuJoCo does not compile it: {one_line(error)}")
 
 
 def name_of(model: Any, kind: str, index: int) -> str:

@@ -39,11 +39,8 @@ def ellipsoid(half: Array) -> Spheres:
         # The smallest radius of curvature at the end of the axis bounds a sphere that touches there
         # from inside.
         radius = min(min(half) ** 2 / half[axis], min(half))
-        for sign in (1.0, -1.0):
-            center = np.zeros(3)
-            center[axis] = sign * (half[axis] - radius)
-            centers.append(center)
-            radii.append(radius)
+        centers += [sign * (half[axis] - radius) * np.eye(3)[axis] for sign in (1.0, -1.0)]
+        radii += [radius, radius]
     return np.array(centers), np.array(radii)
 
 
@@ -78,9 +75,8 @@ def hull(vertices: Array) -> Spheres:
         distance = np.linalg.norm(vertices - center, axis=1)
         radius = float(distance.mean())
         # A shallow cap fits a large ball as well: the vertices must surround the centre.
-        around = np.all(vertices.min(axis=0) < center - 0.7 * radius) and np.all(
-            vertices.max(axis=0) > center + 0.7 * radius
-        )
+        below = np.all(vertices.min(axis=0) < center - 0.7 * radius)
+        around = below and np.all(vertices.max(axis=0) > center + 0.7 * radius)
         if around and np.abs(distance - radius).max() <= BALL_TOLERANCE * radius:
             return center[None], np.array([radius])
     return vertices, np.zeros(len(vertices))
@@ -99,9 +95,8 @@ def rod(centers: Array, radii: Array) -> Spheres:
     reach = float(half[longest]) - radius
     if reach <= 0.25 * radius:
         return middle[None], np.array([float(half.mean())])
-    return np.array(
-        [middle + reach * np.eye(3)[longest], middle - reach * np.eye(3)[longest]]
-    ), np.full(2, radius)
+    arm = reach * np.eye(3)[longest]
+    return np.array([middle + arm, middle - arm]), np.full(2, radius)
 
 
 def bounding_box(centers: Array, radii: Array) -> Spheres:
@@ -151,23 +146,13 @@ def _sphere_directions(count: int) -> Array:
     mirror images of each other so that a symmetric shape stays symmetric."""
     k = np.arange(8 * count) + 0.5
     # Fibonacci's spiral
-    z, turn = 1.0 - 2.0 * k / (8 * count), math.pi * (1.0 + math.sqrt(5.0)) * k
-    spiral = np.column_stack(
-        [np.cos(turn) * np.sqrt(1.0 - z**2), np.sin(turn) * np.sqrt(1.0 - z**2), z]
-    )
+    height, turn = 1.0 - 2.0 * k / (8 * count), math.pi * (1.0 + math.sqrt(5.0)) * k
+    around = np.sqrt(1.0 - height**2)
+    spiral = np.column_stack([np.cos(turn) * around, np.sin(turn) * around, height])
     octant = spiral[(spiral > 0.0).all(axis=1)]
     mirrored = [octant * signs for signs in itertools.product((1.0, -1.0), repeat=3)]
-    axes = np.array(
-        [
-            [0.0, 0.0, -1.0],
-            [0.0, 0.0, 1.0],
-            [1.0, 0.0, 0.0],
-            [-1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.0, -1.0, 0.0],
-        ]
-    )
-    return np.concatenate([axes, *mirrored])
+    x, y, z = np.eye(3)
+    return np.concatenate([[-z, z, x, -x, y, -y], *mirrored])
 
 
 _DIRECTIONS = _sphere_directions(50)

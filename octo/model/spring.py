@@ -46,8 +46,5 @@ class SpringDamper(Element):
 
     @property
     def tendon(self) -> Mapping[str, float]:
-        return {
-            "stiffness": self.stiffness,
-            "damping": self.damping,
-            "springlength": self.rest_length,
-        }
+        own = {"stiffness": self.stiffness, "damping": self.damping}
+        return own | {"springlength": self.rest_length}

@@ -1,5 +1,4 @@
-"""A character as plain lists and numbers and back, for files (JSON has no arrays and no
-infinity)."""
+"""A character as plain lists and numbers and back: JSON has no arrays and no infinity."""
 
 from __future__ import annotations
 
@@ -18,14 +17,8 @@ from octo.model.character import Character
 from octo.model.element import Element
 from octo.model.spring import SpringDamper
 
-SHAPES = {
-    "axis": (3,),
-    "anchor": (3,),
-    "position": (3,),
-    "rotation": (3, 3),
-    "com": (3,),
-    "inertia": (3, 3),
-}
+SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
+SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
 # elements that a file can give back: those of octo
 KINDS_OF_ELEMENTS: dict[str, type[Element]] = {"SpringDamper": SpringDamper}
 # of the words of annotations
@@ -52,8 +45,7 @@ def to_plain(value: Any) -> Any:
 
 
 def _plain_element(element: Element) -> dict[str, Any]:
-    """An element by the name of its class; of one that octo does not have, a file has that and
-    where it acts."""
+    """The name of its class, and its numbers; of a user's own only where it acts."""
     kind = type(element)
     known = KINDS_OF_ELEMENTS.get(kind.__name__) is kind
     fields = dataclasses.fields(element if known else Element)
@@ -85,8 +77,7 @@ def _elements(plain: dict[str, Any]) -> tuple[tuple[Element, ...], list[str]]:
 
 
 def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
-    """A dataclass of plain fields, each of the type that it is declared with; ``given`` ones are
-    taken as they are."""
+    """A dataclass of plain fields, each of its declared type; ``given`` ones as they are."""
     values = dict(given)
     declared = {f.name: str(f.type) for f in dataclasses.fields(kind)}
     for name, value in plain.items():
@@ -99,9 +90,8 @@ def _make(kind: type, plain: dict[str, Any], **given: Any) -> Any:
             continue
         word = declared[name].split("[")[0]
         infinite = word == "float" and value in ("inf", "-inf")
-        fits = isinstance(value, KINDS.get(word, str)) and isinstance(value, bool) == (
-            word == "bool"
-        )
+        alike = isinstance(value, bool) == (word == "bool")
+        fits = alike and isinstance(value, KINDS.get(word, str))
         if not (fits or infinite):
             raise ValueRangeError(
                 f"{name} is of type {type(value).__name__}, must be of type {word}"

@@ -41,26 +41,16 @@ class Plane:
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        normal = (
-            -np.sin(self.slope) * np.cos(self.direction),
-            -np.sin(self.slope) * np.sin(self.direction),
-            np.cos(self.slope),
-        )
-        return {
-            "normal_x": normal[0],
-            "normal_y": normal[1],
-            "normal_z": normal[2],
-            "height": self.height,
-        }
+        level = -np.sin(self.slope)
+        normal = {"normal_x": level * np.cos(self.direction)}
+        normal |= {"normal_y": level * np.sin(self.direction), "normal_z": np.cos(self.slope)}
+        return {**normal, "height": self.height}
 
     @staticmethod
     def distance(point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         """Signed distance of ``point`` (3,) m."""
-        return (
-            p["normal_x"] * point[0]
-            + p["normal_y"] * point[1]
-            + p["normal_z"] * (point[2] - p["height"])
-        )
+        level = p["normal_x"] * point[0] + p["normal_y"] * point[1]
+        return level + p["normal_z"] * (point[2] - p["height"])
 
 
 def plane_of(parameters: Mapping[str, float]) -> tuple[Array, float] | None:
@@ -93,12 +83,9 @@ class Terrain:
                 f"terrain is {said(self.expression)}, must be a function (point, p) of CasADi "
                 "symbols"
             )
-        values = instance("terrain parameters", self.parameters, Mapping, "numbers by name")
-        object.__setattr__(
-            self,
-            "parameters",
-            {name: number(f"terrain {name}", value) for name, value in values.items()},
-        )
+        given = instance("terrain parameters", self.parameters, Mapping, "numbers by name")
+        values = {name: number(f"terrain {name}", value) for name, value in given.items()}
+        object.__setattr__(self, "parameters", values)
 
     def distance(self, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self.expression(point, p)
@@ -107,12 +94,8 @@ class Terrain:
 @postponed()
 def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str, float]) -> Array:
     """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
-    point = ca.SX.sym("point", 3)
-    phi = ca.Function(
-        "phi",
-        [point],
-        [ca.SX(terrain.distance(point, {name: ca.SX(value) for name, value in values.items()}))],
-    )
+    point, p = ca.SX.sym("point", 3), {name: ca.SX(value) for name, value in values.items()}
+    phi = ca.Function("phi", [point], [ca.SX(terrain.distance(point, p))])
     return np.asarray(phi(points.T), dtype=float).reshape(len(points))
 
 

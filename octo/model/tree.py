@@ -72,9 +72,7 @@ class Tree:
     @cached_property
     def unactuated(self) -> NDArray[np.intp]:
         """Indices into x of the unactuated degrees of freedom (the rows U_/ of Eq. 7)."""
-        return np.array(
-            [j for j, joint in enumerate(self.joints) if not joint.actuated], dtype=np.intp
-        )
+        return np.setdiff1d(np.arange(self.nx), self.actuated).astype(np.intp)
 
     @cached_property
     def first_joint(self) -> NDArray[np.intp]:
@@ -113,11 +111,8 @@ class Tree:
             kept = {root[self.base_body]} if self.bodies else set()
         else:
             moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
-            driven = {
-                root[b]
-                for b, body in enumerate(self.bodies)
-                if any(joint.actuated for joint in body.joints)
-            }
+            moved = [(b, joint) for b, body in enumerate(self.bodies) for joint in body.joints]
+            driven = {root[b] for b, joint in moved if joint.actuated}
             kept = driven or moving or set(root)
         return np.array([one in kept for one in root], dtype=bool)
 

@@ -19,7 +19,14 @@ from octo.model import urdf_elements as elements
 from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
-from octo.model.robot_file import Inertial, RobotFile, import_mujoco, one_line, quiet_compiler
+from octo.model.robot_file import (
+    Inertial,
+    RobotFile,
+    import_mujoco,
+    one_line,
+    quiet_compiler,
+    uncompiled,
+)
 from octo.model.urdf_limits import take_limits
 from octo.model.urdf_unknown import check_elements
 
@@ -57,16 +64,8 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     with quiet_compiler():
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
-    source = RobotFile(
-        model,
-        prepared.name,
-        path.name,
-        free,
-        prepared.inertials,
-        prepared.efforts,
-        prepared.velocities,
-        prepared.ranges,
-    )
+    of_joints = (prepared.efforts, prepared.velocities, prepared.ranges)
+    source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, *of_joints)
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
@@ -117,9 +116,7 @@ def compile_prepared(prepared: Prepared) -> Any:
     try:
         return make_spec(prepared).compile()
     except ValueError as error:
-        raise RobotFileError(
-            f"{prepared.path.name}: MuJoCo does not compile it: {one_line(error)}"
-        ) from None
+        raise uncompiled(prepared.path, error) from None
 
 
 def make_spec(prepared: Prepared) -> Any:
@@ -140,8 +137,7 @@ def make_spec(prepared: Prepared) -> Any:
 
 
 def _give_inertial(body: Any, inertial: Inertial) -> None:
-    """Set mass, centre and inertia of an MjSpec body; a ball's where MuJoCo would refuse the
-    file's."""
+    """Set an MjSpec body's mass and inertia; a ball's where MuJoCo would refuse the file's."""
     small, middle, large = np.linalg.eigvalsh(inertial.inertia)
     legal = inertial.mass > 0.0 and small > STAND_IN and small + middle >= large
     body.explicitinertial, body.mass, body.ipos = True, max(inertial.mass, STAND_IN), inertial.com
@@ -178,9 +174,8 @@ def _drop_mesh(prepared: Prepared, name: str, reason: str) -> None:
             mesh = collision.find("geometry/mesh")
             if mesh is not None and mesh.get("filename") == name:
                 link.remove(collision)
-                prepared.unusable.setdefault((prepared.mesh_files[name], reason), []).append(
-                    str(link.get("name"))
-                )
+                key = (prepared.mesh_files[name], reason)
+                prepared.unusable.setdefault(key, []).append(str(link.get("name")))
 
 
 def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None:
@@ -191,24 +186,20 @@ def _take_floating_joint(prepared: Prepared, joint: ElementTree.Element) -> None
     siblings = [other for other in tree.findall("joint") if elements.ends(other)[0] == parent]
     bare = link.find("inertial") is None and link.find("collision") is None
     if parent != prepared.root or siblings != [joint] or not bare:
-        message = (
-            "a floating joint may only hang on a root link without mass, collision geometry and "
-            "other joints"
+        raise UnsupportedFeatureError(
+            f"{file}: joint {joint.get('name')!r} is floating; a floating joint may only hang on a "
+            "root link without mass, collision geometry and other joints"
         )
-        raise UnsupportedFeatureError(f"{file}: joint {joint.get('name')!r} is floating; {message}")
     prepared.root = child
     tree.remove(link)
     tree.remove(joint)
     if joint.find("origin") is not None:
-        prepared.dropped.append(
-            f"origin of the floating joint {joint.get('name')}: the base starts at the world's "
-            "origin"
-        )
+        what = f"origin of the floating joint {joint.get('name')}"
+        prepared.dropped.append(f"{what}: the base starts at the world's origin")
 
 
 def _collect_geometry(prepared: Prepared) -> None:
-    """Remove visuals; give every readable collision mesh a separate flat name, note the
-    others."""
+    """Remove visuals; give every readable collision mesh a flat name, note the others."""
     for link in prepared.tree.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
@@ -229,12 +220,9 @@ def _take_mesh(prepared: Prepared, link: str, mesh: ElementTree.Element) -> bool
     written = mesh.get("filename", "")
     found = find_mesh(written, prepared.path)
     suffix = Path(written).suffix.lower()
-    reason = (
-        f"octo reads {', '.join(READABLE_MESHES)}"
-        if suffix not in READABLE_MESHES
-        else "the file is missing"
-    )
     if suffix not in READABLE_MESHES or found is None:
+        known = suffix in READABLE_MESHES
+        reason = "the file is missing" if known else f"octo reads {', '.join(READABLE_MESHES)}"
         prepared.unusable.setdefault((written, reason), []).append(link)
         return False
     key = (found, mesh.get("scale", ""))

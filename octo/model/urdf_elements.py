@@ -1,5 +1,4 @@
-"""The elements of a URDF, read and checked: names, the tree, masses, joints. Errors name file,
-element and value."""
+"""The elements of a URDF, checked; errors name file, element and value."""
 
 from __future__ import annotations
 
@@ -37,13 +36,13 @@ def number(file: str, what: str, text: str, line: int = 0) -> float:
         value = math.nan
     if not abs(value) <= LARGEST:
         most = f" of at most {LARGEST:.0e}" if math.isfinite(value) else ""
-        raise RobotFileError(f"{file}: {what} is {text!r}, must be a finite number{most}{on(line)}")
+        raise wrong(file, f"{what} is {text!r}, must be a finite number{most}", line)
     return value
 
 
-def on(line: int) -> str:
-    """For the end of a sentence."""
-    return f" (line {line})" if line else ""
+def wrong(file: str, what: str, line: int = 0) -> RobotFileError:
+    """What is wrong with a file, and on which line, if that is known."""
+    return RobotFileError(f"{file}: {what}" + (f" (line {line})" if line else ""))
 
 
 def line_in(element: Element, child: str) -> int:
@@ -56,24 +55,16 @@ def numbers(
     file: str, what: str, element: Element, child: str, key: str, default: str = "0 0 0"
 ) -> Array:
     """Three numbers (3,) of an attribute of a child."""
-    words = attribute(element, child, key, default).split()
+    words, line = attribute(element, child, key, default).split(), line_in(element, child)
+    found = f"{what} {key} is {' '.join(words)!r}, must be three numbers"
     if len(words) != 3:
-        raise RobotFileError(
-            f"{file}: {what} {key} is {' '.join(words)!r}, must be three "
-            f"numbers{on(line_in(element, child))}"
-        )
+        raise wrong(file, found, line)
     try:
-        return np.array([number(file, f"{what} {key}", word) for word in words])
+        return np.array([number(file, f"{what} {key}", word, line) for word in words])
     except RobotFileError:
         if any("," in word for word in words):
-            all_three = (
-                f"{what} {key} is {' '.join(words)!r}, must be three numbers with "
-                "spaces between them"
-            )
-            raise RobotFileError(f"{file}: {all_three}{on(line_in(element, child))}") from None
-        return np.array(
-            [number(file, f"{what} {key}", word, line_in(element, child)) for word in words]
-        )
+            raise wrong(file, f"{found} with spaces between them", line) from None
+        raise
 
 
 def ends(joint: Element) -> tuple[str, str]:
@@ -87,15 +78,12 @@ def check_names(file: str, tree: Element) -> None:
         for element in tree.findall(tag):
             name = element.get("name")
             if not name:
-                raise RobotFileError(
-                    f"{file}: a <{tag}> has no name, every one must{on(line_of(element))}"
-                )
+                raise wrong(file, f"a <{tag}> has no name, every one must", line_of(element))
             if names[name] > 1:
-                raise RobotFileError(
-                    f"{file}: {tag} name {name!r} occurs {names[name]} times, names must differ"
-                )
+                times = f"occurs {names[name]} times, names must differ"
+                raise wrong(file, f"{tag} name {name!r} {times}")
     if not tree.findall("link"):
-        raise RobotFileError(f"{file}: has no <link>, must have one at least")
+        raise wrong(file, "has no <link>, must have one at least")
 
 
 def find_root(file: str, tree: Element) -> str:
@@ -106,11 +94,8 @@ def find_root(file: str, tree: Element) -> str:
         for end in ("parent", "child"):
             link = attribute(joint, end, "link", "")
             if link not in links:
-                what = (
-                    f"joint {joint.get('name')!r}: {end} link is {link!r}, must be a "
-                    "link of the file"
-                )
-                raise RobotFileError(f"{file}: {what}{on(line_in(joint, end))}")
+                what = f"joint {joint.get('name')!r}: {end} link is {link!r}"
+                raise wrong(file, f"{what}, must be a link of the file", line_in(joint, end))
         parent, child = ends(joint)
         if child in parents:
             raise UnsupportedFeatureError(
@@ -119,10 +104,8 @@ def find_root(file: str, tree: Element) -> str:
         parents[child] = parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        raise RobotFileError(
-            f"{file}: {len(roots)} links have no parent "
-            f"({', '.join(roots) or 'all are in a loop'}), exactly one must"
-        )
+        which = ", ".join(roots) or "all are in a loop"
+        raise wrong(file, f"{len(roots)} links have no parent ({which}), exactly one must")
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
         children.setdefault(parent, []).append(child)
@@ -148,26 +131,15 @@ def check_joint(file: str, joint: Element) -> None:
     if kind == "planar":
         raise UnsupportedFeatureError(f"{file}: joint {name!r} is planar; {ALLOWED}")
     if kind not in (*MOVABLE, "fixed", "floating"):
-        raise RobotFileError(
-            f"{file}: joint {name!r}: type is {kind!r}; {ALLOWED}{on(line_of(joint))}"
-        )
+        raise wrong(file, f"joint {name!r}: type is {kind!r}; {ALLOWED}", line_of(joint))
     for key in ("xyz", "rpy"):
         numbers(file, f"joint {name!r}: origin", joint, "origin", key)
     for key in ("damping", "friction"):
-        number(
-            file,
-            f"joint {name!r}: {key}",
-            attribute(joint, "dynamics", key, "0"),
-            line_in(joint, "dynamics"),
-        )
-    if (
-        kind in MOVABLE
-        and not numbers(file, f"joint {name!r}: axis", joint, "axis", "xyz", "1 0 0").any()
-    ):
-        raise RobotFileError(
-            f"{file}: joint {name!r}: axis is 0 0 0, must have a "
-            f"direction{on(line_in(joint, 'axis'))}"
-        )
+        value = attribute(joint, "dynamics", key, "0")
+        number(file, f"joint {name!r}: {key}", value, line_in(joint, "dynamics"))
+    what = f"joint {name!r}: axis"
+    if kind in MOVABLE and not numbers(file, what, joint, "axis", "xyz", "1 0 0").any():
+        raise wrong(file, f"{what} is 0 0 0, must have a direction", line_in(joint, "axis"))
 
 
 def check_shapes(file: str, link: Element) -> None:
@@ -178,9 +150,8 @@ def check_shapes(file: str, link: Element) -> None:
             numbers(file, f"{what} origin", collision, "origin", key)
         for shape in collision.findall("geometry/*"):
             for key in SIZES.get(str(shape.tag), ()):
-                number(
-                    file, f"{what}: {key} of its {shape.tag}", shape.get(key, "nan"), line_of(shape)
-                )
+                size = f"{what}: {key} of its {shape.tag}"
+                number(file, size, shape.get(key, "nan"), line_of(shape))
             for key in set(VECTORS.get(str(shape.tag), ())) & shape.attrib.keys():
                 holder = Element("shape")
                 holder.append(shape)
@@ -198,29 +169,22 @@ def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, In
         if small < -slack or small + middle < large - slack:
             unphysical.append(f"{name} ({small:.2g}, {middle:.2g}, {large:.2g} kg m²)")
     if unphysical:
-        dropped.append(
-            "principal inertias that no rigid body has are used as written: "
-            f"{', '.join(unphysical)}"
-        )
+        kinds = "principal inertias that no rigid body has are used as written"
+        dropped.append(f"{kinds}: {', '.join(unphysical)}")
     total = sum(inertial.mass for inertial in inertials.values())
     if total <= 0.0:
-        raise RobotFileError(f"{file}: total mass is {total} kg, must be positive")
+        raise wrong(file, f"total mass is {total} kg, must be positive")
     return inertials
 
 
 def _inertial(file: str, link: str, element: Element | None) -> Inertial:
-    """Mass, centre and inertia of one link, its inertia turned to the link's axes; zero without
-    <inertial>."""
+    """Mass properties of one link, in the link's axes; zero without <inertial>."""
     if element is None:
         return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
-    mass = number(
-        file, f"link {link!r}: mass", attribute(element, "mass", "value"), line_in(element, "mass")
-    )
+    what, line = f"link {link!r}: mass", line_in(element, "mass")
+    mass = number(file, what, attribute(element, "mass", "value"), line)
     if mass < 0.0:
-        raise RobotFileError(
-            f"{file}: link {link!r}: mass is {mass} kg, must not be "
-            f"negative{on(line_in(element, 'mass'))}"
-        )
+        raise wrong(file, f"{what} is {mass} kg, must not be negative", line)
     com, angles = (
         numbers(file, f"link {link!r}: inertial origin", element, "origin", key)
         for key in ("xyz", "rpy")
@@ -264,15 +228,11 @@ def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
     for joint in tree.findall("joint"):
         name, mimic, dynamics = str(joint.get("name")), joint.find("mimic"), joint.find("dynamics")
         if mimic is not None and joint.get("type") in MOVABLE:
-            tie = (
-                f"{mimic.get('multiplier', '1')}·{mimic.get('joint')} + {mimic.get('offset', '0')}"
-            )
+            times, more = mimic.get("multiplier", "1"), mimic.get("offset", "0")
+            tie = f"{times}·{mimic.get('joint')} + {more}"
             dropped.append(f"mimic joint {name}: it moves on its own, {name} = {tie} is lost")
-        if (
-            dynamics is not None
-            and number(file, f"joint {name!r}: friction", dynamics.attrib.pop("friction", "0"))
-            != 0.0
-        ):
+        friction = "0" if dynamics is None else dynamics.attrib.pop("friction", "0")
+        if number(file, f"joint {name!r}: friction", friction) != 0.0:
             rubbing.append(name)
         if joint.find("safety_controller") is not None:
             guarded.append(name)

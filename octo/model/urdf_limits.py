@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from xml.etree.ElementTree import Element
 
 from octo.errors import RobotFileError
 from octo.model.urdf_elements import MOVABLE
 
 ENDLESS = (-math.inf, math.inf)
+Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,12 @@ def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, Limit
             continue
         name, found = str(joint.get("name")), joint.find("limit")
         attributes = {} if found is None else found.attrib
-        effort = _size(file, name, "effort", attributes, notes)
-        velocity = _size(file, name, "velocity", attributes, notes)
-        limits[name] = Limit(
-            *_range(file, name, str(joint.get("type")), attributes, notes), effort, velocity
+        note: Note = partial(_note, notes, name)
+        effort, velocity = (
+            _size(file, name, key, attributes, note) for key in ("effort", "velocity")
         )
+        bounds = _range(file, name, str(joint.get("type")), attributes, note)
+        limits[name] = Limit(*bounds, effort, velocity)
         for written in joint.findall("limit"):
             joint.remove(written)
         if joint.get("type") == "revolute":
@@ -47,8 +51,13 @@ def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, Limit
     return limits
 
 
+def _note(notes: dict[str, list[str]], joint: str, sentence: str) -> None:
+    """Sentences hold {} for their joints."""
+    notes.setdefault(sentence, []).append(joint)
+
+
 def _range(
-    file: str, joint: str, kind: str, attributes: dict[str, str], notes: dict[str, list[str]]
+    file: str, joint: str, kind: str, attributes: dict[str, str], note: Note
 ) -> tuple[float, float]:
     """Lower and upper limit (rad or m); none where none is written, or nothing but zeros."""
     lower, upper = (
@@ -60,35 +69,27 @@ def _range(
         raise RobotFileError(f"{file}: joint {joint!r}: {what}")
     if kind == "continuous":
         if math.isfinite(lower) and math.isfinite(upper) and lower < upper:
-            notes.setdefault("{}: continuous, the range in <limit> does not count", []).append(
-                joint
-            )
+            note("{}: continuous, the range in <limit> does not count")
         return ENDLESS
     written = [attributes[end] for end in ("lower", "upper") if end in attributes]
     held = any(float(attributes.get(key, "0")) != 0.0 for key in ("effort", "velocity"))
     if not written or (lower == upper == 0.0 and not held):
-        notes.setdefault("{}: no range in <limit>, taken as unlimited", []).append(joint)
+        note("{}: no range in <limit>, taken as unlimited")
         return ENDLESS
     if lower == upper:
-        notes.setdefault("{}: the lower limit is the upper limit, it is held there", []).append(
-            joint
-        )
+        note("{}: the lower limit is the upper limit, it is held there")
     return lower, upper
 
 
-def _size(
-    file: str, joint: str, key: str, attributes: dict[str, str], notes: dict[str, list[str]]
-) -> float:
+def _size(file: str, joint: str, key: str, attributes: dict[str, str], note: Note) -> float:
     """The size of a limit; infinite for an infinite one, for zero and for none."""
-    bound = _number(
-        file, joint, "velocity limit" if key == "velocity" else key, attributes.get(key, "inf")
-    )
-    word = "speed" if key == "velocity" else key
+    what, word = ("velocity limit", "speed") if key == "velocity" else (key, key)
+    bound = _number(file, joint, what, attributes.get(key, "inf"))
     if bound == 0.0:
-        notes.setdefault(f"{{}}: {word} 0 in <limit>, taken as unlimited", []).append(joint)
+        note(f"{{}}: {word} 0 in <limit>, taken as unlimited")
         return math.inf
     if bound < 0.0 and math.isfinite(bound):
-        notes.setdefault(f"{{}}: negative {word} in <limit>, its size counts", []).append(joint)
+        note(f"{{}}: negative {word} in <limit>, its size counts")
     return abs(bound)
 
 

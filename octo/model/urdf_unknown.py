@@ -9,26 +9,13 @@ from xml.etree.ElementTree import Element
 from octo.errors import RobotFileError, UnsupportedFeatureError
 
 PARTS = ("link", "joint")
-EXTENSIONS = (
-    "gazebo",
-    "transmission",
-    "ros2_control",
-    "sensor",
-)  # of simulators and controllers: they name links and joints
+# of simulators and controllers: they name links and joints
+EXTENSIONS = ("gazebo", "transmission", "ros2_control", "sensor")
+OF_JOINT = "parent child origin axis limit dynamics mimic safety_controller calibration"
 KNOWN = {
     "robot": {*PARTS, *EXTENSIONS, "material"},
     "link": {"inertial", "visual", "collision"},
-    "joint": {
-        "parent",
-        "child",
-        "origin",
-        "axis",
-        "limit",
-        "dynamics",
-        "mimic",
-        "safety_controller",
-        "calibration",
-    },
+    "joint": {*OF_JOINT.split()},
     "inertial": {"origin", "mass", "inertia"},
     "collision": {"origin", "geometry", "material"},
 }
@@ -90,10 +77,8 @@ def _is_part(element: Element) -> bool:
 def _unknown(tree: Element) -> list[str]:
     """One sentence about all unknown elements."""
     found: Counter[tuple[str, str]] = Counter()
-    for parent in [
-        tree,
-        *(inner for child in tree if child.tag in PARTS for inner in child.iter()),
-    ]:
+    inside = (inner for child in tree if child.tag in PARTS for inner in child.iter())
+    for parent in (tree, *inside):
         known = KNOWN.get(str(parent.tag), SHAPES if parent.tag == "geometry" else None)
         for child in parent:
             if known is not None and isinstance(child.tag, str) and child.tag not in known:

@@ -1,5 +1,4 @@
-"""A robot file as a tree of elements that know their line: whatever is wrong with its text is one
-sentence."""
+"""A robot file as elements that know their line; what is wrong with it is one sentence."""
 
 from __future__ import annotations
 

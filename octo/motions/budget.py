@@ -36,10 +36,8 @@ class Budget:
         (docs/notes/cycles.md)."""
         given = self.left(doing) | {"passes": None}
         own = given.get("options") or SqpOptions()
-        return {
-            **given,
-            "options": replace(own, hessian="dynamics") if own.hessian == "exact" else own,
-        }
+        near = replace(own, hessian="dynamics") if own.hessian == "exact" else own
+        return given | {"options": near}
 
 
 class Interrupted(Exception):

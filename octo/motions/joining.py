@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -31,27 +32,17 @@ def joined(pieces: Pieces, budget: Budget) -> Solution:
 
 
 def _worse(polished: Solution, raw: Solution, base: int) -> bool:
-    """Whether polishing has failed, added stumbles or moved x, y or the yaw of the base, whose
-    coordinates begin at ``base``, too far."""
+    """Whether polishing failed, added stumbles or moved the base (from ``base`` on) too far."""
     away = np.abs(polished.x - raw.x)[:, [base, base + 1, base + 3]].max(axis=0)
-    return bool(
-        stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
-        or not polished.converged
-        or (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
-    )
+    more = stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
+    far = (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
+    return bool(more or not polished.converged or far)
 
 
 def _counted(motion: Solution, pieces: Pieces) -> Solution:
     """With the iterations and the time of the pieces."""
     stride = pieces.path.stride
     parts = (stride, pieces.into.motion, pieces.out.motion, motion)
-    return replace(
-        motion,
-        iterations=sum(part.iterations for part in parts),
-        factorizations=sum(part.factorizations for part in parts),
-        setup_seconds=sum(part.setup_seconds for part in parts),
-        seconds=sum(part.seconds for part in parts),
-        processor_seconds=sum(part.processor_seconds for part in parts),
-        seed=stride.seed,
-        passes=(*stride.passes, *motion.passes),
-    )
+    sums = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
+    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in sums}
+    return replace(motion, seed=stride.seed, passes=(*stride.passes, *motion.passes), **spent)

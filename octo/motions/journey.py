@@ -15,10 +15,10 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import static_pose
 from octo.errors import MirrorError
 from octo.model.character import Character
+from octo.model.feet import touching
 from octo.model.mirror import mirror_of
 from octo.problem import presets
 from octo.problem.closure import along_arc
-from octo.problem.codegen import touching_names
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
@@ -73,9 +73,12 @@ class Journey:
 
     @staticmethod
     def _body(problem: Problem) -> dict[str, Any]:
-        """What the natural terms ask of the body that stands at rest, for problems that begin
-        elsewhere."""
-        return {"length": problem.length, "feet": touching_names(problem), "pose": problem.start}
+        """What the natural terms ask of the body that stands at rest, wherever they are used."""
+        robot, dynamics = problem.character, problem.dynamics
+        assert robot is not None and isinstance(dynamics, RobotDynamics)
+        feet = touching(robot, dynamics.terrain, problem.setting.x0)
+        names = tuple(robot.contacts[k].name for k in feet)
+        return {"length": problem.length, "feet": names, "pose": problem.start}
 
     @cached_property
     def mirrored(self) -> bool:
@@ -98,12 +101,8 @@ class Journey:
             own = [usual * part for part in PERIODS]
         wanted = [own] if isinstance(own, (int, float)) else list(own)
         grain = 2 if self.mirrored else 1
-        return sorted(
-            {
-                max(8, grain * round(positive("period", value, "s") / self.dt / grain))
-                for value in wanted
-            }
-        )
+        counts = [positive("period", value, "s") / self.dt for value in wanted]
+        return sorted({max(8, grain * round(count / grain)) for count in counts})
 
     def counts(self) -> list[int]:
         """Those of them that fit between rest and rest."""
@@ -135,8 +134,7 @@ class Journey:
         robot, problem, duration = self.robot, self.whole, self.steps * self.dt
         assert isinstance(problem.dynamics, RobotDynamics)
         first, angle, moved = robot.base_coordinate, self.rate * duration, problem.start.copy()
-        moved[first : first + 2] += along_arc(
-            np.array(self.velocity), angle, duration, float(moved[first + 3])
-        )
+        heading, velocity = float(moved[first + 3]), np.array(self.velocity)
+        moved[first : first + 2] += along_arc(velocity, angle, duration, heading)
         moved[first + 3] += angle
         return static_pose(problem.dynamics, problem.p, moved) - problem.start

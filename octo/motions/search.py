@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -24,6 +24,8 @@ from octo.result.solution import Solution
 from octo.solve import solve, solve_all
 from octo.solver.status import Status
 from octo.starts import smooth_noise
+
+LOG = logging.getLogger("octo")
 
 Array = NDArray[np.float64]
 # ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by
@@ -77,8 +79,7 @@ def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
 
 
 def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
-    """The stride itself, or of a robot whose mirror image is a little different both halves, solved
-    for anew."""
+    """The stride itself, or solved anew where the mirror image is a little different."""
     assert stride.cycle is not None
     if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
         return stride
@@ -93,8 +94,7 @@ def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solutio
 
 
 def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
-    """From the pose at rest, or where that stumbles from one that stands as the stride does in the
-    mean."""
+    """From the pose at rest, or where that stumbles from the stride's own mean pose."""
     pieces = Pieces.of(Path(journey, stride), budget)
     if pieces.clean or journey.pose is not None:
         return pieces
@@ -137,7 +137,7 @@ def _mean_pose(journey: Journey, stride: Solution) -> Array:
 
 def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
     """One problem from rest to rest with the natural terms alone, and a line that says so."""
-    print(f"octo: {reason}: solved as one problem, without a stride", file=sys.stderr)
+    LOG.warning("%s: solved as one problem, without a stride", reason)
     way = journey.way()
     motion = journey.whole.replace(costs=journey.terms, displacement=way)
     first, last = (
@@ -154,12 +154,11 @@ def _good(strides: Sequence[Solution]) -> list[Solution]:
     """Those that converged and cost no more than ODD of the least E of their period or a shorter
     one, for E falls with the period: others limp, or throw a leg."""
     through = [made for made in strides if made.converged and made.passes[-1]["converged"]]
-    return [
-        made
-        for made in through
-        if made.energy
-        <= ODD * min(other.energy for other in through if len(other.u) <= len(made.u))
-    ]
+    kept = []
+    for made in through:
+        least = min(other.energy for other in through if len(other.u) <= len(made.u))
+        kept += [made] if made.energy <= ODD * least else []
+    return kept
 
 
 def _quality(stride: Solution) -> tuple[int, float]:

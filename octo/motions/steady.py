@@ -152,8 +152,7 @@ OWN = ("dt", "period", "starts", "seed", "terrain", "law", "pose")
 
 
 def _steady(given: Mapping[str, Any], velocity: tuple[float, float], rate: float) -> Solution:
-    """The motion that a call described by its arguments ``given``; those that are None are left to
-    octo.solve."""
+    """The motion of a call with the arguments ``given``; what is None is left to octo.solve."""
     robot, seconds = given["robot"], given["seconds"]
     if not isinstance(robot, Character):
         raise ProblemError(

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.model.feet import runs, stances
 from octo.motions.budget import Budget, going_on
 from octo.motions.path import Path
 from octo.result.gait import SHORT
 from octo.result.solution import Solution
-from octo.result.stances import runs, stances
 from octo.solve import solve, solve_all
 
 Array = NDArray[np.float64]
@@ -116,9 +116,8 @@ def _rank(
 
     before, after: loads (k, c) N of the stride that the piece comes from or leads to.
     """
-    loads = np.concatenate(
-        [part for part in (before, piece.normal_force, after) if part is not None]
-    )
+    parts = (before, piece.normal_force, after)
+    loads = np.concatenate([part for part in parts if part is not None])
     bad = not piece.converged or piece.energy > DEAR * stride.energy
     near = stumbles(loads, piece, SHORT + piece.dt)  # polishing may take a step off
     return (int(bad), stumbles(loads, piece), near, piece.energy)
@@ -126,11 +125,6 @@ def _rank(
 
 def stumbles(loads: Array, motion: Solution, least: float = SHORT) -> int:
     """How many stances and swings in ``loads`` (N, c) N are shorter than ``least`` s."""
-    standing = stances(loads, motion.weight)
-    lengths = [
-        b - a
-        for foot in standing.T
-        for state in (foot, ~foot)
-        for a, b in runs(state, 0, len(loads))
-    ]
+    states = [state for foot in stances(loads, motion.weight).T for state in (foot, ~foot)]
+    lengths = [b - a for state in states for a, b in runs(state, 0, len(loads))]
     return sum(length * motion.dt < least - 1e-9 for length in lengths)

@@ -1,5 +1,4 @@
-"""Receding-horizon control: a plan from every measurement, a low level that reads it, and the loop
-around both."""
+"""Receding-horizon control: a plan from every measurement, and the loop around it."""
 
 from octo.model.convention import Convention
 from octo.mpc.animation import animate

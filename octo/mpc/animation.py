@@ -1,5 +1,4 @@
-"""A long motion by short horizons: each is solved, its first steps are kept, the rest starts the
-next."""
+"""A long motion by short horizons, of each of which the first steps are kept."""
 
 from __future__ import annotations
 
@@ -71,7 +70,8 @@ def animate(
     for place in range(0, total, advance):
         compiled.constant[0, :2] = nodes[:2]
         most = FIRST if place == 0 else iterations
-        result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, _limited(settings, most))
+        limited = replace(settings, max_iterations=most)
+        result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, limited)
         plan, lam = result.at.nodes[0], result.lam.copy()
         violation = float(np.abs(result.at.C[0, :advance]).max(initial=0.0)) * problem.weight
         worst, counted = max(worst, violation), counted + int(result.iterations[0])
@@ -102,10 +102,6 @@ def _at_rest(problem: Problem, seed: int) -> Array:
     return nodes
 
 
-def _limited(options: SqpOptions, iterations: int) -> SqpOptions:
-    return replace(options, max_iterations=iterations)
-
-
 def _whole(
     problem: Problem,
     like: CompiledProblem,
@@ -120,14 +116,14 @@ def _whole(
     long = problem.replace(steps=len(nodes) - 2)
     compiled = CompiledProblem([long], like=like)
     at = compiled.evaluate(compiled.unknowns(nodes[None]))
-    table = np.array(rows, dtype=float)
+    table, good = np.array(rows, dtype=float), worst <= LEFT * problem.weight
     return Solution(
         **measured(compiled, at, 0),
         multipliers=np.zeros((compiled.K, compiled.ma)),
-        status=Status.ACCEPTABLE if worst <= LEFT * problem.weight else Status.ITERATION_LIMIT,
+        status=Status.ACCEPTABLE if good else Status.ITERATION_LIMIT,
         iterations=counted,
         factorizations=counted,
-        history={name: table[:, k] for k, name in enumerate(HISTORY)},
+        history=dict(zip(HISTORY, table.T, strict=True)),
         seconds=seconds,
         setup_seconds=setup,
         processor_seconds=processor,

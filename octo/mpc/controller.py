@@ -1,5 +1,4 @@
-"""One plan a measurement: real-time iteration over a receding horizon (§7 of the paper; Diehl, Bock
-and Schlöder 2005)."""
+"""One plan a measurement: real-time iteration (§7; Diehl, Bock and Schlöder 2005)."""
 
 from __future__ import annotations
 
@@ -92,23 +91,17 @@ class Controller:
         self.compiled.check_squares("the controller")
         self.compiled.prepare()
         self._tuning = Tuning(self.compiled, problem)
-        names = problem.dynamics.layout.names
-        # m
-        self.first_ground = (
-            float(problem.p[names.index("terrain.height")]) if "terrain.height" in names else 0.0
-        )
+        ground = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
+        self.first_ground = ground.get("terrain.height", 0.0)  # m
         fast = self.compiled.library is not None
-        self.horizon = (RecedingHorizon if fast else InterpretedHorizon)(
-            self.compiled, positive("sigma", sigma)
-        )
+        horizon = RecedingHorizon if fast else InterpretedHorizon
+        self.horizon = horizon(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
         limit = self.robot.torque_limit
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
-        kp = default_stiffness(problem) if stiffness is None else stiffness
-        kp = gains("stiffness", kp, self.robot.nu)
-        kd = gains(
-            "damping", default_damping(problem, kp) if damping is None else damping, self.robot.nu
-        )
+        nu, stiff = robot.nu, default_stiffness(problem) if stiffness is None else stiffness
+        kp = gains("stiffness", stiff, nu)
+        kd = gains("damping", default_damping(problem, kp) if damping is None else damping, nu)
         self._grid = Grid(problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
@@ -166,9 +159,8 @@ class Controller:
             x = self.problem.start
             before = self.problem.start - self.dt * self.problem.start_velocity
         else:
-            place, speed = checked(
-                q, np.zeros(self.convention.nv) if v is None else v, self.convention
-            )
+            rate = np.zeros(self.convention.nv) if v is None else v
+            place, speed = checked(q, rate, self.convention)
             x, before = self.convention.to_octo(place, speed, self.dt, self.problem.start)
         nodes[:] = x
         nodes[0] = before
@@ -180,9 +172,7 @@ class Controller:
         self.horizon.evaluate()
         for _ in range(SETTLE):
             self._iteration.prepare()
-            good = (
-                self._iteration.better() if self.iterations > 1 else self._iteration.whole()
-            ) and self._is_motion()
+            good = self._step() and self._is_motion()
             self._iteration.learn(good)
             if not good or np.max(np.abs(self.horizon.step)) < 1e-3:
                 break
@@ -284,12 +274,9 @@ class Controller:
             x, before = self.convention.to_octo(q, v, self.dt, self._near)
             self._near = x
             status, done = self._improve(t, x, before, began)
-            self._failures = (
-                0
-                if status is CommandStatus.SOLVED
-                else self._failures + (status is not CommandStatus.BUDGET)
-            )
-            if status is CommandStatus.SOLVED and late:
+            solved = status is CommandStatus.SOLVED
+            self._failures = 0 if solved else self._failures + (status is not CommandStatus.BUDGET)
+            if solved and late:
                 status = CommandStatus.LATE
             self._prepared = np.nan
         return self._command(t, status, began, ahead, done)
@@ -297,8 +284,7 @@ class Controller:
     def _improve(
         self, t: float, x: Array, before: Array, began: float
     ) -> tuple[CommandStatus, int]:
-        """Iterations from the shifted plan with the measurement as its start, until the budget runs
-        out."""
+        """Iterations from the shifted plan and the measurement, until the budget runs out."""
         horizon, iteration, done = self.horizon, self._iteration, 0
         horizon.nodes[0], horizon.nodes[1] = before, x
         if self._spent(began):
@@ -310,7 +296,7 @@ class Controller:
                 if self._spent(began, (time.perf_counter() - began) / k):
                     break
                 iteration.prepare()
-            good = iteration.better() if self.iterations > 1 else iteration.whole()
+            good = self._step()
             iteration.learn(good)
             if self._spent(began) and not done:
                 return CommandStatus.BUDGET, 0
@@ -322,19 +308,19 @@ class Controller:
                 done += 1
         return (CommandStatus.SOLVED, done) if done else (CommandStatus.FAILED, 0)
 
+    def _step(self) -> bool:
+        return self._iteration.better() if self.iterations > 1 else self._iteration.whole()
+
     def _spent(self, began: float, needed: float = 0.0) -> bool:
         return self.budget is not None and time.perf_counter() - began + needed > self.budget
 
     def _is_motion(self) -> bool:
         """Whether the horizon's nodes could be the plan."""
-        return (
-            bool(np.isfinite(self.horizon.energy))
-            and float(np.abs(self.horizon.C).max(initial=0.0)) <= WORST
-        )
+        worst = float(np.abs(self.horizon.C).max(initial=0.0))
+        return bool(np.isfinite(self.horizon.energy)) and worst <= WORST
 
     def _take(self, t: float, solved: bool = True) -> None:
-        """Make the horizon's nodes the plan; ``solved``: they are what its last factorisation led
-        to."""
+        """Make the horizon's nodes the plan; ``solved``: its last factorisation led to them."""
         horizon = self.horizon
         u = horizon.fd[:, self.robot.actuated]
         if not np.isfinite(u).all():
@@ -357,19 +343,9 @@ class Controller:
         u = plan.at(when)[2]
         x, rate, _ = plan.at(when + self._readings.tick)
         gain, nodes = self._gain.copy(), self._gain_nodes.copy()
-        return Command(
-            self._limited(u),
-            plan.end,
-            status,
-            time.perf_counter() - began,
-            ahead,
-            done,
-            self._worst,
-            self._energy,
-            self._violation,
-            lambda: self._gains(gain, nodes),
-            lambda: self.convention.from_octo(x, rate),
-        )
+        later = (lambda: self._gains(gain, nodes), lambda: self.convention.from_octo(x, rate))
+        of_plan, took = (self._worst, self._energy, self._violation), time.perf_counter() - began
+        return Command(self._limited(u), plan.end, status, took, ahead, done, *of_plan, *later)
 
     def _gains(self, gain: Array, nodes: Array) -> Array:
         """du_0/d(x_0, x_{-1}) of the plan through nodes x_{-1}, x_0, x_1 (3, n), on the

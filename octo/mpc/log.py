@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.model.feet import LOADED
+from octo.model.feet import CARRYING, TOUCHDOWN
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
 from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
-from octo.result.solution import Solution
+from octo.result.solution import Solution, recorded
 from octo.shown import Shown
-from octo.solver.status import HISTORY, Status
 
-__all__ = ["LOADED", "NO_COMMAND", "ROWS", "Log", "memory_in_use"]
+__all__ = ["NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
 SETTLED = 2.0  # s from the start that tracking leaves out
 BOOT = 50  # calls from the start that latency leaves out
@@ -71,7 +70,7 @@ class Log(Record, Shown):
         """Columns of ``force`` that carry a twentieth of mg some time in the first
         second."""
         early = np.abs(self.force[: max(1, round(1.0 / self.tick)), :, 2]).max(axis=0)
-        return np.flatnonzero(early > 0.05 * self._weight)
+        return np.flatnonzero(early > TOUCHDOWN * self._weight)
 
     @property
     def foot_height(self) -> Array:
@@ -80,9 +79,8 @@ class Log(Record, Shown):
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
         normal, height = np.array(self.world["normal"]), self.world["height"]
-        return np.asarray(
-            (sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]) @ normal - radius
-        )
+        above = sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]
+        return np.asarray(above @ normal - radius)
 
     @property
     def foot_lift(self) -> float:
@@ -90,10 +88,8 @@ class Log(Record, Shown):
         heights, lifts = self.foot_height, []
         for c in range(heights.shape[1]):
             up = heights[:, c] > 0.01
-            edges = np.flatnonzero(np.diff(np.r_[0, up.astype(int), 0]))
-            lifts += [
-                float(heights[a:b, c].max()) for a, b in zip(edges[::2], edges[1::2], strict=True)
-            ]
+            edges = np.flatnonzero(np.diff(np.r_[0, up.astype(int), 0])).reshape(-1, 2)
+            lifts += [float(heights[a:b, c].max()) for a, b in edges]
         return float(np.median(lifts)) if lifts else 0.0
 
     @property
@@ -106,15 +102,10 @@ class Log(Record, Shown):
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
         below = sphere_centers(self.robot, self.x)[:, chosen] - radius[:, None] * [0.0, 0.0, 1.0]
         local = np.einsum("kcji,kcj->kci", rotation[:-1, bodies], below[:-1] - origin[:-1, bodies])
-        moved = (
-            np.einsum("kcij,kcj->kci", rotation[1:, bodies], local)
-            + origin[1:, bodies]
-            - below[:-1]
-        )
-        loaded = self.force[:, self.feet, 2] > LOADED * self._weight
-        return np.asarray(
-            np.linalg.norm(moved[..., :2], axis=-1)[loaded[1:] & loaded[:-1]] / self.tick
-        )
+        moved = np.einsum("kcij,kcj->kci", rotation[1:, bodies], local) + origin[1:, bodies]
+        speed = np.linalg.norm((moved - below[:-1])[..., :2], axis=-1) / self.tick
+        loaded = self.force[:, self.feet, 2] > CARRYING * self._weight
+        return np.asarray(speed[loaded[1:] & loaded[:-1]])
 
     @property
     def slip(self) -> float:
@@ -125,45 +116,39 @@ class Log(Record, Shown):
     def latency(self) -> dict[str, float]:
         seconds = self._of_calls("seconds")
         seconds = seconds[min(BOOT, len(seconds) // 2) :]
-        return {
-            **{f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)},
-            "max": float(seconds.max()),
-        }
+        found = {f"p{k}": float(np.percentile(seconds, k)) for k in (50, 95, 99)}
+        return found | {"max": float(seconds.max())}
 
     def _of_calls(self, name: str) -> Array:
-        """A column where the controller was called; one NaN where it never was (in real time no
-        command may come at all)."""
+        """A column where the controller was called; one NaN where it never was."""
         called = np.isfinite(self.seconds)
         return self.columns[name][called] if called.any() else np.full(1, np.nan)
 
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
         mean, wanted = self.tracked()
+        off, late = mean - wanted, int((self.seconds > self.tick).sum())
+        names = ("interrupted", "memory_start", "memory_end", "foot_lift", "slip")
+        slip = self.slip_speeds
         return {
             "latency": self.latency(),
             "prepare_p50": float(np.median(self._of_calls("prepare"))),
             "device": "cpu",
             "rate": 1.0 / self.tick,
-            "missed_deadlines": max(
-                self.statuses.count(NO_COMMAND), int((self.seconds > self.tick).sum())
-            ),
+            "missed_deadlines": max(self.statuses.count(NO_COMMAND), late),
             "tracking_error": {
-                "velocity": float(np.hypot(*(mean - wanted)[:2])),
-                "yaw_rate": float(abs(mean[2] - wanted[2])),
+                "velocity": float(np.hypot(*off[:2])),
+                "yaw_rate": float(abs(off[2])),
             },
             "velocity": [float(v) for v in mean],
             "command": [float(v) for v in wanted],
             "falls": len(self.falls),
-            "interrupted": self.interrupted,
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
             "torque_excess": float(self._of_calls("excess").max()),
             "pushes": [float(v) for v in self.impulses],
-            "memory_start": self.memory_start,
-            "memory_end": self.memory_end,
-            "foot_lift": self.foot_lift,
-            "slip": self.slip,
-            "slip_mean": float(np.mean(self.slip_speeds)) if self.slip_speeds.size else 0.0,
+            **{name: getattr(self, name) for name in names},
+            "slip_mean": float(np.mean(slip)) if slip.size else 0.0,
             "seconds": float(len(self.t) * self.tick),
         }
 
@@ -173,27 +158,23 @@ class Log(Record, Shown):
     def __str__(self) -> str:
         room = len(self.columns["t"])
         if self.count < max(room, 1):
-            return (
-                f"{self.robot.name}: {self.count} of {room} ticks of {self.tick:g} s "
-                "recorded so far"
-            )
+            ticks = f"{self.count} of {room} ticks of {self.tick:g} s"
+            return f"{self.robot.name}: {ticks} recorded so far"
         r = self.report()
         wall, went, wanted = r["latency"], r["velocity"], r["command"]
         statuses = ", ".join(f"{count} {name}" for name, count in r["statuses"].items())
         falls = f"{r['falls']} fall{'' if r['falls'] == 1 else 's'}"
         walked = (
-            f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of "
-            f"{wanted[1]:.2f} m/s, turning {went[2]:.2f} of "
-            f"{wanted[2]:.2f} rad/s; feet lift {100 * r['foot_lift']:.1f} cm and slip "
-            f"{r['slip']:.3f} m/s\n"
+            f"  ahead {went[0]:.2f} of {wanted[0]:.2f} m/s, left {went[1]:.2f} of {wanted[1]:.2f} "
+            f"m/s, turning {went[2]:.2f} of {wanted[2]:.2f} rad/s; feet lift "
+            f"{100 * r['foot_lift']:.1f} cm and slip {r['slip']:.3f} m/s\n"
         )
         return (
             f"{self.robot.name}, {r['seconds']:g} s at {r['rate']:g} Hz on cpu: {falls}; "
-            f"{statuses}\n"
-            f"{walked if self.robot.base == 'floating' else ''}"
-            f"  step took {1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); "
-            f"{r['missed_deadlines']} missed "
-            f"deadlines; largest planned torque {r['torque_excess']:.2f} of its limit"
+            f"{statuses}\n{walked if self.robot.base == 'floating' else ''}  step took "
+            f"{1e3 * wall['p50']:.2f} ms (p50), {1e3 * wall['p99']:.2f} ms (p99); "
+            f"{r['missed_deadlines']} missed deadlines; largest planned torque "
+            f"{r['torque_excess']:.2f} of its limit"
         )
 
     def solution(self, every: float = 0.02) -> Solution:
@@ -201,48 +182,24 @@ class Log(Record, Shown):
         and torques of that moment."""
         stride = max(1, min(round(every / self.tick), len(self.t) - 1))
         x, robot = self.x[::stride], self.robot
-        force, point, count = self.force[::stride][1:], self.point[::stride][1:], len(x) - 1
-        contacts = force.shape[1]
-        normal = np.zeros((count, contacts, 3))
+        force, point = self.force[::stride][1:], self.point[::stride][1:]
+        normal = np.zeros_like(force)
         normal[..., 2] = 1.0
         place = body_poses(robot, x)[1][:, robot.base_body, :2]
-        low, high = place.min(axis=0) - GROUND, place.max(axis=0) + GROUND
-        level = (
-            float(np.median(point[..., 2][force[..., 2] > 0.0]))
-            if (force[..., 2] > 0.0).any()
-            else 0.0
-        )
-        return Solution(
-            name=robot.name,
+        (x_low, y_low), (x_high, y_high) = place.min(axis=0) - GROUND, place.max(axis=0) + GROUND
+        loaded = force[..., 2] > 0.0
+        level = float(np.median(point[..., 2][loaded])) if loaded.any() else 0.0
+        ground = {"x": np.array([x_low, x_high]), "y": np.array([y_low, y_high])}
+        return recorded(
             character=robot,
             dt=stride * self.tick,
-            basis="nodes",
             x=np.concatenate([x[:1], x]),
             u=self.u[::stride][:-1],
-            unknowns=x[1:],
-            multipliers=np.zeros((count, 0)),
-            status=Status.SIMULATED,
-            iterations=0,
-            factorizations=0,
-            terms={},
-            violation=0.0,
-            pointwise_residual=0.0,
             weight=self._weight,
             length=self.world["length"],
-            torque_limit=robot.torque_limit,
-            contact_names=tuple(robot.contacts[k].name for k in robot.terrain_contacts),
             contact_force=force,
             contact_point=point,
-            contact_velocity=np.zeros_like(force),
             contact_normal=normal,
-            contact_depth=np.zeros((count, contacts)),
-            ground={
-                "x": np.array([low[0], high[0]]),
-                "y": np.array([low[1], high[1]]),
-                "z": np.full((2, 2), level),
-            },
-            history={name: np.zeros(0) for name in HISTORY},
-            parameters={},
+            ground={**ground, "z": np.full((2, 2), level)},
             seconds=float(np.nansum(self.seconds)),
-            setup_seconds=0.0,
         )

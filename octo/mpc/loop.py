@@ -71,17 +71,8 @@ def run(
     if number("noise", noise) < 0.0:
         raise ValueRangeError(f"noise is {noise}, must not be negative")
     _check_base(plant, push)
-    loop = _Loop(
-        controller,
-        plant,
-        tick,
-        count,
-        Sensors(plant.character, noise, seed),
-        delay,
-        push,
-        each,
-        ticks,
-    )
+    sensors = Sensors(plant.character, noise, seed)
+    loop = _Loop(controller, plant, tick, count, sensors, delay, push, each, ticks)
     return loop.realtime() if realtime else loop.synchronous()
 
 
@@ -93,14 +84,10 @@ def _check_base(plant: Plant, push: Push | None) -> None:
 
 
 def _check_kinds(controller: object, plant: object, push: object, each: object) -> None:
+    plants = "a MujocoPlant, a SimulatorPlant or their like"
     for name, value, good, wanted in (
         ("controller", controller, isinstance(controller, Controller), "a Controller"),
-        (
-            "plant",
-            plant,
-            hasattr(plant, "contacts"),
-            "a MujocoPlant, a SimulatorPlant or their like",
-        ),
+        ("plant", plant, hasattr(plant, "contacts"), plants),
         ("push", push, push is None or isinstance(push, Push), "a Push"),
         ("each", each, each is None or callable(each), "a function each(t, controller)"),
     ):
@@ -246,8 +233,7 @@ class _Loop:
         self.log.torque = u
 
     def _look(self, t: float) -> bool:
-        """Count a fall once, and put the plant back the first time: whether it was, and the
-        controller must begin anew."""
+        """Count a fall, put the plant back once: whether the controller must begin anew."""
         plant = self.plant
         if plant.character.base != "floating":
             return False
@@ -264,8 +250,7 @@ class _Loop:
         return True
 
     def realtime(self) -> Log:
-        """The plant at the clock's pace in this thread, the controller in its own; they share what
-        the lock guards."""
+        """The plant at the clock's pace, the controller in its own thread, a lock between."""
         self._begin()
         self._measure(0.0)
         first = self._arrived()
@@ -288,8 +273,7 @@ class _Loop:
         return self._end()
 
     def _pace(self, t: float, began: float) -> None:
-        """A tick: its measurement goes to the controller at its start, its command is what came by
-        its end."""
+        """A tick: it begins with a measurement, and ends with the command that came meanwhile."""
         self._wait(began + t)
         if t > 0.0:
             self._measure(t)
@@ -303,10 +287,8 @@ class _Loop:
         if self._look(t):
             with self.lock:
                 self.queue.clear()
-                self.anew = (
-                    t + 0.5 * self.tick,
-                    *self._seen(self.plant.q.copy(), self.plant.v.copy()),
-                )
+                now = self._seen(self.plant.q.copy(), self.plant.v.copy())
+                self.anew = (t + 0.5 * self.tick, *now)
             self.fresh.set()
 
     def _control(self) -> None:

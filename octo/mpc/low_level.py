@@ -45,9 +45,8 @@ def default_damping(problem: Problem, kp: float | Array) -> Array:
     assert robot is not None
     inverse = np.linalg.inv(mass_matrix(robot, problem.start))
     free = 1.0 / np.diag(inverse)[robot.actuated]  # kg m²
-    return np.minimum(
-        SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp), LIGHT * free / PERIOD
-    )
+    damping = SWING * np.sqrt(problem.length / GRAVITY) * np.asarray(kp)
+    return np.minimum(damping, LIGHT * free / PERIOD)
 
 
 class LowLevel:
@@ -63,9 +62,8 @@ class LowLevel:
 
     def __init__(self, grid: Grid, q_at: NDArray[np.intp], kp: Array, kd: Array, limit: Array):
         """``q_at`` (nu,): places of the actuated coordinates in q."""
-        library = native.load(
-            (importlib.resources.files(__package__) / "low_level.c").read_text(encoding="utf-8")
-        )
+        text = importlib.resources.files(__package__) / "low_level.c"
+        library = native.load(text.read_text(encoding="utf-8"))
         self.kp, self.kd, self.limit = (np.array(k, dtype=float) for k in (kp, kd, limit))
         self._q_at, self._actuated = q_at, grid.actuated
         self._entry: Any = None

@@ -39,11 +39,8 @@ def robot_of(problem: object) -> Character:
             "a controller needs a robot: user-written dynamics have no configuration to measure"
         )
     if problem.basis_object.name != "nodes" or problem.end is not None:
-        found = (
-            "x_end is given"
-            if problem.end is not None
-            else f"basis is {problem.basis_object.name!r}"
-        )
+        basis = f"basis is {problem.basis_object.name!r}"
+        found = basis if problem.end is None else "x_end is given"
         raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
     refuse_step_pairs(problem.costs, "a controller")
     if problem.steps <= PAST:
@@ -84,9 +81,8 @@ def plausible(q: Array, v: Array, convention: Convention) -> bool:
     """Whether q (nq,) and v (nv,) are finite and something that a robot can be at."""
     if not (np.abs(q).max() <= FARTHEST and np.abs(v).max() <= FASTEST):
         return False
-    return not convention.floating or bool(
-        SHORTEST <= np.linalg.norm(q[convention.quaternion]) <= LONGEST
-    )
+    length = np.linalg.norm(q[convention.quaternion])
+    return not convention.floating or bool(SHORTEST <= length <= LONGEST)
 
 
 def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:

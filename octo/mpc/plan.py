@@ -1,5 +1,4 @@
-"""A planned motion with a time stamp, read at any time: nodes and torques in between are
-interpolated."""
+"""A planned motion with a time stamp, interpolated at any time."""
 
 from __future__ import annotations
 

@@ -65,9 +65,8 @@ class Readings:
         """
         if not ((q == self._q).all() and (v == self._v).all() and v.any()):
             return False
-        return (self._count >= FINE and not self._in_steps) or float(np.abs(v).max()) * (
-            t - self._since
-        ) > FROZEN
+        moved = float(np.abs(v).max()) * (t - self._since)  # rad or m
+        return (self._count >= FINE and not self._in_steps) or moved > FROZEN
 
     def take(self, t: float, q: Array, v: Array) -> None:
         """Make a measurement that was not refused the last one."""

@@ -24,23 +24,12 @@ from octo.mpc.machine import Plant
 
 NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
 NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
-ROWS = (
-    "t",
-    "q",
-    "v",
-    "x",
-    "plan_x",
-    "u",
-    "force",
-    "point",
-    "seconds",
-    "prepare",
-    "energy",
-    "violation",
-    "excess",
-    "done",
-    "wanted",
-)
+ANSWERED = {  # columns of a command's own numbers, and what it calls them
+    **{name: name for name in ("seconds", "prepare", "energy", "violation")},
+    "excess": "torque_excess",
+    "done": "iterations",
+}
+ROWS = ("t", "q", "v", "x", "plan_x", "u", "force", "point", *ANSWERED, "wanted")
 
 
 @dataclass(eq=False, repr=False)
@@ -74,12 +63,11 @@ class Record:
         if self.controller is None:
             return self.saved_world
         problem = self.controller.problem
-        known = {
+        known: dict[str, Any] = {
             "weight": self.robot.mass * problem.gravity,
             "length": problem.length,
-            "normal": [0.0, 0.0, 1.0],
-            "height": 0.0,
         }
+        known |= {"normal": [0.0, 0.0, 1.0], "height": 0.0}
         names, p = problem.dynamics.layout.names, self.controller.compiled.p[0]
         plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
         if plane is not None:
@@ -90,12 +78,8 @@ class Record:
     def empty(cls, robot: Character, tick: float, controller: Controller, ticks: int) -> Self:
         """Room for so many ticks, touched now: what memory the loop takes on top is the loop's."""
         shapes = row_shapes(robot, controller.convention)
-        return cls(
-            robot,
-            tick,
-            controller,
-            {name: np.full((ticks, *shapes.get(name, ())), np.nan) for name in ROWS},
-        )
+        columns = {name: np.full((ticks, *shapes.get(name, ())), np.nan) for name in ROWS}
+        return cls(robot, tick, controller, columns)
 
     def record(self, t: float, plant: Plant, command: Command | None, arrived: bool = True) -> None:
         """A tick that began at ``t`` s; ``arrived``: whether there was a measurement that
@@ -107,26 +91,11 @@ class Record:
         k = self.count
         near = self.columns["x"][k - 1] if k else self.controller.problem.start
         x = self._convention.to_octo(plant.q, plant.v, 1.0, near)[0]
-        row: dict[str, Any] = {
-            "t": t + self.tick,
-            "q": plant.q,
-            "v": plant.v,
-            "x": x,
-            "u": self.torque,
-            "plan_x": self.controller.plan.at(t + self.tick)[0],
-            "force": force,
-            "point": point,
-            "wanted": wanted,
-        }
+        row: dict[str, Any] = {"t": t + self.tick, "q": plant.q, "v": plant.v, "x": x}
+        row |= {"plan_x": self.controller.plan.at(t + self.tick)[0], "wanted": wanted}
+        row |= {"u": self.torque, "force": force, "point": point}
         if command is not None:
-            row |= {
-                "seconds": command.seconds,
-                "prepare": command.prepare,
-                "energy": command.energy,
-                "violation": command.violation,
-                "excess": command.torque_excess,
-                "done": command.iterations,
-            }
+            row |= {column: getattr(command, name) for column, name in ANSWERED.items()}
         for name, value in row.items():
             self.columns[name][k] = value
         none = NO_COMMAND if arrived else NOTHING_YET
@@ -152,18 +121,13 @@ class Record:
         OutputError: it cannot be written, or its ending is not .npz.
         """
         target = ending("path", path, (".npz",))
-        kept = {
-            name: getattr(self, name)
-            for name in ("tick", "interrupted", "memory_start", "memory_end", "world")
-        }
-        lists = {name: np.array(getattr(self, name), dtype=float) for name in ("falls", "impulses")}
-        words = np.array(json.dumps({**kept, "robot": store.to_plain(self.robot)}))
-        arrays: dict[str, Any] = {
-            **self.columns,
-            **lists,
-            "statuses": np.array(self.statuses, dtype=str),
-            "log": words,
-        }
+        names = ("tick", "interrupted", "memory_start", "memory_end", "world")
+        kept = {name: getattr(self, name) for name in names}
+        words = json.dumps({**kept, "robot": store.to_plain(self.robot)})
+        arrays: dict[str, Any] = {**self.columns, "log": np.array(words)}
+        arrays["statuses"] = np.array(self.statuses, dtype=str)
+        for name in ("falls", "impulses"):
+            arrays[name] = np.array(getattr(self, name), dtype=float)
         with replacing(target) as beside, beside.open("wb") as file:
             np.savez_compressed(file, **arrays)
 
@@ -179,40 +143,20 @@ class Record:
         with archive.opened(store.file_of(path, cls.FILE), "log", "log") as file:
             robot = store.from_plain(file.plain["robot"])
             k, shapes = len(file.array("t", (None,))), row_shapes(robot, Convention(robot))
-            columns = {
-                name: file.array(name, (k, *shapes.get(name, ())), finite=False) for name in ROWS
-            }
-            falls, impulses = (file.array(name, (None,)).tolist() for name in ("falls", "impulses"))
-            begin, end = file.whole("memory_start"), file.whole("memory_end")
-            return cls(
-                robot,
-                file.number("tick", positive=True),
-                None,
-                columns,
-                k,
-                _statuses(file, k),
-                falls,
-                impulses,
-                file.flag("interrupted"),
-                begin,
-                end,
-                saved_world=_world(file.plain["world"]),
-            )
+            sizes = {name: (k, *shapes.get(name, ())) for name in ROWS}
+            columns = {n: file.array(n, size, finite=False) for n, size in sizes.items()}
+            own: dict[str, Any] = {"saved_world": _world(file.plain["world"])}
+            own |= {name: file.array(name, (None,)).tolist() for name in ("falls", "impulses")}
+            own |= {name: file.whole(name) for name in ("memory_start", "memory_end")}
+            own |= {"interrupted": file.flag("interrupted"), "statuses": _statuses(file, k)}
+            return cls(robot, file.number("tick", positive=True), None, columns, k, **own)
 
 
 def row_shapes(robot: Character, convention: Convention) -> dict[str, tuple[int, ...]]:
     """Of a row of each column that is no single number."""
-    nx, contacts = robot.nx, len(robot.terrain_contacts)
-    return {
-        "q": (convention.nq,),
-        "v": (nx,),
-        "x": (nx,),
-        "plan_x": (nx,),
-        "u": (robot.nu,),
-        "force": (contacts, 3),
-        "point": (contacts, 3),
-        "wanted": (3,),
-    }
+    coordinates = dict.fromkeys(("v", "x", "plan_x"), (robot.nx,))
+    vectors = {name: (len(robot.terrain_contacts), 3) for name in ("force", "point")}
+    return {"q": (convention.nq,), "u": (robot.nu,), "wanted": (3,), **coordinates, **vectors}
 
 
 def _statuses(file: archive.Archive, count: int) -> list[str]:
@@ -229,19 +173,15 @@ def _world(plain: Any) -> dict[str, Any]:
     if not isinstance(plain, dict):
         raise ValueRangeError(f"world is of type {type(plain).__name__}, must be a record")
     own = archive.Archive({}, plain)
-    sizes = {name: own.number(name, positive=True) for name in ("weight", "length")}
-    return {
-        **sizes,
-        "normal": numbers("normal", plain.get("normal"), (3,)).tolist(),
-        "height": own.number("height"),
-    }
+    found: dict[str, Any] = {n: own.number(n, positive=True) for n in ("weight", "length")}
+    found["normal"] = numbers("normal", plain.get("normal"), (3,)).tolist()
+    return found | {"height": own.number("height")}
 
 
 def memory_in_use() -> int:
     """Bytes of this process in memory; 0 where the system does not say."""
     try:
-        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf(
-            "SC_PAGE_SIZE"
-        )
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
         return 0

@@ -15,7 +15,6 @@ STRAIGHT = 0.84  # from which a leg counts as straight
 START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins
 ITERATIONS = 60
 DAMPING = 1e-4  # m² a rad², of the search's steps
-FOOT = 0.02  # m over the lowest contact up to which a contact is a foot
 
 
 def stance(robot: Character) -> Array:
@@ -28,7 +27,7 @@ def stance(robot: Character) -> Array:
     pose = over_the_feet(robot, inside_limits(robot, robot.start_pose))
     if robot.base != "floating" or not robot.terrain_contacts:
         return pose
-    feet = lowest_contacts(robot, pose, FOOT)
+    feet = lowest_contacts(robot, pose)
     straight = max(_stretch(robot, pose, foot) for foot in feet)
     if straight <= STRAIGHT:
         return pose
@@ -55,9 +54,8 @@ def _chain(robot: Character, foot: int) -> list[int]:
 
 def _length(robot: Character, foot: int) -> float:
     """m, of the links from the hip to the foot, what they lie to the side left out."""
-    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]] + [
-        robot.contacts[foot].position
-    ]
+    offsets = [robot.bodies[b].position for b in _chain(robot, foot)[1:]]
+    offsets.append(robot.contacts[foot].position)
     return float(sum(np.hypot(offset[0], offset[2]) for offset in offsets))
 
 

@@ -60,18 +60,15 @@ class Tuning:
             if name not in fields:
                 raise UnknownNameError(f"field of {label}", name, fields)
         changed = self._changed(term, values)
-        scratch = dataclasses.replace(
-            self._compiled.functions.references, terms=(changed,), places=(places,)
-        )
+        table = self._compiled.functions.references
+        scratch = dataclasses.replace(table, terms=(changed,), places=(places,))
         packed = scratch.pack([changed], setting)
         for place in places.values():
             q[:, place] = packed[:, place]
         if "weight" in values:
-            on = (
-                np.full(setting.steps, 1.0 / setting.steps)
-                if term.steps == "all"
-                else np.eye(setting.steps)[-1]
-            )
+            on = np.full(setting.steps, 1.0 / setting.steps)
+            if term.steps != "all":
+                on = np.eye(setting.steps)[-1]
             q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
         return problem.replace(costs=[*problem.costs[:k], changed, *problem.costs[k + 1 :]])
 
@@ -89,9 +86,8 @@ class Tuning:
             )
         for name, value in values.items():
             alone = dataclasses.replace(term, **{name: value})
-            if alone.scale(setting) != term.scale(setting) and same(
-                alone.references(setting), term.references(setting)
-            ):
+            alike = same(alone.references(setting), term.references(setting))
+            if alike and alone.scale(setting) != term.scale(setting):
                 raise ProblemError(
                     f"{term.label}.{name} cannot be updated: it only scales E, change weight"
                 )

@@ -1,5 +1,4 @@
-"""Walking on command: the problem that a controller solves, and the references that follow the
-command."""
+"""Walking on command: a controller's problem, and the references that follow the command."""
 
 from __future__ import annotations
 
@@ -8,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import number, numbers, positive
+from octo.checks import instance, number, numbers, positive
 from octo.dynamics.laws import Compliant, Coulomb
-from octo.errors import ProblemError, said
+from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.feet import lowest_contacts, terrain_bottoms
+from octo.model.feet import low_contacts, terrain_bottoms
 from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
@@ -21,8 +20,6 @@ from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
 
 CONE = 0.75  # of the ground's friction, that is planned with
-# of ℓ: feet are no higher than that over the lowest one in the pose before it is balanced
-NEAR = 0.1
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
@@ -72,8 +69,7 @@ def walking_problem(
     ProblemError: the base does not float, or no sphere can touch the ground; what
         :class:`octo.Problem` refuses.
     """
-    if not isinstance(robot, Character):
-        raise ProblemError(f"robot is {said(robot)}, must be a Character: what octo.load gives")
+    instance("robot", robot, Character, "a Character: what octo.load gives")
     for name in {"costs", "law", "x0"} & described.keys():
         raise ProblemError(
             f"{name} is chosen by walking_problem: change it in the Problem, by .replace({name}=…)"
@@ -89,27 +85,17 @@ def walking_problem(
             "ground"
         )
     held = stance(robot) if pose is None else numbers("pose", pose, (robot.nx,))
-    draft = Problem(
-        robot, steps=steps, dt=dt, costs=locomotion(), x0=_on_the_ground(robot, held), **described
-    )
+    described |= {"steps": steps, "dt": dt, "costs": locomotion()}
+    draft = Problem(robot, x0=_on_the_ground(robot, held), **described)
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
-    law = foot_law(
-        robot,
-        draft.length,
-        len(lowest_contacts(robot, held, NEAR * draft.length)),
-        friction,
-        draft.gravity,
-    )
-    problem = Problem(
-        robot, steps=steps, dt=dt, costs=locomotion(), law=law, pose=held, **described
-    )
+    law = foot_law(robot, draft.length, len(low_contacts(robot, held)), friction, draft.gravity)
+    problem = Problem(robot, law=law, pose=held, **described)
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
 
 def _on_the_ground(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,) raised or lowered until its lowest contact is at height zero; only heights are
-    read of it."""
+    """``pose`` (nx,) with its lowest contact at height zero; only heights are read of it."""
     placed = pose.copy()
     placed[robot.base_coordinate + 2] -= float(terrain_bottoms(robot, pose).min())
     return placed
@@ -133,11 +119,10 @@ class VelocityCommand:
     ):
         self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
-        linear, turning = numbers("acceleration", acceleration, (2,)).tolist()
-        self.acceleration = (
-            positive("acceleration", linear, "m/s²"),
-            positive("acceleration", turning, "rad/s²"),
+        pair = zip(
+            numbers("acceleration", acceleration, (2,)).tolist(), ("m/s²", "rad/s²"), strict=True
         )
+        self.acceleration = tuple(positive("acceleration", value, unit) for value, unit in pair)
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
@@ -158,9 +143,8 @@ class VelocityCommand:
             self._advance(t - self._time)
         self._time = t
         apart = self._place - origin[:2]
-        self._place = origin[:2] + apart * min(
-            1.0, GOVERNOR[0] / max(float(np.hypot(*apart)), 1e-9)
-        )
+        far = max(float(np.hypot(*apart)), 1e-9)
+        self._place = origin[:2] + apart * min(1.0, GOVERNOR[0] / far)
         turn = (self._yaw - ahead + np.pi) % (2.0 * np.pi) - np.pi
         self._yaw = ahead + min(max(turn, -GOVERNOR[1]), GOVERNOR[1])
         yaw = self._yaw + self._rate * dt * np.arange(1, N + 1)
@@ -174,8 +158,7 @@ class VelocityCommand:
 
     @staticmethod
     def _follow_the_ground(controller: Controller, velocity: Array, target: Array) -> None:
-        """On a slope, height and vertical speed are those of the ground under the places (N, 2)
-        that the command leads to."""
+        """On a slope, heights are those of the ground under the command's places (N, 2)."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
         plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
         if plane is None:

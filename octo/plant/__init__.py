@@ -1,5 +1,4 @@
-"""Machines that octo did not write the physics of: where a plan or a controller has to prove
-itself."""
+"""Machines with other physics, in which a plan or a controller has to prove itself."""
 
 from octo.model.convention import from_chart, to_chart
 from octo.plant.mujoco_plant import MujocoPlant

@@ -1,5 +1,4 @@
-"""A robot in MuJoCo: its own contact, its own time step, with friction, payload and bumps that a
-plan does not know of."""
+"""A robot in MuJoCo, with friction, payload and bumps that a plan does not know of."""
 
 from __future__ import annotations
 
@@ -9,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, positive
-from octo.errors import ProblemError, ShapeError, ValueRangeError, said
+from octo.checks import instance, number, numbers, positive
+from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
@@ -59,15 +58,11 @@ class MujocoPlant:
         self.character = character
         self.terrain = terrain or Plane()
         if not isinstance(self.terrain, Plane):
-            raise ProblemError(
-                f"terrain is {type(terrain).__name__!r}, must be a Plane: MuJoCo has no other "
-                "ground "
-                "here"
-            )
+            must = "must be a Plane: MuJoCo has no other ground here"
+            raise ProblemError(f"terrain is {type(terrain).__name__!r}, {must}")
         if not 0.0 <= number("friction", friction) <= STICKIEST:
-            raise ValueRangeError(
-                f"friction is {friction}, must not be negative, and at most {STICKIEST:g}"
-            )
+            must = f"must not be negative, and at most {STICKIEST:g}"
+            raise ValueRangeError(f"friction is {friction}, {must}")
         if number("bumps", bumps) < 0.0:
             raise ValueRangeError(f"bumps is {bumps} m, must not be negative")
         self.timestep = positive("timestep", timestep, "s")
@@ -188,20 +183,15 @@ class MujocoPlant:
     @property
     def base_place(self) -> Array:
         """(3,) m, of the base body's origin."""
-        free = self.character.base == "floating"
-        return np.array(
-            self.q[self._first : self._first + 3] if free else self.data.xpos[self._base]
-        )
+        free, first = self.character.base == "floating", self._first
+        return np.array(self.q[first : first + 3] if free else self.data.xpos[self._base])
 
     @property
     def base_rotation(self) -> Array:
         """(3, 3)."""
-        free = self.character.base == "floating"
-        return (
-            rotation_of(self.q[self._first + 3 : self._first + 7])
-            if free
-            else self.data.xmat[self._base].reshape(3, 3).copy()
-        )
+        if self.character.base == "floating":
+            return rotation_of(self.q[self._first + 3 : self._first + 7])
+        return np.array(self.data.xmat[self._base].reshape(3, 3))
 
     @property
     def height(self) -> float:
@@ -235,9 +225,8 @@ class MujocoPlant:
         six = np.zeros(6)
         for k in range(self.data.ncon):
             contact = self.data.contact[k]
-            first, second = (
-                self._contacts.get(int(geom)) for geom in (contact.geom1, contact.geom2)
-            )
+            geoms = (contact.geom1, contact.geom2)
+            first, second = (self._contacts.get(int(geom)) for geom in geoms)
             if (first is None) == (second is None):
                 continue
             self._mujoco.mj_contactForce(self.model, self.data, k, six)
@@ -251,18 +240,14 @@ class MujocoPlant:
 def loaded(character: Character, payload: float) -> Character:
     """The character with ``payload`` times the base body's mass added to it, its inertia in
     proportion."""
-    if not isinstance(character, Character):
-        raise ProblemError(
-            f"character is {said(character)}, must be a Character: what octo.load gives"
-        )
+    instance("character", character, Character, "a Character: what octo.load gives")
     share = 1.0 + number("payload", payload)
     if share <= 0.0:
         raise ValueRangeError(f"payload is {payload} of the trunk's mass, must be over -1")
     base = character.bodies[character.base_body]
     heavier = replace(base, mass=share * base.mass, inertia=share * base.inertia)
-    return replace(
-        character, bodies=tuple(heavier if body is base else body for body in character.bodies)
-    )
+    bodies = tuple(heavier if body is base else body for body in character.bodies)
+    return replace(character, bodies=bodies)
 
 
 def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
@@ -275,7 +260,6 @@ def strewn(height: float, seed: int) -> list[tuple[Array, Array]]:
             top, half = rng.uniform(0.2, 1.0) * height, rng.uniform(*BUMPS_HALF, 2)
             center = np.array([x, y]) + rng.uniform(0.0, BUMPS_EACH, 2)
             if np.max(np.abs(center) - half) > BUMPS_CLEAR:
-                boxes.append(
-                    (np.array([*center, 0.5 * top - 0.01]), np.array([*half, 0.5 * top + 0.01]))
-                )
+                box = [*center, 0.5 * top - 0.01], [*half, 0.5 * top + 0.01]
+                boxes.append((np.array(box[0]), np.array(box[1])))
     return boxes

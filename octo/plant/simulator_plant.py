@@ -1,5 +1,4 @@
-"""A robot in octo's own implicit simulation, with the interface of
-:class:`octo.plant.MujocoPlant`."""
+"""A robot in octo's own simulation, with the interface of octo.plant.MujocoPlant."""
 
 from __future__ import annotations
 
@@ -8,12 +7,12 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from octo.checks import instance, number, numbers, one_of, positive
+from octo.checks import numbers, positive
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
-from octo.dynamics.simulate import Stepper
+from octo.dynamics.simulate import Stepper, parameters_of
 from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
@@ -49,26 +48,17 @@ class SimulatorPlant:
     ):
         self.dynamics = RobotDynamics(loaded(character, payload), law, terrain)
         self.character, self.timestep = character, positive("timestep", timestep, "s")
-        given = (
-            {}
-            if parameters is None
-            else instance("parameters", parameters, Mapping, "numbers by name")
+        self._p = parameters_of(
+            self.dynamics, self.timestep, {} if parameters is None else parameters
         )
-        known = self.dynamics.layout.names
-        values = {
-            one_of("parameter", name, known): number(f"parameter {name}", value)
-            for name, value in given.items()
-        }
-        self._p = self.dynamics.layout.pack(**{**values, "dt": self.timestep})
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
         self._ground = symbolic_contacts(self.dynamics)
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
-        distance = self.dynamics.terrain.distance(
-            point, section(self.dynamics.layout.view(p), "terrain.")
-        )
+        view = section(self.dynamics.layout.view(p), "terrain.")
+        distance = self.dynamics.terrain.distance(point, view)
         self._height = ca.Function("height", [point, p], [distance])
         self.x = character.start_pose
         self._before = self.x.copy()
@@ -109,9 +99,8 @@ class SimulatorPlant:
     def reset_chart(self, x: Array, rate: Array | None = None) -> None:
         """Time 0 at x (nx,) and its rate (nx,)."""
         self.x = numbers("x", x, (self.character.nx,)).copy()
-        self._before = self.x - self.timestep * (
-            np.zeros_like(self.x) if rate is None else np.asarray(rate, dtype=float)
-        )
+        speed = np.zeros_like(self.x) if rate is None else np.asarray(rate, dtype=float)
+        self._before = self.x - self.timestep * speed
         self.push, self.time = np.zeros(3), 0.0
 
     def step(self, u: Array, seconds: float | None = None) -> None:
@@ -121,10 +110,8 @@ class SimulatorPlant:
         load = np.zeros(self.character.nx)
         load[self.character.actuated] = np.clip(u, -self._limit, self._limit)
         if self.character.base == "floating":
-            first = self.character.base_coordinate
-            load[first : first + 3] = (
-                self.character.bodies[self.character.base_body].rotation.T @ self.push
-            )
+            first, body = self.character.base_coordinate, self.character.base_body
+            load[first : first + 3] = self.character.bodies[body].rotation.T @ self.push
         for _ in range(1 if seconds is None else max(1, round(seconds / self.timestep))):
             x_next, left = self._stepper(self.x, self._before, load)
             self._before, self.x = self.x, x_next
@@ -144,10 +131,8 @@ def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
     n = dynamics.nx
     x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", dynamics.layout.size)
     view = dynamics.layout.view(p)
-    states = symbolic.contact_states(
-        dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
-    )
+    own = (dynamics.law, dynamics.terrain, view)
+    states = symbolic.contact_states(dynamics.character, x_next, x, *own)
     columns = [[state.force for state in states], [state.point for state in states]]
-    return ca.Function(
-        "contacts", [x_next, x, p], [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
-    )
+    found = [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
+    return ca.Function("contacts", [x_next, x, p], found)

@@ -21,9 +21,10 @@ typedef struct {
 
 static void octo_group_begin(octo_group *g, const octo_task *t, int member, int first, int last) {
   octo_lanes_clear(&g->lanes);
-  octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
+  if (t->apart) octo_lanes_begin_apart(&g->lanes, t->nodes + (size_t)member * t->steps * 3 * NX, first, last - 1);
+  else octo_lanes_begin(&g->lanes, t->nodes + (size_t)member * (t->steps + 2) * NX, first, last + 1);
 #if NFC > 0
-  octo_rests_begin(&g->rests);
+  octo_rests_begin(&g->rests, t->apart);
 #endif
 }
 
@@ -142,8 +143,8 @@ static inline __attribute__((always_inline)) void octo_square(const octo_rows *r
   }
 }
 
-/* hess (W3, LD) and gradient (LD) = rowsᵀ values, to which ``slope`` (LD) is added, or 0; nothing of use stands left of the nodes'
- * diagonal blocks. */
+/* hess (W3, LD), or 0, and gradient (LD) = rowsᵀ values, to which ``slope`` (LD) is added, or 0; nothing of use stands left of the
+ * nodes' diagonal blocks. */
 static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums, const double *curvature, const double *slope,
                               double *hess, double *gradient) {
   v8 sum[LD / 8];
@@ -151,6 +152,7 @@ static void octo_gauss_newton(const octo_rows *rows, const octo_step_sums *sums,
   for (int r = 0; r < rows->count; ++r)
     for (int j = 0; j < LD / 8; ++j) sum[j] += rows->value[r] * *(const v8 *)(rows->row[r] + 8 * j);
   for (int j = 0; j < LD / 8; ++j) ((v8 *)gradient)[j] = sum[j];
+  if (!hess) return;
   octo_square(rows, curvature, 0, hess);
   octo_square(rows, curvature, 1, hess);
   octo_square(rows, curvature, 2, hess);
@@ -248,6 +250,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   }
   int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
 #if NFC > 0
+  if (!t->h) s->touched.hess = 0;
   if (!t->lam) octo_touch_alone(&s->touched, &in);
 #endif
 #if SLOPED
@@ -256,7 +259,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
   octo_spread(s->gradient_sum, W3, slope, STEPS);
 #endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
-  if (t->lam || NFC > 0) octo_scatter(lanes->hess, octo_line_slot, W3 * LD, octo_line_use, lanes->touching, kept, curvature, STEPS);
+  if (t->h && (t->lam || NFC > 0)) octo_scatter(lanes->hess, octo_line_slot, W3 * LD, octo_line_use, lanes->touching, kept, curvature, STEPS);
   s->zeros = lanes->touching;
 }
 
@@ -270,14 +273,19 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 #ifdef PAIR_ROWS
   octo_pair_keep(t, member, i, s->jac[k]);
 #endif
+  double *hess = t->h ? s->hess : 0;
   octo_build_rows(&s->step_sums[k], s->jac[k], &s->rows);
-  octo_gauss_newton(&s->rows, &s->step_sums[k], t->lam || NFC > 0 ? s->curvature[k] : 0, slope, s->hess, s->gradient);
+  octo_gauss_newton(&s->rows, &s->step_sums[k], t->lam || NFC > 0 ? s->curvature[k] : 0, slope, hess, s->gradient);
 #if NS > 0
-  if (octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], s->hess);
+  if (hess && octo_is_curved(t, member)) octo_bend(s->second[k], s->jac[k], hess);
 #endif
-  if (t->nc > NX) octo_mirror(s->hess);
+  if (t->apart) {
+    octo_write_stage(t, member, i, fd, s->jac[k], hess, s->gradient);
+    return;
+  }
+  if (hess && t->nc > NX) octo_mirror(hess);
   if (t->carry && i < 2) {
-    octo_carry_back(t->carry + (size_t)member * NX * NX, i, s->hess, s->gradient, s->jac[k]);
+    octo_carry_back(t->carry + (size_t)member * NX * NX, i, hess, s->gradient, s->jac[k]);
     s->zeros = 2;
   }
   octo_find_places(t, i, &s->places);
@@ -286,7 +294,8 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) rows = t->test_row[test] >= rows ? t->test_row[test] + 1 : rows;
   int fresh = t->nc == NX && s->places.count == 3 && units > g->clear_unit;
   octo_clear(g, units, rows, fresh);
-  if (t->nc == NX) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
+  if (!hess) octo_scatter_gradient(g, &s->places, s->gradient);
+  else if (t->nc == NX) octo_scatter_nodes(g, &s->places, fresh, s->hess, s->gradient);
   else octo_scatter_model(g, &s->places, s->hess, s->gradient);
   octo_scatter_constraints(t, g, &s->places, i, t->row_scale + (size_t)member * MU, fd, s->jac[k]);
 }
@@ -301,7 +310,7 @@ static void octo_linearize_chunk(void *shared, int item) {
   octo_scratch *s = aligned_alloc(64, (sizeof(octo_scratch) + 63) / 64 * 64);
   if (!s) { sweep->failed = 1; return; }
   double *halo = t->halo + ((size_t)member * t->chunks + chunk) * halo_size;
-  octo_target g = {t->h + unit0 * hs, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
+  octo_target g = {t->h ? t->h + unit0 * hs : 0, t->a + unit0 * as, t->b + unit0 * nc, t->c + unit0 * ma,
                    halo, halo + 2 * hs, halo + 2 * hs + as, halo + 2 * hs + as + 2 * nc,
                    t->chunk_unit[chunk], t->chunk_row[chunk], nc, ma, t->chunk_unit[chunk], t->chunk_row[chunk]};
   int unit_last = chunk + 1 < t->chunks ? t->chunk_unit[chunk + 1] : t->units, row_last = chunk + 1 < t->chunks ? t->chunk_row[chunk + 1] : t->units;
@@ -314,7 +323,7 @@ static void octo_linearize_chunk(void *shared, int item) {
     octo_derive_group(t, s, ma, member, i, count);
     for (int k = 0; k < count; ++k) octo_linearize_step(t, &g, s, member, i + k, k);
   }
-  octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
+  if (!t->apart) octo_clear(&g, unit_last, row_last, 0); /* what no step touched */
   free(s);
 }
 

@@ -8,11 +8,11 @@ contact_model.py. q (NQ) starts with one coefficient per term, then come the ref
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,8 +25,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
 from octo.errors import ProblemError
 from octo.interrupts import postponed
-from octo.model.kinematics import sphere_centers
-from octo.model.terrain import signed_distance
+from octo.model.feet import touching
 from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
@@ -37,11 +36,7 @@ from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
-if TYPE_CHECKING:
-    from octo.problem.problem import Problem
-
 Array = NDArray[np.float64]
-TOUCHING = 0.01  # m above the ground up to which a contact is a foot at the start
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +146,7 @@ def residuals_of(
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     nodes, step = step_symbols(dynamics, p)
-    controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
+    controls = control_symbols(dynamics)
     state: list[ca.SX] = []
     own, between = [], {}
     bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
@@ -162,11 +157,12 @@ def residuals_of(
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-            if between_controls and isinstance(term, NeighbourCost):
-                between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
-                continue
             first, called = sum(r.numel() for r in state), len(step.calls)
-            state.append(term.shaped(term.residual(step, view), view))
+            over_controls, value = residual_of(term, step, controls, view, between_controls)
+            if over_controls:
+                between[k] = value
+                continue
+            state.append(value)
             if k in bent:
                 curved.add(k, term, view, first, step.calls[called:])
         own.append(k)
@@ -177,7 +173,8 @@ def residuals_of(
         )
     contact = None
     if over and isinstance(dynamics, RobotDynamics):
-        contact = ContactResiduals(dynamics, references, touching(dynamics, setting), p, q)
+        feet = touching(dynamics.character, dynamics.terrain, setting.x0)
+        contact = ContactResiduals(dynamics, references, feet, p, q)
     inputs, pairs = [*nodes, p, q], pair_residuals(references, nodes, step, p, q, bent)
     calls = Calls.of(step.calls, inputs)
     inputs += [ca.vertcat(*[call.given for call in step.calls])] if calls else []
@@ -185,6 +182,25 @@ def residuals_of(
     return Residuals(
         references, inputs, state, own, controls, between, contact, calls, *exact_terms, pairs
     )
+
+
+def residual_of(
+    term: Cost,
+    step: StepSymbols,
+    controls: Sequence[ca.SX],
+    view: Mapping[str, ca.SX],
+    between_controls: bool,
+) -> tuple[bool, ca.SX]:
+    """Whether a term that is not over contacts is over ``controls`` rather than over the ``step``,
+    and its residual."""
+    if between_controls and isinstance(term, NeighbourCost):
+        return True, term.shaped(term.between(controls[0], controls[1], view), view)
+    return False, term.shaped(term.residual(step, view), view)
+
+
+def control_symbols(dynamics: Dynamics) -> list[ca.SX]:
+    """Two neighbouring Hermite controls, (2 nx,) each."""
+    return [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
 
 
 @postponed()
@@ -246,23 +262,6 @@ def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols
     return [x_next, x, x_prev, u], StepSymbols(
         x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot
     )
-
-
-def touching(dynamics: RobotDynamics, setting: Setting) -> list[int]:
-    """The contacts that touch the ground at the start, as indices into the robot's."""
-    robot, possible = dynamics.character, list(dynamics.character.terrain_contacts)
-    radius = np.array([robot.contacts[k].radius for k in possible])
-    centers = sphere_centers(robot, setting.x0)[possible]
-    gap = signed_distance(dynamics.terrain, centers, dynamics.terrain.parameters) - radius
-    return [k for k, distance in zip(possible, gap, strict=True) if distance < TOUCHING]
-
-
-def touching_names(problem: Problem) -> tuple[str, ...]:
-    """Names of the contacts that touch the ground at the start: what ``contacts="feet"`` means."""
-    dynamics = problem.dynamics
-    if not isinstance(dynamics, RobotDynamics):
-        raise ProblemError("user-written dynamics have no contacts")
-    return tuple(dynamics.character.contacts[k].name for k in touching(dynamics, problem.setting))
 
 
 @functools.lru_cache(maxsize=8)

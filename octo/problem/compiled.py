@@ -26,7 +26,6 @@ from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
 from octo.problem.native_steps import NativeSteps
-from octo.problem.neighbours import NeighbourTerms
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
 from octo.problem.program import Program
@@ -72,9 +71,6 @@ class CompiledProblem:
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.weight = first.weight
         self.plan, self.data = lowered(problems, self.program.functions)
-        self.neighbours: NeighbourTerms | None = None if like is None else like.neighbours
-        if like is None and self.functions.between:
-            self.neighbours = NeighbourTerms(self.plan, self.functions)
 
     # -- what it is made of ------------------------------------------------------------------------
 
@@ -245,9 +241,8 @@ class CompiledProblem:
         """What evaluates and derives the steps."""
         if self.library is None:
             return Interpreted(self.program, self.plan, self.data)
-        terms, pairs = len(self.functions.references.terms), self.functions.pairs
-        room = 0 if pairs is None else pairs.room(self.dynamics)
-        return NativeSteps(self.library, terms, self.plan, self.data, self.threads, room)
+        between = bool(self.functions.between)
+        return NativeSteps(self.library, between, self.plan, self.data, self.threads)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
@@ -276,9 +271,7 @@ class CompiledProblem:
         terms = np.empty((self.batch, self.steps, len(self.functions.references.terms)))
         rows = np.empty((self.batch, self.steps, len(self.functions.bounded)))
         C = np.empty((self.batch, self.K, self.ma))
-        self.steps_code.evaluate(nodes, fd, terms, rows, C)
-        if self.neighbours is not None:
-            self.neighbours.values(self.data, unknowns, terms)
+        self.steps_code.evaluate(unknowns, nodes, fd, terms, rows, C)
         return Evaluation.of(unknowns, nodes, fd, terms, rows, C)
 
     def reduce(self, fd: Array) -> Array:
@@ -292,16 +285,27 @@ class CompiledProblem:
         the terms over torques, and of the terms over contacts and the exact ones for the members
         ``curved`` (batch,) bool, all by default."""
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
-        shape = (self.batch, self.K)
-        H, A = np.empty((*shape, 3, self.nc, self.nc)), np.empty((*shape, 3, self.ma, self.nc))
-        b, C = np.empty((*shape, self.nc)), np.empty((*shape, self.ma))
+        H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
+        A, b, C = self._first_order()
         self.steps_code.linearize(at, lam, curved, (H, A, b, C))
-        if self.neighbours is not None:
-            members = np.ones(self.batch, dtype=bool) if curved is None else curved
-            exact = (lam is not None) & np.asarray(members, dtype=bool)
-            self.neighbours.add(self.plan, self.data, at.unknowns, exact, H, b)
         self.plan.fill_dummies(H)
         return Model(H, A, b, C)
+
+    def gradient(self, at: Evaluation) -> tuple[Array, Array]:
+        """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
+        second derivatives."""
+        A, b, C = self._first_order()
+        self.steps_code.linearize(at, None, None, (None, A, b, C))
+        return b, A
+
+    def _first_order(self) -> tuple[Array, Array, Array]:
+        """Room for A, b and C."""
+        shape = (self.batch, self.K)
+        return (
+            np.empty((*shape, 3, self.ma, self.nc)),
+            np.empty((*shape, self.nc)),
+            np.empty((*shape, self.ma)),
+        )
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""

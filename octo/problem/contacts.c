@@ -8,9 +8,13 @@
 #define TOUCHED (18 + 36 * BLOCKS)
 
 /* Which contacts touched the ground in the step before the group's first one; nobody knows before the first group. */
-typedef struct { char known[NFC], touched[NFC]; } octo_rests;
+typedef struct { char known[NFC], touched[NFC]; int apart; } octo_rests;
 
-static void octo_rests_begin(octo_rests *s) { memset(s->known, 0, sizeof s->known); }
+/* apart: no step is the one before another. */
+static void octo_rests_begin(octo_rests *s, int apart) {
+  memset(s->known, 0, sizeof s->known);
+  s->apart = apart;
+}
 
 static int octo_touches_now(const octo_input *in, int c) {
   const double *sphere = octo_cost_contact_data + 4 * c;
@@ -27,7 +31,7 @@ static int octo_rest(octo_rests *s, const octo_work *work, const octo_input *in,
   int contact = octo_cost_contact_resting[c];
   if (contact < 0) return 0;
   int before = s->known[c] ? s->touched[c] : octo_touches_now(in, c);
-  s->known[c] = 1;
+  s->known[c] = !s->apart;
   s->touched[c] = work->active[contact][STEPS - 1] != 0;
   return !before && !ANY(work->active[contact]);
 }
@@ -114,7 +118,7 @@ static void octo_touch_link(void *from, const octo_input *in, int l, octo_link_b
   for (int j = octo_link_first[l]; s->found[l] && j <= octo_link_last[l]; ++j) {
     for (int node = 0; node < 3; ++node) s->gradient[node * NX + j] += octo_along(in->kin[node] + 12 * NB + 6 * j, carried + 6 * node);
     real *at = s->hess + 1 + octo_path_start[j];
-    for (int b = 0; b < (to ? 1 : BLOCKS); ++b)
+    for (int b = 0; s->hess && b < (to ? 1 : BLOCKS); ++b)
       octo_touch_block(in, carried + 18 + 36 * b, j, newer[b], older[b], at + kind[b] * NRELATED, at + back[b] * NRELATED);
   }
 }
@@ -127,9 +131,9 @@ static void octo_touch_begin(octo_touched *s, octo_rests *rests, octo_lanes *lan
   lanes->work.adder = octo_touch_link, lanes->work.adds = s;
 }
 
-/* The same where FD has no curvature: alone in hess. */
+/* The same where FD has no curvature: alone in hess, if any. */
 static void octo_touch_alone(octo_touched *s, const octo_input *in) {
-  memset(s->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
+  if (s->hess) memset(s->hess, 0, (HESS_SLOTS - NCOUPLED) * sizeof(real));
   for (int l = NLINK - 1; l >= 0; --l) octo_touch_link(s, in, l, 0);
 }
 #endif

@@ -115,6 +115,10 @@ class Evaluation:
         return Evaluation(*(host(getattr(self, field.name)) for field in fields(self)))
 
 
+# H (batch, K, 3, nc, nc) or none, A (batch, K, 3, ma, nc), b (batch, K, nc), C (batch, K, ma)
+Blocks = tuple[Array | None, Array, Array, Array]
+
+
 @dataclass(eq=False)
 class Model:
     """Eq. 9 at one iterate: H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), b (batch, K, nc), C

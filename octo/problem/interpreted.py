@@ -18,7 +18,8 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.contact_model import BLOCKS
 from octo.problem.data import Data
-from octo.problem.evaluation import Evaluation
+from octo.problem.evaluation import Blocks, Evaluation
+from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
@@ -166,6 +167,11 @@ class Interpreted:
         )
 
     @cached_property
+    def _between(self) -> NeighbourTerms | None:
+        functions = self.program.functions
+        return NeighbourTerms(self.plan, functions) if functions.between else None
+
+    @cached_property
     def _touches(self) -> dict[bool, ca.Function]:
         """By whether they are exact."""
         return {}
@@ -186,7 +192,9 @@ class Interpreted:
             for argument in self.program.functions.calls.arguments
         ]
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
+    def evaluate(
+        self, unknowns: Array, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array
+    ) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
         the bounded rows (batch, N, rows) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
@@ -194,6 +202,8 @@ class Interpreted:
         if self.pairs is not None:
             self.pairs.add_values(self.data, nodes, fd, terms)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
+        if self._between is not None:
+            self._between.values(self.data, unknowns, terms)
 
     def fill_terms(self, nodes: Array, fd: Array, out: Array, rows: Array) -> None:
         """coefficient·|r|² of each term, and r of the bounded rows."""
@@ -214,13 +224,9 @@ class Interpreted:
         return len(functions.state_terms) - len(functions.bounded)
 
     def linearize(
-        self,
-        at: Evaluation,
-        lam: Array | None,
-        curved: NDArray[np.bool_] | None,
-        out: tuple[Array, Array, Array, Array],
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, A, b, C."""
+        """Fills H, if any, A, b, C."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
         weight, shift, jac = self._rows(at)
@@ -256,10 +262,15 @@ class Interpreted:
             fd_jac = fd_jac.copy()
             self._carry_back(self.data.carry, step_hess, gradient, fd_jac)
         constraints = fd_jac[:, :, dynamics.unactuated] * scale[:, None, :, None]
-        self._scatter(step_hess, gradient, constraints, out)
+        H = out[0]
+        if H is None:  # it costs little beside the rest
+            H = np.empty((len(at.nodes), plan.K, 3, plan.nc, plan.nc))
+        self._scatter(step_hess, gradient, constraints, (H, out[1], out[2]))
         if self.pairs is not None and pairs is not None:
-            self.pairs.add_blocks(self.data, pairs, slopes, out[0], out[2])
+            self.pairs.add_blocks(self.data, pairs, slopes, H, out[2])
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
+        if self._between is not None:
+            self._between.add(self.data, at.unknowns, whole, H, out[2])
 
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
@@ -322,9 +333,9 @@ class Interpreted:
                 hess[:, i, own] = np.matmul(np.swapaxes(carry, 1, 2), hess[:, i, own])
 
     def _scatter(
-        self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array, Array]
+        self, hess: Array, gradient: Array, rows: Array, out: tuple[Array, Array, Array]
     ) -> None:
-        H, A, b, _ = out
+        H, A, b = out
         s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(self.plan.steps):

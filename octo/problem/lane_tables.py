@@ -43,9 +43,9 @@ def row_tables(rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> str
                     products.append((int(a), int(b), places.setdefault((i, j), len(places))))
     sizes = {
         "NPRODUCT": len(products),
-        "NSQUARE": len(places),
+        "NPLACE": len(places),
         "NFEW": sum(map(len, few)),
-        "NSINGLE": len(torque),
+        "NALONE": len(torque),
         "NDENSE": len(dense),
         "NENTRY": sum(map(len, dense)),
     }

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from octo.checks import doubles
 from octo.problem.data import Data
-from octo.problem.evaluation import Evaluation
+from octo.problem.evaluation import Blocks, Evaluation
+from octo.problem.neighbours import controls_of
 from octo.problem.plan import Plan
 
 Array = NDArray[np.float64]
@@ -22,20 +23,20 @@ Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
 class NativeSteps:
     """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads.
 
-    room: numbers of a step that terms over two steps in a row keep.
+    between: whether there are terms over neighbouring controls.
     """
 
-    def __init__(
-        self, library: ctypes.CDLL, terms: int, plan: Plan, data: Data, threads: int, room: int = 0
-    ):
-        self.library, self.terms, self.plan, self.data = library, terms, plan, data
-        self.threads, self.room = threads, room
+    def __init__(self, library: ctypes.CDLL, between: bool, plan: Plan, data: Data, threads: int):
+        self.library, self.between, self.plan, self.data = library, between, plan, data
+        self.threads = threads
 
     def select(self, data: Data) -> NativeSteps:
         """For other numbers."""
-        return NativeSteps(self.library, self.terms, self.plan, data, self.threads, self.room)
+        return NativeSteps(self.library, self.between, self.plan, data, self.threads)
 
-    def evaluate(self, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array) -> None:
+    def evaluate(
+        self, unknowns: Array, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array
+    ) -> None:
         """Fills FD (batch, N, n), each step's share of each term (batch, N, terms), the values of
         the bounded rows (batch, N, rows) and C."""
         own = self._own_task()
@@ -44,16 +45,16 @@ class NativeSteps:
         task.terms, task.rows, task.c = (a.ctypes.data for a in (terms, rows, C))
         if self.library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
+        if self.between:
+            controls = controls_of(self.plan, self.data, unknowns)
+            where = ctypes.c_void_p(controls.ctypes.data)
+            self.library.octo_between_values(ctypes.byref(task), where, self.threads)
         self._free_tasks.append(own)
 
     def linearize(
-        self,
-        at: Evaluation,
-        lam: Array | None,
-        curved: NDArray[np.bool_] | None,
-        out: tuple[Array, Array, Array, Array],
+        self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, A, b, C."""
+        """Fills H, if any, A, b, C."""
         batch, steps, n = len(self.data.p), self.plan.steps, self.plan.n
         nodes = doubles("nodes", at.nodes, (batch, steps + 2, n))
         fd = doubles("fd", at.fd, (batch, steps, n))
@@ -63,10 +64,21 @@ class NativeSteps:
         task.lam = None if lam is None else lam.ctypes.data
         members = None if curved is None else np.ascontiguousarray(curved, dtype=np.int32)
         task.curved = None if members is None else members.ctypes.data
-        task.h, task.a, task.b, task.c = (array.ctypes.data for array in out)
+        task.h, task.a, task.b, task.c = (
+            None if array is None else array.ctypes.data for array in out
+        )
         if self.library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
+        if self.between:
+            self._add_between(task, at.unknowns)
         self._free_tasks.append(own)
+
+    def _add_between(self, task: Task, unknowns: Array) -> None:
+        """What the terms over neighbouring controls add to H and b."""
+        controls = controls_of(self.plan, self.data, unknowns)
+        fixed = np.isin(np.arange(self.plan.K), self.plan.fixed).astype(np.int32)
+        where = (ctypes.c_void_p(array.ctypes.data) for array in (controls, fixed))
+        self.library.octo_between_model(ctypes.byref(task), *where, self.threads)
 
     @cached_property
     def _free_tasks(self) -> list[tuple[Task, Kept]]:
@@ -79,9 +91,10 @@ class NativeSteps:
         try:
             return self._free_tasks.pop()
         except IndexError:
-            return self._make_task()
+            return self.task()
 
-    def _make_task(self) -> tuple[Task, Kept]:
+    def task(self) -> tuple[Task, Kept]:
+        """One without nodes or results, and what must outlive it."""
         plan, data, s = self.plan, self.data, self.plan.stencil
         chunks = plan.chunks(self.threads)
         size = 6 * plan.nc**2 + 3 * plan.ma * plan.nc + 2 * plan.nc + plan.ma
@@ -101,8 +114,8 @@ class NativeSteps:
         )
         task = task_of(sizes, tables, values, halo)
         kept = [*tables, *values, halo]
-        if self.room:
-            kept.append(np.empty((len(data.p), plan.steps, self.room)))
+        if hasattr(self.library, "octo_pair_room"):  # terms over two steps in a row
+            kept.append(np.empty((len(data.p), plan.steps, self.library.octo_pair_room())))
             task.pairs = kept[-1].ctypes.data
         if data.carry is not None:
             kept.append(np.ascontiguousarray(data.carry))
@@ -128,6 +141,7 @@ class Task(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int) for name in SIZES),
         *((name, ctypes.c_void_p) for name in FIELDS),
+        ("apart", ctypes.c_int),
     ]
 
 

@@ -19,8 +19,24 @@ from octo.problem.plan import Plan
 Array = NDArray[np.float64]
 
 
+def anchors(plan: Plan, data: Data) -> Array:
+    """(batch, Z+1, 2n) c_0, and of c_1 … c_Z what no unknown moves: pinned ends."""
+    assert isinstance(plan.basis, Hermite)
+    tangent = plan.basis.steps_per_segment * (data.start - data.constant[:, 0])
+    first = np.concatenate([data.start, tangent], axis=-1)
+    return np.concatenate([first[:, None], data.ends[:, :-1]], axis=1)
+
+
+def controls_of(plan: Plan, data: Data, unknowns: Array) -> Array:
+    """(batch, Z+1, 2n) c_0 … c_Z."""
+    controls = anchors(plan, data)
+    controls[:, 1:] += unknowns[:, :-1, : plan.nodal]
+    return controls
+
+
 class NeighbourTerms:
-    """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1; c_0 is fixed.
+    """E and its Gauss–Newton blocks of the terms over (c_k, c_{k+1}), k = 0 … Z−1, in NumPy; c_0
+    is fixed.
 
     functions: ``between`` of :class:`~octo.problem.codegen.CostFunctions`.
     """
@@ -29,36 +45,22 @@ class NeighbourTerms:
         assert isinstance(plan.basis, Hermite)
         self.segment = plan.basis.steps_per_segment
         self.segments = plan.K - 1
-        self.size = plan.nodal
-        self.count = len(functions.references.terms)
+        self.plan, self.size = plan, plan.nodal
         self.references = max(functions.references.size, 1)
-        self.functions = functions.between
-        self._over_segments = [(k, function.map(self.segments)) for k, function in self.functions]
-
-    def anchors(self, data: Data) -> Array:
-        """(batch, Z+1, 2n) c_0, and of c_1 … c_Z what no unknown moves: pinned ends."""
-        first = np.concatenate(
-            [data.start, self.segment * (data.start - data.constant[:, 0])], axis=-1
-        )
-        return np.concatenate([first[:, None], data.ends[:, :-1]], axis=1)
-
-    def _controls(self, data: Data, unknowns: Array) -> Array:
-        """(batch, Z+1, 2n) c_0 … c_Z."""
-        controls = self.anchors(data)
-        controls[:, 1:] += unknowns[:, :-1, : self.size]
-        return controls
+        self._over_segments = [
+            (k, function.map(self.segments)) for k, function in functions.between
+        ]
 
     def _parts(self, data: Data, k: int, member: int) -> tuple[Array, Array]:
-        """Coefficient of each segment (Z,), and the rows of q at its last step (NQ, Z)."""
+        """Coefficient of each segment (Z,), and its references at its last step (numbers, Z)."""
         q = data.q[member]
-        return q[:, k].reshape(self.segments, self.segment).sum(axis=1), q[
-            self.segment - 1 :: self.segment
-        ].T
+        weight = q[:, k].reshape(self.segments, self.segment).sum(axis=1)
+        return weight, q[self.segment - 1 :: self.segment, : self.references].T
 
     def values(self, data: Data, unknowns: Array, terms: Array) -> None:
         """Writes their share of E into ``terms`` (batch, N, terms), at the last step of each
         segment."""
-        for member, controls in enumerate(self._controls(data, unknowns)):
+        for member, controls in enumerate(controls_of(self.plan, data, unknowns)):
             for k, function in self._over_segments:
                 weight, rows = self._parts(data, k, member)
                 r = function(controls[:-1].T, controls[1:].T, rows)[0].full()
@@ -66,13 +68,13 @@ class NeighbourTerms:
                 terms[member, self.segment - 1 :: self.segment, k] = weight * squares
 
     def add(
-        self, plan: Plan, data: Data, unknowns: Array, curved: NDArray[np.bool_], H: Array, b: Array
+        self, data: Data, unknowns: Array, curved: NDArray[np.bool_], H: Array, b: Array
     ) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z; to JᵀJ of exact terms their
         residuals' curvature, of the members ``curved`` (batch,)."""
         size, last = self.size, self.segments - 1  # unit k is c_{k+1}
-        free = ~np.isin(np.arange(self.segments), plan.fixed)
-        for member, controls in enumerate(self._controls(data, unknowns)):
+        free = ~np.isin(np.arange(self.segments), self.plan.fixed)
+        for member, controls in enumerate(controls_of(self.plan, data, unknowns)):
             for k, function in self._over_segments:
                 weight, rows = self._parts(data, k, member)
                 value, flat, *bend = function(controls[:-1].T, controls[1:].T, rows)

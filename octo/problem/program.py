@@ -11,6 +11,7 @@ from octo.dynamics import symbolic
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
+from octo.problem.between import BetweenCode
 from octo.problem.codegen import CostFunctions, cost_text
 
 
@@ -23,9 +24,16 @@ class Program:
     functions: CostFunctions
 
     def c_text(self) -> str:
-        """A time step in every lane, then assemble.c."""
+        """A time step in every lane, then assemble.c, and between.c where a term needs it."""
         stages = self.functions.calls.stages_text
-        return stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
+        text = stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
+        between = self.between
+        return text if between is None else f"{text}\n{between.c_text()}"
+
+    @cached_property
+    def between(self) -> BetweenCode | None:
+        """Of the terms over neighbouring controls, if any."""
+        return BetweenCode(self.functions) if self.functions.between else None
 
     def interpreted(self) -> Program:
         """The same for CasADi's virtual machine, dynamics included."""

@@ -19,7 +19,7 @@ typedef struct {
   const int *chunk_step, *chunk_unit, *chunk_row;             /* (chunks+1), (chunks), (chunks): first own step, unit, row */
   const int *slot_unit, *slot_part; const double *slot_value;  /* (steps+2, slots) */
   const int *test_row, *test_part; const double *test_value;   /* (steps, tests) */
-  const double *nodes;   /* (batch, steps+2, NX) */
+  const double *nodes;   /* (batch, steps+2, NX); apart: (batch, steps, 3, NX), x_next first */
   const double *p;       /* (batch, NP) */
   const double *q;       /* (batch, steps, NQ) coefficients and references of the costs */
   const double *row_scale; /* (batch, MU) scale of the unactuated rows, 1/(mg) or 1/(mg l) */
@@ -27,11 +27,12 @@ typedef struct {
   double *terms;         /* (batch, steps, NTERM); NULL in octo_linearize without lam: fd was not evaluated, it is written */
   double *rows;          /* (batch, steps, NBOUNDED) out of octo_evaluate: values of the bounded rows; or NULL */
   const double *lam;     /* (batch, units, ma) or NULL: Gauss-Newton */
-  double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
+  double *h, *a, *b, *c; /* (batch, units, 3, NC, NC) or NULL: no second derivatives; (batch, units, 3, MA, NC) (batch, units, NC) (batch, units, MA) */
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
   const int *curved;     /* (batch) with lam: whether terms over contacts and exact ones have all of their curvature, or Gauss and Newton's; NULL: all do */
   double *pairs;         /* (batch, steps, PAIR_ROOM) what is kept of terms over two steps in a row; NULL where there are none */
+  int apart;             /* each step has its own nodes, and its own h (batch, steps, W3, W3), a (batch, steps, MU, W3), b (batch, steps, W3), c */
 } octo_task;
 
 static int octo_halo_size(const octo_task *t) {
@@ -57,7 +58,7 @@ static double *octo_c(const octo_target *g, int row) { return row < g->row ? g->
 static void octo_clear(octo_target *g, int units, int rows, int fresh) {
   size_t hs = 3 * (size_t)g->nc * g->nc, as = 3 * (size_t)g->ma * g->nc;
   for (; g->clear_unit < units; ++g->clear_unit) {
-    if (!fresh) memset(g->h + g->clear_unit * hs, 0, hs * sizeof(double));
+    if (!fresh && g->h) memset(g->h + g->clear_unit * hs, 0, hs * sizeof(double));
     memset(g->b + (size_t)g->clear_unit * g->nc, 0, g->nc * sizeof(double));
   }
   for (; g->clear_row < rows; ++g->clear_row) {
@@ -114,6 +115,7 @@ static void octo_carry_back(const double *carry, int i, double *hess, double *gr
   int node = 1 + i; /* step 0 sees both as nodes 1 and 2, step 1 sees x_0 as node 2 */
   octo_carry_line(carry, node, gradient);
   for (int r = 0; r < NX; ++r) octo_carry_line(carry, node, jac + r * W3);
+  if (!hess) return;
   for (int r = 0; r < W3; ++r) octo_carry_line(carry, node, hess + r * LD);
   for (int c = 0; c < W3; ++c) {
     double column[W3];
@@ -121,6 +123,11 @@ static void octo_carry_back(const double *carry, int i, double *hess, double *gr
     octo_carry_line(carry, node, column);
     for (int r = 0; r < W3; ++r) hess[r * LD + c] = column[r];
   }
+}
+
+/* b += Sᵀ gradient. */
+static void octo_scatter_gradient(const octo_target *g, const octo_places *s, const double *gradient) {
+  for (int a = 0; a < s->count; ++a) octo_combine(s, a, gradient, 1, octo_b(g, s->unit[a]) + s->part[a] * NX);
 }
 
 /* Nodes: a unit is a whole node. The first step that sees a unit, with both units before it, writes all of its blocks. */
@@ -178,6 +185,18 @@ static void octo_scatter_constraints(const octo_task *t, const octo_target *g, c
 #endif
 }
 
+/* Steps apart: what one makes of its own three nodes, before any stencil; of h what stands right of the nodes' diagonal blocks. */
+static void octo_write_stage(const octo_task *t, int member, int i, const double *fd, const double *jac, const double *hess, const double *gradient) {
+  size_t step = (size_t)member * t->steps + i;
+  const double *row_scale = t->row_scale + (size_t)member * MU;
+  for (int r = 0; hess && r < W3; ++r) memcpy(t->h + (step * W3 + r) * W3, hess + r * LD, W3 * sizeof(double));
+  memcpy(t->b + step * W3, gradient, W3 * sizeof(double));
+  for (int r = 0; r < MU; ++r) {
+    t->c[step * MU + r] = row_scale[r] * fd[octo_unactuated[r]];
+    for (int j = 0; j < W3; ++j) t->a[(step * MU + r) * W3 + j] = row_scale[r] * jac[octo_unactuated[r] * W3 + j];
+  }
+}
+
 /* C of one member. */
 static void octo_reduce(const octo_task *t, int member) {
   int ma = t->ma;
@@ -205,7 +224,7 @@ static void octo_add_halo(const octo_task *t, int member) {
       int unit = t->chunk_unit[chunk] - 2 + k;
       if (unit < 0) continue;
       double *h = t->h + ((size_t)member * t->units + unit) * hs, *b = t->b + ((size_t)member * t->units + unit) * nc;
-      for (size_t j = 0; j < hs; ++j) h[j] += halo[k * hs + j];
+      for (size_t j = 0; t->h && j < hs; ++j) h[j] += halo[k * hs + j];
       for (int j = 0; j < nc; ++j) b[j] += halo[2 * hs + as + k * nc + j];
     }
     int row = t->chunk_row[chunk] - 1;

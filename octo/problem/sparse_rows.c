@@ -1,13 +1,13 @@
 /* A step's rows over the state, residuals scaled by the root of twice their coefficient: what they add to E, to its gradient and to
  * H. Sums are formed with a time step in every lane; what is left for each step is to write out the rows that are not of few
- * entries (sparse_rows.py says which are). Stands before contacts.c. */
+ * entries (lane_tables.py says which are). Stands before contacts.c. */
 
 #define SLOPED (NFC > 0 || NFEW > 0) /* E has a gradient beside that of the rows written out */
 
 /* square: of the rows of few entries, by place in H. single_*: of the rows of one torque alone, by torque, as one row of FD.
  * root, value, slope: of the other rows, scaled. */
 #define ROW_SUMS(type) \
-  type square[NSQUARE + 1], single_root[NU + 1], single_value[NU + 1], root[NDENSE + 1], value[NDENSE + 1], slope[NENTRY + 1]
+  type square[NPLACE + 1], single_root[NU + 1], single_value[NU + 1], root[NDENSE + 1], value[NDENSE + 1], slope[NENTRY + 1]
 typedef struct { ROW_SUMS(real); } octo_row_sums;
 typedef struct { ROW_SUMS(double); } octo_step_sums;
 
@@ -31,7 +31,7 @@ static void octo_derive_rows(const real *q, const real *r, real *slopes, octo_ro
     shift[row] = WHERE(weight[row] != 0.0, octo_row_shift(q, row, r[row]));
   }
   for (int j = 0; j < NU; ++j) pull[j] = single[j] = out->single_value[j] = ZERO;
-  for (int k = 0; k < NSQUARE; ++k) out->square[k] = ZERO;
+  for (int k = 0; k < NPLACE; ++k) out->square[k] = ZERO;
   for (int j = 0; j < W3; ++j) gradient[j] = ZERO;
   for (int z = 0; z < NZ; ++z) {
     int row = octo_state_entry_row[z], u = octo_state_entry_column[z] - W3;
@@ -46,7 +46,7 @@ static void octo_derive_rows(const real *q, const real *r, real *slopes, octo_ro
     const int *at = octo_product + 3 * k;
     out->square[at[2]] += weight[octo_state_entry_row[at[0]]] * slopes[at[0]] * slopes[at[1]];
   }
-  for (int k = 0; k < NSINGLE; ++k) {
+  for (int k = 0; k < NALONE; ++k) {
     int z = octo_single_entry[k], row = octo_state_entry_row[z], u = octo_state_entry_column[z] - W3;
     single[u] += weight[row] * slopes[z] * slopes[z];
     out->single_value[u] += shift[row] * slopes[z];
@@ -78,7 +78,7 @@ static void octo_build_rows(const octo_step_sums *s, const double *jac, octo_row
     }
     rows->value[rows->count++] = s->value[k];
   }
-  for (int u = 0; u < NU && NSINGLE > 0; ++u) {
+  for (int u = 0; u < NU && NALONE > 0; ++u) {
     if (s->single_root[u] == 0.0) continue;
     double *out = rows->row[rows->count];
     const double *source = jac + octo_actuated[u] * W3;
@@ -90,5 +90,5 @@ static void octo_build_rows(const octo_step_sums *s, const double *jac, octo_row
 
 /* hess (W3, LD), from the nodes' diagonal blocks on, += the products of the rows of few entries. */
 static void octo_add_squares(const octo_step_sums *s, double *hess) {
-  for (int k = 0; k < NSQUARE; ++k) hess[octo_square_place[2 * k] * LD + octo_square_place[2 * k + 1]] += s->square[k];
+  for (int k = 0; k < NPLACE; ++k) hess[octo_square_place[2 * k] * LD + octo_square_place[2 * k + 1]] += s->square[k];
 }

@@ -13,8 +13,8 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.parameters import section
 from octo.errors import ProblemError, StaticPoseError
 from octo.model.character import Character
-from octo.model.kinematics import sphere_centers
-from octo.model.terrain import Plane, Terrain, signed_distance
+from octo.model.feet import gaps
+from octo.model.terrain import Plane, Terrain
 
 Array = NDArray[np.float64]
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
@@ -33,14 +33,13 @@ def check_above(
     """
     if x is None or robot is None or not robot.terrain_contacts:
         return
-    chosen = list(robot.terrain_contacts)
-    spheres = [robot.contacts[k] for k in chosen]
-    centers, own = sphere_centers(robot, x)[chosen], section(values, "terrain.")
-    gap = signed_distance(terrain or Plane(), centers, own)
-    top = gap + np.array([sphere.radius for sphere in spheres])
+    spheres = [robot.contacts[k] for k in robot.terrain_contacts]
+    radius = np.array([sphere.radius for sphere in spheres])
+    center = gaps(robot, terrain or Plane(), section(values, "terrain."), x) + radius
+    top = center + radius
     k = int(np.argmin(top))
     if top[k] < -BURIED:
-        where = f"contact {spheres[k].name!r} is {-gap[k]:.3g} m deep"
+        where = f"contact {spheres[k].name!r} is {-center[k]:.3g} m deep"
         raise ProblemError(f"{name} is under the ground: {where}, must be above it or touch it")
 
 

@@ -5,6 +5,7 @@
 
 #define W4 (4 * NX)
 #define PAIR_ROOM (PAIR_ROWS + PAIR_ENTRIES + PAIR_BENDS + NU * W3)
+int octo_pair_room(void) { return PAIR_ROOM; }
 #define PAIR_PLACES 16 /* four nodes of at most four slots */
 
 /* What is kept of a step: r, slopes, second derivatives, and the rows of J of its torques. */
@@ -253,7 +254,7 @@ static void octo_pair_add(const octo_task *t, int member, int i, octo_pair_place
     for (int row = 0; row < count; ++row)
       for (int j = 0; j < PAIR_LD / 8; ++j) slope[j] += value[row] * *(const v8 *)(s->rows[a][row] + 8 * j);
     octo_pair_put(slope, t->b + unit * nc + s->part[a] * NX);
-    for (int other = 0; other < s->count; ++other) {
+    for (int other = 0; t->h && other < s->count; ++other) {
       int lag = s->unit[a] - s->unit[other];
       if (lag < 0) continue;
       double *to = t->h + ((unit * 3 + lag) * nc + s->part[a] * NX) * nc + s->part[other] * NX;
@@ -324,7 +325,7 @@ static void octo_pair_add_chunk(void *shared, int item) {
   for (int i = octo_pair_first(t, first); i < t->chunk_step[chunk + 1]; ++i) {
     octo_pair_add(t, item / own, i, s);
 #if PAIR_BENDS > 0
-    if (octo_pair_curved(t, item / own)) octo_pair_bend(t, item / own, i, s);
+    if (t->h && octo_pair_curved(t, item / own)) octo_pair_bend(t, item / own, i, s);
 #endif
   }
   free(s);

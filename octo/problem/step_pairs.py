@@ -16,7 +16,6 @@ from importlib import resources
 import casadi as ca
 
 from octo.dynamics.codegen import check_curvature, integers, lanes_text
-from octo.dynamics.evaluate import Dynamics
 from octo.dynamics.long import check_length
 from octo.errors import ProblemError
 from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
@@ -138,12 +137,6 @@ class PairFunctions:
     def rows(self) -> int:
         return len(self.terms)
 
-    def room(self, dynamics: Dynamics) -> int:
-        """Numbers that the native code keeps of a step: r, its derivatives, and the slopes of the
-        torques."""
-        own = self.rows + self.sparsity.nnz() + self.bends.nnz()
-        return own + 3 * dynamics.nx * dynamics.nu
-
     @property
     def tables(self) -> str:
         """Sizes as macros and index tables, in C that is CUDA too."""
@@ -197,7 +190,7 @@ def pair_residuals(
                 )
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                made.rows.append(term.shaped(residual_of(term, now, before, view), view))
+                made.rows.append(term.shaped(pair_residual_of(term, now, before, view), view))
             made.terms.append(k)
     return made
 
@@ -213,7 +206,7 @@ def two_steps(
     return [x_next, x, x_prev, x_older, u, u_before], replace(step, calls=[]), before
 
 
-def residual_of(
+def pair_residual_of(
     term: StepPairCost, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
 ) -> ca.SX:
     """The residual of two steps in a row.

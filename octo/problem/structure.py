@@ -20,14 +20,22 @@ import numpy as np
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
+from octo.model.feet import touching
 from octo.problem.basis import Hermite
 from octo.problem.calls import Call
-from octo.problem.codegen import CostFunctions, derived, residuals_of, step_symbols, touching
+from octo.problem.codegen import (
+    CostFunctions,
+    control_symbols,
+    derived,
+    residual_of,
+    residuals_of,
+    step_symbols,
+)
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
-from octo.problem.costs import Cost, NeighbourCost, StepPairCost
+from octo.problem.costs import Cost, StepPairCost
 from octo.problem.references import References, blamed, sizes
-from octo.problem.step_pairs import residual_of, two_steps
+from octo.problem.step_pairs import pair_residual_of, two_steps
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -75,7 +83,7 @@ class Reader:
     @cached_property
     def _feet(self) -> list[int]:
         assert isinstance(self.dynamics, RobotDynamics)
-        return touching(self.dynamics, self.problem.setting)
+        return touching(self.dynamics.character, self.dynamics.terrain, self.problem.setting.x0)
 
     @postponed()
     def read(self, term: Cost) -> Structure:
@@ -92,19 +100,17 @@ class Reader:
         with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
             if isinstance(term, ContactCost):
                 inputs, symbols = self._contact
-                value = term.contact_residual(symbols, view)
+                value = term.shaped(term.contact_residual(symbols, view), view)
             elif isinstance(term, StepPairCost):
                 inputs, now, before = two_steps(*self._step)
-                value = residual_of(term, now, before, view)
-            elif self.between and isinstance(term, NeighbourCost):
-                inputs = [ca.SX.sym(name, 2 * self.dynamics.nx) for name in ("c", "c_next")]
-                value = term.between(inputs[0], inputs[1], view)
+                value = term.shaped(pair_residual_of(term, now, before, view), view)
             else:
-                inputs, step = self._step
+                nodes, step = self._step
                 step.calls.clear()
-                value = term.residual(step, view)
-                calls = list(step.calls)
-            whole = [term.shaped(value, view), *(call.argument for call in calls)]
+                controls = control_symbols(self.dynamics)
+                over_controls, value = residual_of(term, step, controls, view, self.between)
+                inputs, calls = controls if over_controls else nodes, list(step.calls)
+            whole = [value, *(call.argument for call in calls)]
             given = [call.given for call in calls]
             function = ca.Function("residual", [*inputs, self._p, q, *given], whole)
         named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())

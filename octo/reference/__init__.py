@@ -1,8 +1,9 @@
 """The identical optimisation problem for other solvers: as CasADi expressions, for IPOPT and for
 fatrop.
 
-``nlp`` gives anybody the functions, the bounds and the start; ``ipopt`` and ``fatrop`` solve it,
-from the same start and to the same tolerances as octo, with derivatives in compiled code.
+``nlp`` gives anybody the expressions, the bounds and the start, for any solver that CasADi knows;
+``ipopt`` and ``fatrop`` solve it, from the same start and to the same tolerances as octo, by octo's
+own compiled functions, which tests hold to the expressions.
 """
 
 from octo.reference.interior_point import Ipopt, ipopt

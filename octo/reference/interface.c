@@ -1,71 +1,62 @@
-/* CasADi's C interface to nlp.c, and the watch that stops IPOPT by octo's own rule. */
-
-/* Set by a signal handler's caller: every evaluation fails from then on, so that a solver without a call-back ends too. */
-static volatile int octo_stopped;
-void octo_stop(int stopped) { octo_stopped = stopped; }
+/* CasADi's C interface to adapter.c, and the watch that stops IPOPT by octo's own rule. */
 
 static void octo_copy(const double *from, int count, double *to) { if (to) memcpy(to, from, count * sizeof(double)); }
 
 int nlp(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point(arg[0], arg[1], 0);
+  if (octo_point(arg[0], arg[1], 0)) return 1;
   octo_copy(&at.f, 1, res[0]);
-  octo_copy(at.g, T.rows, res[1]);
+  octo_copy(T.g, T.rows, res[1]);
   return 0;
 }
 int nlp_f(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point(arg[0], arg[1], 0);
+  if (octo_point(arg[0], arg[1], 0)) return 1;
   octo_copy(&at.f, 1, res[0]);
   return 0;
 }
 int nlp_g(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point(arg[0], arg[1], 0);
-  octo_copy(at.g, T.rows, res[0]);
+  if (octo_point(arg[0], arg[1], 0)) return 1;
+  octo_copy(T.g, T.rows, res[0]);
   return 0;
 }
 int nlp_grad_f(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point(arg[0], arg[1], 1);
+  if (octo_point(arg[0], arg[1], 1)) return 1;
 #ifndef STAGEWISE
   octo_copy(&at.f, 1, res[0]);
   ++res;
 #endif
-  octo_copy(at.gradient, T.variables, res[0]);
+  octo_copy(T.gradient, T.variables, res[0]);
   return 0;
 }
 int nlp_jac_g(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point(arg[0], arg[1], 1);
+  if (octo_point(arg[0], arg[1], 1)) return 1;
 #ifdef STAGEWISE
-  octo_note(at.f, octo_largest(at.g, T.rows));
+  octo_note(at.f, octo_largest(T.g, T.rows));
 #endif
-  octo_copy(at.g, T.rows, res[0]);
+  octo_copy(T.g, T.rows, res[0]);
   if (!res[1]) return 0;
   int count = (int)T.sparsity[JACOBIAN][2 + T.variables];
   for (int k = 0; k < count; ++k)
-    res[1][k] = T.jacobian_index[k] < 0 ? T.jacobian_constant[k] : at.jacobian[T.jacobian_index[k]];
+    res[1][k] = octo_jacobian(k);
   return 0;
 }
 int nlp_hess_l(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point_hessian(arg[0], arg[1], arg[2] ? arg[2][0] : 0.0, arg[3]);
+  double sigma = arg[2] ? arg[2][0] : 0.0;
 #ifdef STAGEWISE
-  octo_copy(at.lagrangian, T.variables, res[0]);
+  if (res[0] && octo_point_lagrangian(arg[0], arg[1], sigma, arg[3])) return 1;
+  octo_copy(T.lagrangian, T.variables, res[0]);
   ++res;
 #endif
   if (!res[0]) return 0;
+  if (octo_point_hessian(arg[0], arg[1], sigma, arg[3])) return 1;
   int count = (int)T.sparsity[HESSIAN][2 + T.variables];
-  for (int k = 0; k < count; ++k) res[0][k] = at.hessian[T.hessian_index[k]];
+  for (int k = 0; k < count; ++k) res[0][k] = octo_hessian(k);
   return 0;
 }
 int nlp_grad(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  if (octo_stopped) return 1;
-  octo_point_hessian(arg[0], arg[1], arg[2] ? arg[2][0] : 0.0, arg[3]);
+  if (octo_point_lagrangian(arg[0], arg[1], arg[2] ? arg[2][0] : 0.0, arg[3])) return 1;
   octo_copy(&at.f, 1, res[0]);
-  octo_copy(at.g, T.rows, res[1]);
-  octo_copy(at.lagrangian, T.variables, res[2]);
+  octo_copy(T.g, T.rows, res[1]);
+  octo_copy(T.lagrangian, T.variables, res[2]);
   return 0;
 }
 
@@ -77,12 +68,12 @@ static struct { double tolerance, change, energies[WINDOW]; int plateau, count, 
 void octo_watch_set(double tolerance, double change, int plateau) {
   watch.tolerance = tolerance; watch.change = change; watch.count = watch.settled = 0;
   watch.plateau = plateau < WINDOW ? plateau : WINDOW - 1;
-  octo_nlp_logged = 0;
-  octo_nlp_began = octo_now();
+  octo_logged = 0;
+  octo_began = octo_now();
 }
 int octo_watch_settled(void) { return watch.settled; }
-int octo_log_size(void) { return octo_nlp_logged; }
-const double *octo_log_rows(void) { return octo_nlp_log[0]; }
+int octo_log_size(void) { return octo_logged; }
+const double *octo_log_rows(void) { return octo_log[0]; }
 
 int octo_watch(const double **arg, double **res, octo_int *iw, double *w, int mem) {
   double f = arg[1] ? arg[1][0] : 0.0, violation = arg[2] ? octo_largest(arg[2], T.rows) : 0.0, low = f, high = f;

@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import (
-    beyond_one_step,
+    live_places,
     multipliers_of,
     nlp,
+    parameter_vector,
     point_of,
     rows_of,
     start_nodes,
@@ -69,13 +71,11 @@ class Ipopt:
     ):
         began = time.perf_counter()
         self.problem, self.options = problem, options
-        self.nlp = nlp(problem)
-        own = self.nlp.compiled
-        whole = beyond_one_step(own) or bool(own.functions.calls)  # as one expression
+        own = CompiledProblem([problem])
+        whole = any(not stage.second for stage in own.functions.calls.stages)  # as one expression
         self.compiled = native.compiler() is not None and not whole
-        self.library = (
-            Library(self.nlp.compiled, octo_layout(self.nlp.compiled)) if self.compiled else None
-        )
+        self.blocks = CompiledProblem([problem], exact=True) if self.compiled else own
+        self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None
         self.settings = {
             "max_iter": options.max_iterations,
             "tol": options.dual_tolerance,
@@ -90,7 +90,7 @@ class Ipopt:
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(warm) for warm in (False, True)}
         self.setup_seconds = time.perf_counter() - began
-        prepare(self.nlp.compiled)
+        prepare(self.blocks)
 
     def _solver(self, warm: bool) -> ca.Function:
         """With ``warm``, IPOPT takes over the multipliers that it is given."""
@@ -102,7 +102,7 @@ class Ipopt:
             "error_on_fail": False,
         }
         if self.library is None:
-            return ca.nlpsol("reference", "ipopt", self.nlp.symbols, options)
+            return ca.nlpsol("reference", "ipopt", nlp(self.problem).symbols, options)
         options["iteration_callback"] = self.library.function("octo_watch")
         return ca.nlpsol("reference", "ipopt", self.library.path, options)
 
@@ -110,9 +110,11 @@ class Ipopt:
         self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0
     ) -> Run:
         """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
-        compiled, o = self.nlp.compiled, self.options
+        compiled, o = self.blocks, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
-        arguments: dict[str, Any] = {**self.nlp.arguments, "x0": first}
+        rows = np.zeros(len(live_places(compiled)))
+        p = parameter_vector(compiled)
+        arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": rows, "ubg": rows}
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
         solver = self.solvers[multipliers is not None]
@@ -174,7 +176,7 @@ class Ipopt:
         more = {
             name: told[own] for name, own in names.items() if own in told and count == len(energies)
         }
-        return history(energies, violations * self.nlp.compiled.weight, times, **more)
+        return history(energies, violations * self.blocks.weight, times, **more)
 
 
 def ipopt(problem: Problem, start: Array | None = None, **options: Any) -> Run:

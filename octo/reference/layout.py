@@ -1,255 +1,192 @@
-"""Where the numbers of a step go: variables in blocks of n, rows in blocks of m, nonzeros in
-compressed columns.
+"""Where the numbers of the blocks stand in x, in g and in the compressed columns of their
+derivatives.
 
 One layout serves IPOPT (x is octo's unknowns), another fatrop (a stage's variables are its state
-(x_i, x_{i−1}) and its control x_{i+1}, tied together by linear rows).
+(x_i, x_{i−1}) and its control x_{i+1}, tied together by linear rows). Nonzeros are those of the
+steps' own patterns, not of whole blocks: a sparse factorisation pays for each.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from octo.problem.compiled import CompiledProblem
-from octo.reference.program import free_blocks, live_rows
+from octo.reference.pair_rows import pair_rows
+from octo.reference.patterns import patterns
+from octo.reference.program import free_places, live_places, node_variables
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int32]
+Indices = NDArray[np.intp]
+Entries = tuple[Indices, Indices, Indices]  # rows, columns, and where the numbers stand
 NODES = 3  # x_next, x, x_prev of a step
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """How each step's three nodes are made of blocks of x, and which rows of g it adds to.
+    """Index tables of adapter.c.
 
     Attributes
     ----------
-    blocks: how many blocks of n numbers x has. rows: length of g.
-    local (N, L): the blocks that a step reads, -1 where fewer. weight (N, 3, L): what each adds to
-        the three nodes.
-    test_row (N, T): first of the m rows that FD's unactuated rows are summed into, -1 where none.
-        test_value (N, T).
+    place (variables,): of each number of x among the unknowns and in b. row_place (rows,): of each
+        of g in C, -1 where none.
+    node_variable, node_value (nodes, slots): first of the n numbers of x that a node is made of,
+        -1 where none, and what they are multiplied with.
+    hessian, jacobian: sparsities as CasADi's C interface wants them; hessian_index, jacobian_index:
+        place of every nonzero in H or A, -1 where it is that of ``jacobian_constant``.
     linear: rows, columns, values of the constant part of g's Jacobian.
-    carry (n, n): of a cycle, what the blocks in x_{-1} and x_0 are multiplied with.
     stagewise: for fatrop: no constants in the nodes, the whole symmetric Hessian.
     """
 
-    blocks: int
-    rows: int
-    local: Integers
-    weight: Array
-    test_row: Integers
-    test_value: Array
-    stagewise: bool = False
-    linear: tuple[Integers, Integers, Array] = field(
-        default_factory=lambda: (np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0))
-    )
-    carry: Array | None = None
+    place: Indices
+    row_place: Indices
+    node_variable: Indices
+    node_value: Array
+    hessian: NDArray[np.int64]
+    hessian_index: Indices
+    jacobian: NDArray[np.int64]
+    jacobian_index: Indices
+    jacobian_constant: Array
+    linear: tuple[Indices, Indices, Array]
+    stagewise: bool
+
+    @property
+    def variables(self) -> int:
+        return len(self.place)
+
+    @property
+    def rows(self) -> int:
+        return len(self.row_place)
 
 
 def octo_layout(compiled: CompiledProblem) -> Layout:
-    """x is octo's unknowns without the dummies, g is C without the rows that are 0 = 0."""
-    s, parts, steps = compiled.stencil, compiled.stencil.parts, compiled.steps
-    blocks, live = free_blocks(compiled), live_rows(compiled)
-    place, row_place = (np.full(compiled.K * parts, -1) for _ in range(2))
-    place[blocks], row_place[live] = np.arange(len(blocks)), np.arange(len(live))
-    rows: list[dict[int, Array]] = []
-    for i in range(steps):
-        table: dict[int, Array] = {}
-        for node in range(NODES):
-            for slot in np.flatnonzero(s.unit[i + 2 - node] >= 0):
-                block = int(place[s.unit[i + 2 - node, slot] * parts + s.part[i + 2 - node, slot]])
-                table.setdefault(block, np.zeros(NODES))[node] += s.coefficient[i + 2 - node, slot]
-        rows.append(dict(sorted(table.items())))
-    width = max(1, *(len(table) for table in rows))
-    local, weight = np.full((steps, width), -1, dtype=np.int32), np.zeros((steps, NODES, width))
-    for i, table in enumerate(rows):
-        for k, (block, value) in enumerate(table.items()):
-            local[i, k], weight[i, :, k] = block, value
-    test_row = np.where(
-        s.test_row >= 0, compiled.m * row_place[s.test_row * parts + s.test_part], -1
-    )
-    return Layout(
-        len(blocks),
-        compiled.m * len(live),
-        local,
-        weight,
-        test_row.astype(np.int32),
-        np.ascontiguousarray(s.test_coefficient),
-        carry=None if compiled.carry is None else compiled.carry[0],
-    )
+    """x is octo's unknowns without those that nothing moves, g is C without the rows that are 0 =
+    0."""
+    c, place, row_place = compiled, free_places(compiled), live_places(compiled)
+    node_variable = node_variables(c)
+    first, second = _octo_patterns(c, place, row_place, node_variable)
+    i, j = (a[first.row <= first.col] for a in (first.row, first.col))
+    units, own = np.divmod(place, c.nc)
+    newer, older = np.where(units[i] >= units[j], (i, j), (j, i))
+    block = 3 * units[newer] + units[newer] - units[older]
+    hessian = i, j, (block * c.nc + own[newer]) * c.nc + own[older]
+    i, j = second.row, second.col
+    row_units, row = np.divmod(row_place, max(c.ma, 1))
+    block = 3 * row_units[i] + row_units[i] - units[j]
+    jacobian = i, j, (block * c.ma + row[i]) * c.nc + own[j]
+    none = np.zeros(0, dtype=np.intp)
+    nodes = node_variable, c.stencil.coefficient
+    return _layout(place, row_place, nodes, hessian, jacobian, (none, none, np.zeros(0)))
 
 
 def stage_layout(compiled: CompiledProblem) -> Layout:
     """Stage i: x_i, x_{i−1}, x_{i+1}; then rows s_{i+1} − (x_{i+1}, x_i) = 0, then U_/FD_i = 0."""
     n, m, steps = compiled.n, compiled.m, compiled.steps
-    # blocks of x_next, x, x_prev
-    local = (3 * np.arange(steps)[:, None] + np.array([2, 0, 1])).astype(np.int32)
-    first = (2 * n + m) * np.arange(steps)
+    size, step = NODES * n, np.arange(steps)
+    first = (2 * n + m) * step
     test = first + 2 * n
     test[-1] = first[-1]  # nothing follows the last stage
     gap = (first[:-1, None] + np.arange(2 * n)).ravel()
-    following = (3 * n * np.arange(1, steps)[:, None] + np.arange(2 * n)).ravel()
-    source = (3 * n * np.arange(steps - 1)[:, None] + np.r_[2 * n : 3 * n, 0:n]).ravel()
-    linear = (
-        np.concatenate([gap, gap]).astype(np.int32),
-        np.concatenate([following, source]).astype(np.int32),
-        np.concatenate([np.ones(len(gap)), -np.ones(len(gap))]),
-    )
-    weight = np.ascontiguousarray(np.broadcast_to(np.eye(NODES), (steps, NODES, NODES)))
-    rows = int(first[-1]) + m
-    return Layout(
-        3 * steps,
-        rows,
-        local,
-        weight,
-        test[:, None].astype(np.int32),
-        np.ones((steps, 1)),
-        True,
+    following = (size * step[1:, None] + np.arange(2 * n)).ravel()
+    source = (size * step[:-1, None] + np.r_[2 * n : size, 0:n]).ravel()
+    values = np.repeat([1.0, -1.0], len(gap))
+    linear = np.concatenate([gap, gap]), np.concatenate([following, source]), values
+    own = np.r_[n:size, 0:n]  # a stage's variables among x_next, x, x_prev
+    row_place = np.full(int(test[-1]) + m, -1)
+    row_place[(test[:, None] + np.arange(m)).ravel()] = np.arange(steps * m)
+    model, slope = patterns(compiled)
+    of, i, j = np.nonzero(np.broadcast_to(model[np.ix_(own, own)], (steps, size, size)))
+    upper, lower = np.sort([own[i], own[j]], axis=0)
+    hessian = of * size + i, of * size + j, (of * size + upper) * size + lower
+    of, i, j = np.nonzero(np.broadcast_to(slope[:, own], (steps, m, size)))
+    jacobian = test[of] + i, of * size + j, (of * m + i) * size + own[j]
+    nodes = size * step[:, None] + n * np.array([2, 0, 1])  # of x_next, x, x_prev
+    return _layout(
+        (size * step[:, None] + own).ravel(),
+        row_place,
+        (nodes.reshape(-1, 1), np.ones((nodes.size, 1))),
+        hessian,
+        jacobian,
         linear,
+        stagewise=True,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Blocks that steps add into, and the nonzeros that are read from them.
-
-    ``pair`` (N, L, L) and ``test`` (N, T, L) are the numbers of the (n, n) and (m, n) blocks, -1
-    where none; ``hessian`` and ``jacobian`` are sparsities as CasADi's C interface wants them, with
-    the place of every nonzero.
-    """
-
-    pair: Integers
-    pairs: int
-    test: Integers
-    tests: int
-    hessian: NDArray[np.int64]
-    hessian_index: Integers
-    jacobian: NDArray[np.int64]
-    jacobian_index: Integers
-    jacobian_constant: Array
-
-
-def places(
-    layout: Layout, n: int, hessian: NDArray[np.bool_], jacobian: NDArray[np.bool_]
-) -> Places:
-    """From the pattern of one step, (3n, 3n) and (m, 3n), to that of all of them."""
-    pair, pair_blocks, pair_masks = _pairs(layout, n, hessian)
-    test, test_blocks, test_masks = _tests(layout, n, jacobian)
-    size = layout.blocks * n
-    which, i, j = np.nonzero(pair_masks)
-    rows, columns = pair_blocks[which, 0] * n + i, pair_blocks[which, 1] * n + j
-    index = (which * n + i) * n + j
-    keep = rows <= columns
-    rows, columns, index = rows[keep], columns[keep], index[keep]
-    if layout.stagewise:
-        below = rows < columns
-        rows, columns = (
-            np.concatenate([rows, columns[below]]),
-            np.concatenate([columns, rows[below]]),
-        )
-        index = np.concatenate([index, index[below]])
-    hessian_sparsity, order = _compressed(size, size, rows, columns)
-    hessian_index = index[order].astype(np.int32)
-    m = jacobian.shape[0]
-    which, i, j = np.nonzero(test_masks)
-    lin_rows, lin_columns, values = layout.linear
-    rows = np.concatenate([test_blocks[which, 0] + i, lin_rows])
-    columns = np.concatenate([test_blocks[which, 1] * n + j, lin_columns])
-    index = np.concatenate([(which * m + i) * n + j, np.full(len(values), -1)])
-    constant = np.concatenate([np.zeros(len(which)), values])
-    jacobian_sparsity, order = _compressed(layout.rows, size, rows, columns)
-    return Places(
-        pair,
-        len(pair_blocks),
-        test,
-        len(test_blocks),
-        hessian_sparsity,
-        hessian_index,
-        jacobian_sparsity,
-        index[order].astype(np.int32),
-        constant[order],
+def _octo_patterns(
+    c: CompiledProblem, place: Indices, row_place: Indices, node_variable: Indices
+) -> tuple[sparse.coo_array, sparse.coo_array]:
+    """What may be nonzero in the Hessian and the Jacobian over x: the steps' patterns through the
+    stencil, those of terms over neighbours through their controls."""
+    width, each = len(place), np.arange(c.n)
+    nodes = sum(
+        _chosen(np.where(first[:, None] >= 0, first[:, None] + each, -1), width)
+        for first in node_variable.T
     )
+    if c.carry is not None:
+        others = np.eye(c.n * c.steps, dtype=bool)
+        nodes = sparse.block_diag([c.carry[0] != 0.0, c.carry[0] != 0.0, others]).tocsr() @ nodes
+    window = np.arange(c.steps)[:, None, None] + np.array([2, 1, 0])[:, None]
+    windows = nodes.tocsr()[(window * c.n + each).ravel()]
+    model, slope = (sparse.kron(sparse.eye(c.steps), pattern) for pattern in patterns(c))
+    hessian = windows.T @ model @ windows
+    if c.program.between is not None:
+        variable = np.full((c.K + 1) * c.nc, -1)
+        variable[c.nc + place] = np.arange(width)  # c_0 is given, unit k is c_{k+1}
+        both = np.arange(c.K - 1)[:, None] * c.nc + np.arange(2 * c.nc)
+        controls = _chosen(variable[both], width)
+        pairs = sparse.kron(sparse.eye(c.K - 1), c.program.between.pattern)
+        hessian = hessian + controls.T @ pairs @ controls
+    if c.functions.pairs is not None and c.steps > 1:
+        rows = pair_rows(c, nodes.tocsr(), windows)
+        hessian = hessian + rows.T @ rows
+    tests = sparse.kron(c.plan.test_matrix != 0.0, np.eye(c.m)).tocsr()[row_place]
+    return sparse.coo_array(hessian), sparse.coo_array(tests @ slope @ windows)
 
 
-def _carried(layout: Layout, n: int, i: int) -> NDArray[np.bool_]:
-    """(3n, 3n) pattern of what step ``i``'s nodes have of the blocks that they are made of."""
-    chain = np.eye(NODES * n, dtype=bool)
-    if layout.carry is not None:
-        for node in range(i + 1, NODES):
-            own = slice(node * n, (node + 1) * n)
-            chain[own, own] = layout.carry != 0.0
-    return chain
+def _chosen(index: Indices, width: int) -> sparse.csr_array:
+    """(index.size, width) with a one in column index[row] of each row, none where it is -1."""
+    flat = index.ravel()
+    rows = np.flatnonzero(flat >= 0)
+    return sparse.csr_array((np.ones(len(rows)), (rows, flat[rows])), (len(flat), width))
 
 
-def _pairs(
-    layout: Layout, n: int, pattern: NDArray[np.bool_]
-) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
-    """Number of the block of each pair of local blocks; rows and columns of the blocks (count, 2);
-    their patterns."""
-    steps, width = layout.local.shape
-    place = np.full((steps, width, width), -1, dtype=np.int32)
-    numbers: dict[tuple[int, int], int] = {}
-    masks: list[NDArray[np.bool_]] = []
-    seen: dict[bytes, NDArray[np.bool_]] = {}
-    for i in range(steps):
-        live, chain = layout.weight[i] != 0.0, _carried(layout, n, i)
-        key = live.tobytes() + chain.tobytes()
-        if key not in seen:
-            four = (chain.T @ pattern @ chain).reshape(NODES, n, NODES, n).transpose(0, 2, 1, 3)
-            seen[key] = np.einsum("sa,tb,stij->abij", live, live, four, dtype=bool)
-        for a, b in np.ndindex(width, width):
-            first, second = int(layout.local[i, a]), int(layout.local[i, b])
-            if first < 0 or second < 0 or first > second or not seen[key][a, b].any():
-                continue
-            k = numbers.setdefault((first, second), len(numbers))
-            place[i, a, b] = k
-            if k == len(masks):
-                masks.append(seen[key][a, b].copy())
-            else:
-                masks[k] |= seen[key][a, b]
-    return (
+def _layout(
+    place: Indices,
+    row_place: Indices,
+    nodes: tuple[Indices, Array],
+    hessian: Entries,
+    jacobian: Entries,
+    linear: tuple[Indices, Indices, Array],
+    stagewise: bool = False,
+) -> Layout:
+    """The tables in compressed columns."""
+    i, j, at = hessian
+    whole, order = _compressed(len(place), len(place), i, j)
+    rows, columns, values = linear
+    i, j = np.concatenate([jacobian[0], rows]), np.concatenate([jacobian[1], columns])
+    index = np.concatenate([jacobian[2], np.full(len(values), -1)])
+    constant = np.concatenate([np.zeros(len(jacobian[2])), values])
+    slopes, by_column = _compressed(len(row_place), len(place), i, j)
+    return Layout(
         place,
-        np.array(list(numbers), dtype=np.intp).reshape(-1, 2),
-        np.array(masks, dtype=bool).reshape(-1, n, n),
-    )
-
-
-def _tests(
-    layout: Layout, n: int, pattern: NDArray[np.bool_]
-) -> tuple[Integers, NDArray[np.intp], NDArray[np.bool_]]:
-    """The same for rows: first row and column block of each block of the Jacobian."""
-    m = len(pattern)
-    (steps, width), tests = layout.local.shape, layout.test_row.shape[1]
-    place = np.full((steps, tests, width), -1, dtype=np.int32)
-    numbers: dict[tuple[int, int], int] = {}
-    masks: list[NDArray[np.bool_]] = []
-    for i in range(steps if m else 0):
-        live = layout.weight[i] != 0.0
-        three = (pattern @ _carried(layout, n, i)).reshape(m, NODES, n).transpose(1, 0, 2)
-        mask = np.einsum("ta,tij->aij", live, three, dtype=bool)
-        for k, a in np.ndindex(tests, width):
-            row, block = int(layout.test_row[i, k]), int(layout.local[i, a])
-            if row < 0 or block < 0 or not mask[a].any():
-                continue
-            number = numbers.setdefault((row, block), len(numbers))
-            place[i, k, a] = number
-            if number == len(masks):
-                masks.append(mask[a].copy())
-            else:
-                masks[number] |= mask[a]
-    return (
-        place,
-        np.array(list(numbers), dtype=np.intp).reshape(-1, 2),
-        np.array(masks, dtype=bool).reshape(-1, m, n),
+        row_place,
+        *nodes,
+        whole,
+        at[order],
+        slopes,
+        index[by_column],
+        constant[by_column],
+        linear,
+        stagewise,
     )
 
 
 def _compressed(
-    height: int, width: int, rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    height: int, width: int, rows: Indices, columns: Indices
+) -> tuple[NDArray[np.int64], Indices]:
     """CasADi's [rows, columns, start of each column, row of each nonzero], and the order of the
     entries in it."""
     order = np.lexsort((rows, columns))

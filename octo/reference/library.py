@@ -1,12 +1,16 @@
 """The problem as a compiled library behind CasADi's C interface: what IPOPT and fatrop call,
-without Python in between."""
+without Python in between.
+
+adapter.c and interface.c alone are compiled; they call octo's own library.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Sequence
+from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -14,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.dynamics.evaluate import RobotDynamics
-from octo.dynamics.long import brisk
 from octo.errors import DeviceError
+from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
-from octo.reference.costs import ExactCosts, exact_costs, patterns
-from octo.reference.layout import Layout, Places, places
+from octo.problem.native_steps import NativeSteps
+from octo.problem.neighbours import anchors
+from octo.reference.layout import Layout
 from octo.reference.program import parameter_vector
 
 Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
-_ACTIVE: dict[str, list[Any]] = {}  # by library, the arrays that its code points to
+_ACTIVE: dict[str, Any] = {}  # by library, what its code points to
 
 
 class Library:
@@ -34,6 +38,10 @@ class Library:
     Functions of the library may outlive this object: they work on the tables of the last one that
     was activated.
 
+    Parameters
+    ----------
+    compiled: whose terms are exact: its linearize is the Hessian of the Lagrangian.
+
     Attributes
     ----------
     path: of the shared library, with CasADi's nlp, nlp_f, nlp_g, nlp_grad_f, nlp_jac_g, nlp_hess_l
@@ -42,37 +50,22 @@ class Library:
 
     def __init__(self, compiled: CompiledProblem, layout: Layout):
         compiled.check_squares("a reference solver")
-        costs = exact_costs(compiled)
-        hessian, jacobian = patterns(compiled, costs)
-        self.layout, self.places = layout, places(layout, compiled.n, hessian, jacobian)
-        self.size, self.numbers = layout.blocks * compiled.n, len(parameter_vector(compiled))
-        text = _text(compiled, costs, layout.stagewise)
-        shape = [
-            layout.local,
-            layout.weight,
-            layout.test_row,
-            layout.test_value,
-            self.places.jacobian,
-            self.places.hessian,
-        ]
-        mark = hashlib.sha256(
-            b"".join(np.ascontiguousarray(a).tobytes() for a in shape)
-        ).hexdigest()[:16]
-        handle = native.load(f"{text}\n/* structure {mark} */\n")
-        if handle is None:
+        if compiled.library is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
+        self.layout, self.size = layout, layout.variables
+        self._tables = _Tables(compiled, layout)
+        handle = native.load(_text(compiled.library, layout))
+        assert handle is not None
         self.handle, self.path = handle, handle._name
         self.handle.octo_watch_set.argtypes = (ctypes.c_double, ctypes.c_double, ctypes.c_int)
         self.handle.octo_log_rows.restype = ctypes.POINTER(ctypes.c_double)
-        self._tables, self._kept = _tables(compiled, layout, self.places, self.size, self.numbers)
         self.activate()
 
     def activate(self) -> None:
         """Hand the tables to the library: needed again after another problem of the same structure
         used it."""
-        if self.handle.octo_nlp_set(ctypes.byref(self._tables)) != 0:
-            raise MemoryError("the reference library could not allocate its work arrays")
-        _ACTIVE[self.path] = self._kept
+        self.handle.octo_adapter_set(ctypes.byref(self._tables.struct))
+        _ACTIVE[self.path] = self._tables
 
     def function(self, name: str) -> ca.Function:
         """nlp_f, nlp_grad_f, … as a CasADi function."""
@@ -101,83 +94,121 @@ class Library:
         )
 
 
-class _Tables(ctypes.Structure):
-    """octo_nlp_tables of nlp.c."""
+SIZES = (
+    *("variables", "rows", "numbers", "n", "nodes", "slots", "steps", "terms", "references"),
+    *("first_q", "linear", "segment"),
+)
+INTEGERS = (
+    *("node_variable", "place", "row_place", "jacobian_index", "hessian_index"),
+    *("linear_row", "linear_column", "fixed"),
+)
+CONSTANTS = ("node_value", "jacobian_constant", "linear_value", "carry")
+MEMORY = (
+    *("x", "p", "q", "trajectory", "energies", "g", "controls", "C", "A", "b", "H", "lam"),
+    *("gradient", "lagrangian"),
+)
+TASKS = ("value", "slope", "curvature")
+CALLS = ("evaluate", "linearize", "between_values", "between_model")
+
+
+class _Struct(ctypes.Structure):
+    """octo_adapter of adapter.c."""
 
     _fields_ = [
-        *(
-            (name, ctypes.c_int)
-            for name in ("steps", "local", "tests", "variables", "rows", "pairs", "couples")
-        ),
-        *((name, ctypes.c_int) for name in ("linear", "stagewise")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in (
-                "local_block",
-                "pair",
-                "test_row",
-                "couple",
-                "linear_row",
-                "linear_column",
-                "jacobian_index",
-                "hessian_index",
-                "weight",
-                "test_value",
-                "linear_value",
-                "jacobian_constant",
-                "carry",
-            )
-        ),
+        *((name, ctypes.c_int) for name in SIZES),
+        *((name, ctypes.c_void_p) for name in (*INTEGERS, *CONSTANTS, *MEMORY, *TASKS, *CALLS)),
         ("sparsity", ctypes.c_void_p * len(SHAPES)),
     ]
 
 
-def _tables(
-    compiled: CompiledProblem, layout: Layout, at: Places, size: int, numbers: int
-) -> tuple[_Tables, list[Any]]:
-    """The tables, and the arrays that must outlive them."""
-    arrays = [
-        layout.local,
-        at.pair,
-        layout.test_row,
-        at.test,
-        *layout.linear[:2],
-        at.jacobian_index,
-        at.hessian_index,
-        layout.weight,
-        layout.test_value,
-        layout.linear[2],
-        at.jacobian_constant,
-    ]
-    shapes = [
-        _dense(size),
-        _dense(numbers),
-        _dense(1),
-        _dense(layout.rows),
-        at.jacobian,
-        at.hessian,
-        _dense(numbers, full=False),
-    ]
-    kept = [np.ascontiguousarray(a) for a in (*arrays, *shapes)]
-    pointers = [a.ctypes.data for a in kept]
-    carry = None if layout.carry is None else np.ascontiguousarray(layout.carry)
-    steps, local = layout.local.shape
-    sparsity = (ctypes.c_void_p * len(SHAPES))(*pointers[len(arrays) :])
-    table = _Tables(
-        steps,
-        local,
-        layout.test_row.shape[1],
-        size,
-        layout.rows,
-        at.pairs,
-        at.tests,
-        len(layout.linear[2]),
-        int(layout.stagewise),
-        *pointers[: len(arrays)],
-        None if carry is None else carry.ctypes.data,
-        sparsity,
-    )
-    return table, [*kept, carry]
+class _Tables:
+    """The struct, and the arrays that it points to."""
+
+    def __init__(self, c: CompiledProblem, layout: Layout):
+        linear_row, linear_column, linear_value = layout.linear
+        given = {
+            **{name: getattr(layout, name) for name in (*INTEGERS[:5], *CONSTANTS[:2])},
+            "linear_row": linear_row,
+            "linear_column": linear_column,
+            "linear_value": linear_value,
+            "fixed": np.isin(np.arange(c.K), c.fixed),
+            "carry": None if c.carry is None else c.carry[0],
+            **_memory(c, layout),
+        }
+        kept: dict[str, NDArray] = {}
+        for name, array in given.items():
+            kind = np.int32 if name in INTEGERS else float
+            if array is not None:
+                kept[name] = np.ascontiguousarray(array, dtype=kind)
+        steps, terms = kept["energies"].shape
+        segment = c.basis.steps_per_segment if isinstance(c.basis, Hermite) else 0
+        own = layout.variables, layout.rows, len(kept["p"]), c.n, *layout.node_value.shape
+        first_q = c.constant.size + c.p.size
+        sizes = (*own, steps, terms, c.q.shape[2], first_q, len(linear_value), segment)
+        self.struct = _Struct(*sizes)
+        self._kept: list[Any] = [*kept.values()]
+        for name, array in kept.items():
+            setattr(self.struct, name, array.ctypes.data)
+        self._set_tasks(c, kept, layout.stagewise)
+        for name in CALLS if c.program.between is not None else CALLS[:2]:
+            function = getattr(c.library, f"octo_{name}")
+            setattr(self.struct, name, ctypes.cast(function, ctypes.c_void_p).value)
+        dense = [_dense(size) for size in (layout.variables, len(kept["p"]), 1, layout.rows)]
+        nothing = _dense(len(kept["p"]), full=False)
+        shapes = [*dense, layout.jacobian, layout.hessian, nothing]
+        self._kept += shapes
+        self.struct.sparsity[:] = [shape.ctypes.data for shape in shapes]
+
+    def _set_tasks(self, c: CompiledProblem, kept: dict[str, NDArray], stagewise: bool) -> None:
+        """Tasks of octo's library over ``kept``; that of second derivatives has its own q, and
+        first derivatives beside them."""
+        assert c.library is not None
+        p, first_q = kept["p"], c.constant.size + c.p.size
+        parts = np.split(p, [c.constant.size, first_q, first_q + c.q.size])
+        data = replace(
+            c.data, p=parts[1][None], q=parts[2].reshape(c.q.shape), row_scale=parts[3][None]
+        )
+        steps = NativeSteps(c.library, c.program.between is not None, c.plan, data, 1)
+        beside = {name: np.empty_like(kept[name]) for name in ("A", "b", "C")}
+        fd = np.zeros((c.steps, c.n))
+        for name in TASKS:
+            task, more = steps.task()
+            task.nodes, task.fd = kept["trajectory"].ctypes.data, fd.ctypes.data
+            task.terms, task.apart = kept["energies"].ctypes.data, int(stagewise)
+            own = {**kept, **beside} if name == "curvature" else kept
+            task.a, task.b, task.c = (own[key].ctypes.data for key in ("A", "b", "C"))
+            if name == "curvature":
+                task.h, task.lam = kept["H"].ctypes.data, kept["lam"].ctypes.data
+                task.q = kept["q"].ctypes.data
+            setattr(self.struct, name, ctypes.addressof(task))
+            self._kept += [task, *more]
+        self._kept += [fd, *beside.values()]
+
+
+def _memory(c: CompiledProblem, layout: Layout) -> dict[str, Array]:
+    """What the library writes, and the numbers of the problem."""
+    if layout.stagewise:
+        units, lags, nc, ma = c.steps, 1, 3 * c.n, c.m
+    else:
+        units, lags, nc, ma = c.K, 3, c.nc, c.ma
+    shapes = {
+        "x": (layout.variables,),
+        "q": c.q.shape[1:],
+        "trajectory": (len(layout.node_value), c.n),
+        "energies": (c.steps, len(c.functions.references.terms)),
+        "g": (layout.rows,),
+        "C": (units, ma),
+        "A": (units, lags, ma, nc),
+        "b": (units, nc),
+        "H": (units, lags, nc, nc),
+        "lam": (units, ma),
+        "gradient": (layout.variables,),
+        "lagrangian": (layout.variables,),
+    }
+    between = c.program.between is not None
+    controls = anchors(c.plan, c.data)[0] if between else np.zeros(0)
+    made = {name: np.zeros(shape) for name, shape in shapes.items()}
+    return {**made, "p": parameter_vector(c), "controls": controls}
 
 
 def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:
@@ -186,86 +217,18 @@ def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:
     return np.concatenate([[rows, 1, 0, count], np.arange(count)]).astype(np.int64)
 
 
-def _text(compiled: CompiledProblem, costs: ExactCosts, stagewise: bool) -> str:
-    """C text: dynamics, generated costs, their tables, and the files of this folder."""
-    generator = ca.CodeGenerator("octo_reference.c", {"with_header": False, "casadi_int": "int"})
-    made = [*costs.step, *costs.contact]
-    for function in made:
-        generator.add(function)
-    generated = brisk(str(generator.dump()), max(function.n_instructions() for function in made))
-    names = (
-        "CASADI_CODEGEN_PREFIX",
-        "CASADI_PREFIX",
-        "CASADI_NAMESPACE_CONCAT",
-        "_CASADI_NAMESPACE_CONCAT",
-    )
+def _text(octos: ctypes.CDLL, layout: Layout) -> str:
+    """adapter.c and interface.c, marked with octo's library and the layout: a library of their own
+    keeps the last point of each structure."""
+    folder = resources.files("octo.reference")
+    shape = [layout.place, layout.row_place, layout.node_variable, layout.hessian, layout.jacobian]
+    marks = hashlib.sha256(Path(octos._name).stem.encode())
+    for array in shape:
+        marks.update(np.ascontiguousarray(array).tobytes())
     return "\n".join(
         [
-            compiled.dynamics.text(),
-            *(f"#undef {name}" for name in names),
-            "#define CASADI_CODEGEN_PREFIX octo_reference_",
-            generated,
-            *(["#define STAGEWISE"] if stagewise else []),
-            *_constants(compiled, costs, made),
-            *(
-                (resources.files("octo.reference") / name).read_text(encoding="utf-8")
-                for name in ("nodes.c", "step_costs.c", "nlp.c", "interface.c")
-            ),
+            *(["#define STAGEWISE"] if layout.stagewise else []),
+            *((folder / n).read_text(encoding="utf-8") for n in ("adapter.c", "interface.c")),
+            f"/* structure {marks.hexdigest()[:16]} */",
         ]
     )
-
-
-def _constants(
-    compiled: CompiledProblem, costs: ExactCosts, made: Sequence[ca.Function]
-) -> list[str]:
-    """Sizes as macros, index tables and masses as constant arrays."""
-    functions, dynamics = compiled.functions, compiled.dynamics
-    sizes = {
-        "NU": compiled.nu,
-        "MU": compiled.m,
-        "NQ": compiled.q.shape[2],
-        "NTERM": len(functions.references.terms),
-        "NCENTER": costs.centers,
-        "NW": compiled.nu + costs.centers,
-        "NZ": costs.sparsity.nnz(),
-        "NFC": len(functions.contact_spheres),
-        "CR": 0 if functions.contact is None else len(functions.contact.terms),
-        "EXACT_W": max(f.sz_w() for f in made),
-        "EXACT_IW": max(f.sz_iw() for f in made),
-    }
-    integers: dict[str, Any] = {
-        "ref_actuated": dynamics.actuated,
-        "ref_unactuated": dynamics.unactuated,
-        "exact_row": costs.sparsity.row(),
-        "exact_column": costs.sparsity.get_col(),
-    }
-    numbers: dict[str, Any] = {}
-    if isinstance(dynamics, RobotDynamics):
-        robot = dynamics.character
-        spheres = [robot.contacts[k] for k in functions.contact_spheres]
-        integers["touch_body"] = [sphere.body for sphere in spheres]
-        integers["touch_dof"] = [
-            robot.path[sphere.body][-1] if robot.path[sphere.body] else -1 for sphere in spheres
-        ]
-        numbers = {
-            "touch_sphere": [v for sphere in spheres for v in (*sphere.position, sphere.radius)],
-            "touch_use": ()
-            if functions.contact is None
-            else functions.contact.use.astype(float).ravel(),
-            "body_mass": robot.masses,
-            "body_com": [v for body in robot.bodies for v in body.com],
-        }
-        sizes_of_mass = f"static const double octo_mass = {float(robot.mass).hex()};"
-    else:
-        sizes_of_mass = ""
-    lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
-    for name, values in integers.items():
-        lines.append(
-            f"static const int octo_{name}[] = {{{', '.join(str(int(v)) for v in values) or '0'}}};"
-        )
-    for name, values in numbers.items():
-        lines.append(
-            f"static const double octo_{name}[] = "
-            f"{{{', '.join(float(v).hex() for v in values) or '0.0'}}};"
-        )
-    return [*lines, sizes_of_mass]

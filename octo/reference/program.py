@@ -1,9 +1,10 @@
 """The problem as CasADi expressions: the same unknowns, rows, scales, weights and start as octo's
 own.
 
-The laws are those of ``dynamics.symbolic``, one step as an SX function that is mapped over the
-steps; every derivative is CasADi's. It shares no code with the compiled assembly but the numbers it
-starts from: that is what tests compare.
+For any solver of CasADi; IPOPT without a C compiler is one. The laws are those of
+``dynamics.symbolic``, one step as an SX function that is mapped over the steps; every derivative is
+CasADi's. It shares nothing with the compiled assembly but the residuals and the numbers: that is
+what tests compare.
 """
 
 from __future__ import annotations
@@ -23,9 +24,7 @@ from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
-from octo.problem.costs import NeighbourCost
 from octo.problem.problem import Problem
-from octo.problem.step_pairs import has_step_pairs
 
 Array = NDArray[np.float64]
 
@@ -130,13 +129,12 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     """
     compiled = CompiledProblem([problem])
     compiled.check_squares("a reference solver")
-    n, blocks = compiled.n, free_blocks(compiled)
-    numbers = parameter_vector(compiled)
-    x, p = ca.MX.sym("x", n * len(blocks)), ca.MX.sym("p", len(numbers))
+    n, numbers = compiled.n, parameter_vector(compiled)
+    x, p = ca.MX.sym("x", len(free_places(compiled))), ca.MX.sym("p", len(numbers))
     constant = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2)
     rest = p[n * (compiled.steps + 2) :]
     nodes = ca.reshape(ca.mtimes(node_matrix(compiled), x), n, compiled.steps + 2) + constant
-    step, (NP, NQ) = _step(compiled), (compiled.p.shape[1], compiled.q.shape[2])
+    step, (NP, NQ) = step_function(compiled), (compiled.p.shape[1], compiled.q.shape[2])
     dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
     scale = rest[NP + NQ * compiled.steps :]
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
@@ -145,7 +143,8 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
     f += _step_pairs(compiled, nodes, torques, dynamics, q)
-    tests = ca.sparsify(ca.DM(compiled.plan.test_matrix[live_rows(compiled)]))
+    tested = compiled.plan.test_matrix
+    tests = ca.sparsify(ca.DM(tested[tested.any(axis=1)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
     at = compiled.unknowns(start_nodes(problem, start)[None])
     return Nlp(compiled, x, p, f, g, numbers, point_of(compiled, at))
@@ -164,49 +163,51 @@ def start_nodes(problem: Problem, start: Array | None) -> Array:
     return start
 
 
-def free_units(compiled: CompiledProblem) -> NDArray[np.intp]:
-    """The units that are unknowns of x: the dummies of the KKT matrix are left out."""
-    return np.setdiff1d(np.arange(compiled.K), compiled.fixed)
+def free_places(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """Of each number of x its place in octo's unknowns (K, nc): those that move a node."""
+    free = np.ones((compiled.K, compiled.nc), dtype=bool)
+    free[compiled.fixed] = False
+    for unit, part in compiled.idle:
+        free[unit, part * compiled.n : (part + 1) * compiled.n] = False
+    return np.flatnonzero(free)
 
 
-def free_blocks(compiled: CompiledProblem) -> NDArray[np.intp]:
-    """Parts of units, unit·parts + part, that are blocks of n numbers of x: those of the free units
-    that a node is made of."""
-    parts = compiled.stencil.parts
-    blocks = (free_units(compiled)[:, None] * parts + np.arange(parts)).ravel()
-    return np.setdiff1d(blocks, [unit * parts + part for unit, part in compiled.idle])
-
-
-def live_rows(compiled: CompiledProblem) -> NDArray[np.intp]:
-    """Row blocks, unit·parts + part, that are blocks of m rows of g: 0 = 0 is left out, IPOPT
-    counts it as an equation."""
-    return np.flatnonzero(compiled.plan.test_matrix.any(axis=1))
+def live_places(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """Of each row of g its place in C (K, ma): 0 = 0 is left out, IPOPT counts it as an
+    equation."""
+    return np.flatnonzero(np.repeat(compiled.plan.test_matrix.any(axis=1), compiled.m))
 
 
 def point_of(compiled: CompiledProblem, unknowns: Array) -> Array:
     """x of octo's unknowns (1, K, nc)."""
-    return unknowns[0].reshape(-1, compiled.n)[free_blocks(compiled)].ravel()
+    return unknowns.ravel()[free_places(compiled)]
 
 
 def unknowns_of(compiled: CompiledProblem, x: Any) -> Array:
     """(1, K, nc) of x."""
-    unknowns = np.zeros((compiled.K * compiled.stencil.parts, compiled.n))
-    unknowns[free_blocks(compiled)] = np.asarray(x, dtype=float).reshape(-1, compiled.n)
-    return unknowns.reshape(1, compiled.K, compiled.nc)
+    unknowns = np.zeros((1, compiled.K, compiled.nc))
+    unknowns.flat[free_places(compiled)] = np.asarray(x, dtype=float).ravel()
+    return unknowns
 
 
 def rows_of(compiled: CompiledProblem, multipliers: Array) -> Array:
     """Those of g of octo's multipliers (K, ma)."""
-    split = multipliers.reshape(compiled.K * compiled.stencil.parts, compiled.m)
-    return split[live_rows(compiled)].ravel()
+    return multipliers.ravel()[live_places(compiled)]
 
 
 def multipliers_of(compiled: CompiledProblem, rows: Any) -> Array:
     """(K, ma) of those of g."""
-    live = live_rows(compiled)
-    multipliers = np.zeros((compiled.K * compiled.stencil.parts, compiled.m))
-    multipliers[live] = np.asarray(rows, dtype=float).reshape(len(live), compiled.m)
-    return multipliers.reshape(compiled.K, compiled.ma)
+    multipliers = np.zeros((compiled.K, compiled.ma))
+    multipliers.flat[live_places(compiled)] = np.asarray(rows, dtype=float).ravel()
+    return multipliers
+
+
+def node_variables(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """(N+2, slots) first of the n numbers of x that a slot of a node takes, -1 where none."""
+    s, place = compiled.stencil, free_places(compiled)
+    variable = np.full(compiled.K * compiled.nc, -1)
+    variable[place] = np.arange(len(place))
+    return np.where(s.unit >= 0, variable[(s.unit * s.parts + s.part) * compiled.n], -1)
 
 
 def parameter_vector(compiled: CompiledProblem) -> Array:
@@ -219,22 +220,20 @@ def parameter_vector(compiled: CompiledProblem) -> Array:
 
 def node_matrix(compiled: CompiledProblem) -> ca.DM:
     """((N+2)·nx, size of x) sparse: what x adds to x_{-1} … x_N."""
-    s, n, blocks = compiled.stencil, compiled.n, free_blocks(compiled)
-    place = np.full(compiled.K * s.parts, -1)
-    place[blocks] = np.arange(len(blocks)) * n
+    variable, n = node_variables(compiled), compiled.n
     rows, columns, values = [], [], []
-    for node, slot in zip(*np.nonzero(s.unit >= 0), strict=True):
+    for node, slot in zip(*np.nonzero(variable >= 0), strict=True):
         own = np.eye(n) if compiled.carry is None or node > 1 else compiled.carry[0]
         i, j = np.nonzero(own)
         rows.append(node * n + i)
-        columns.append(place[s.unit[node, slot] * s.parts + s.part[node, slot]] + j)
-        values.append(s.coefficient[node, slot] * own[i, j])
-    shape = (n * (compiled.steps + 2), n * len(blocks))
+        columns.append(variable[node, slot] + j)
+        values.append(compiled.stencil.coefficient[node, slot] * own[i, j])
+    shape = (n * (compiled.steps + 2), len(free_places(compiled)))
     flat = [np.concatenate(a).tolist() for a in (rows, columns, values)]
     return ca.DM.triplet(flat[0], flat[1], ca.DM(flat[2]), *shape)
 
 
-def _step(compiled: CompiledProblem) -> ca.Function:
+def step_function(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
     FD, its torques."""
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
@@ -279,18 +278,6 @@ def _with_calls(calls: Calls, step: ca.Function, torques: ca.Function) -> ca.Fun
     return ca.Function("step", inputs, step(*inputs, v))
 
 
-def has_neighbours(compiled: CompiledProblem) -> bool:
-    """True where E has terms over neighbouring Hermite controls."""
-    return isinstance(compiled.basis, Hermite) and any(
-        isinstance(t, NeighbourCost) for t in compiled.problems[0].costs
-    )
-
-
-def beyond_one_step(compiled: CompiledProblem) -> bool:
-    """True where E has terms that no single step sees."""
-    return has_neighbours(compiled) or has_step_pairs(compiled.problems[0].costs)
-
-
 def _step_pairs(
     compiled: CompiledProblem, nodes: ca.MX, torques: ca.MX, p: ca.MX, q: ca.MX
 ) -> ca.MX:
@@ -318,27 +305,22 @@ def _step_pairs(
 def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> ca.MX:
     """Terms over neighbouring Hermite controls c_0 … c_Z."""
     total = ca.MX(0)
-    if not has_neighbours(compiled):
+    if not compiled.functions.between:
         return total
     assert isinstance(compiled.basis, Hermite)
-    segment, terms, n = compiled.basis.steps_per_segment, compiled.functions.references, compiled.n
+    segment, n = compiled.basis.steps_per_segment, compiled.n
     full = ca.MX(ca.DM(compiled.ends[0].T))
-    for k, unit in enumerate(free_units(compiled)):
-        full[:, int(unit)] = x[k * compiled.nc : (k + 1) * compiled.nc]
+    full[free_places(compiled).tolist()] = x
     first = ca.vertcat(constant[:, 1], segment * (constant[:, 1] - constant[:, 0]))
     controls = ca.horzcat(first, full[:, :-1])
     now = ca.SX.sym("c", 2 * n)
     following = ca.SX.sym("c_next", 2 * n)
     row = ca.SX.sym("q", compiled.q.shape[2])
-    for k, term in enumerate(terms.terms):
-        if isinstance(term, NeighbourCost):
-            view = terms.view(row, k)
-            r = term.shaped(term.between(now, following, view), view)
-            square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(
-                compiled.K - 1
-            )
-            weight = ca.sum1(ca.reshape(q[k, :], segment, compiled.K - 1))
-            total += ca.dot(
-                weight, square(controls[:, :-1], controls[:, 1:], q[:, segment - 1 :: segment])
-            )
+    for k, function in compiled.functions.between:
+        r = function(now, following, row)[0]
+        square = ca.Function("square", [now, following, row], [ca.sumsqr(r)]).map(compiled.K - 1)
+        weight = ca.sum1(ca.reshape(q[k, :], segment, compiled.K - 1))
+        total += ca.dot(
+            weight, square(controls[:, :-1], controls[:, 1:], q[:, segment - 1 :: segment])
+        )
     return total

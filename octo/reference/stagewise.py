@@ -69,7 +69,7 @@ class Fatrop:
             )
         began = time.perf_counter()
         self.problem, self.options = problem, options
-        self.compiled = CompiledProblem([problem])
+        self.compiled = CompiledProblem([problem], exact=True)
         self.layout = stage_layout(self.compiled)
         self.library = Library(self.compiled, self.layout)
         n, m, steps = self.compiled.n, self.compiled.m, self.compiled.steps
@@ -149,11 +149,10 @@ class Fatrop:
         x = np.asarray(found["x"]).reshape(c.steps, 3, c.n)
         unknowns = x[None, :, 2].copy()
         unknowns[:, c.fixed] = 0.0
-        at = self.layout.test_row[:, 0][:, None] + np.arange(c.m)
         solution = solution_of(
             c,
             unknowns,
-            np.asarray(found["lam_g"]).ravel()[at],
+            np.asarray(found["lam_g"]).ravel()[self.layout.row_place >= 0].reshape(c.K, c.ma),
             status,
             iterations=iterations,
             history=columns,

@@ -1,5 +1,4 @@
-"""A plan in another simulator: its torques as feed-forward beside a PD on the joints and a wrench
-on the base."""
+"""A plan in another simulator: its torques, a PD on the joints, a wrench on the base."""
 
 from octo.replay.run import Replay, Start, replay
 

@@ -1,5 +1,4 @@
-"""Torques that keep a plant on a plan: feed-forward, PD on the joints, and a wrench on the base
-through the stance feet."""
+"""Torques that keep a plant on a plan: feed-forward, PD, a wrench through the feet."""
 
 from __future__ import annotations
 
@@ -52,17 +51,11 @@ class Gains:
         weight, length = solution.weight, solution.length
         time = np.sqrt(length / GRAVITY)  # s, of a fall
         stiff = JOINT * 0.4 * weight * length if kp is None else kp
+        damping = JOINT_DAMPING * time * stiff if kd is None else kd
         base, tilt = BASE * weight / length, TILT * weight * length
         inertia = float(np.mean(np.diag(mass_matrix(robot, solution.x[1]))[3:6]))
-        return Gains(
-            kp=stiff,
-            kd=JOINT_DAMPING * time * stiff if kd is None else kd,
-            base=base,
-            tilt=tilt,
-            base_damping=2.0 * np.sqrt(base * weight / GRAVITY),
-            tilt_damping=2.0 * np.sqrt(tilt * inertia),
-            friction=CONE * friction,
-        )
+        damped = (2.0 * np.sqrt(base * weight / GRAVITY), 2.0 * np.sqrt(tilt * inertia))
+        return Gains(stiff, damping, base, tilt, *damped, friction=CONE * friction)
 
     def without_base(self) -> Gains:
         return replace(self, base=0.0, tilt=0.0, base_damping=0.0, tilt_damping=0.0)
@@ -111,18 +104,16 @@ class Controller:
         turn, wanted = rotation_of(q[j + 3 : j + 7]), rotation_of(plan.q[k, j + 3 : j + 7])
         tilt = turn @ _between(q[j + 3 : j + 7], plan.q[k, j + 3 : j + 7])
         spin = wanted @ plan.v[k, j + 3 : j + 6] - turn @ v[j + 3 : j + 6]
-        force = gains.base * (plan.q[k, j : j + 3] - q[j : j + 3]) + gains.base_damping * (
-            plan.v[k, j : j + 3] - v[j : j + 3]
-        )
+        away, slow = plan.q[k, j : j + 3] - q[j : j + 3], plan.v[k, j : j + 3] - v[j : j + 3]
+        force = gains.base * away + gains.base_damping * slow
         return np.concatenate([force, gains.tilt * tilt + gains.tilt_damping * spin])
 
     def spread(self, k: int, wrench: Array) -> Array:
         """Torques (nu,) whose feet add ``wrench`` to what they were planned to give."""
         feet = np.flatnonzero(self.plan.stance[k])
         points, jacobians = self.plant.feet(feet)
-        change = (
-            self.forces(k, feet, points - self.plant.base_place, wrench) - self.plan.force[k, feet]
-        )
+        forces = self.forces(k, feet, points - self.plant.base_place, wrench)
+        change = forces - self.plan.force[k, feet]
         return np.asarray(-np.einsum("fij,fi->j", jacobians[..., self.joints], change))
 
     def forces(self, k: int, feet: NDArray[np.intp], arms: Array, wrench: Array) -> Array:
@@ -146,8 +137,7 @@ class Controller:
 
 
 def _between(first: Array, second: Array) -> Array:
-    """(3,) rotation vector, in the first one's axes, from one quaternion to another, real parts
-    first."""
+    """(3,) rotation vector, in the first one's axes, from one quaternion to another."""
     a, b = first.tolist(), second.tolist()
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]

@@ -1,5 +1,4 @@
-"""A solution between its nodes: what a controller that runs faster than the plan's steps asks
-for."""
+"""A solution between its nodes: what a controller with shorter steps asks for."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.feet import LOADED
+from octo.model.feet import CARRYING
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.quaternions import quaternions, turning
@@ -60,15 +59,9 @@ class Plan:
         q, v = _moving(character, x, path(times, 1), timestep)
         force = _linear(solution.contact_force, times, solution.dt)
         normal = np.sum(force * _linear(solution.contact_normal, times, solution.dt), axis=-1)
-        return Plan(
-            character,
-            timestep,
-            q,
-            v,
-            _linear(solution.u, times, solution.dt),
-            force,
-            np.asarray(normal > LOADED * solution.weight),
-        )
+        stance = np.asarray(normal > CARRYING * solution.weight)
+        u = _linear(solution.u, times, solution.dt)
+        return Plan(character, timestep, q, v, u, force, stance)
 
     @property
     def steps(self) -> int:
@@ -76,8 +69,7 @@ class Plan:
 
 
 def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tuple[Array, Array]:
-    """q (T, nq) and v (T, nv) of x and its rate (T, nx); the base turns from each sample to the
-    next."""
+    """q (T, nq) and v (T, nv) of x and its rate (T, nx), the base turned between the samples."""
     if character.base != "floating":
         return x, rate
     first = character.base_coordinate
@@ -86,9 +78,8 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     before, after = slice(0, first), slice(first + 6, None)
     q = np.concatenate([x[:, before], origin, quaternions(rotation), x[:, after]], axis=1)
     moved = rate[:, first : first + 3] @ character.bodies[character.base_body].rotation.T
-    return q, np.concatenate(
-        [rate[:, before], moved, np.append(spin, spin[-1:], axis=0), rate[:, after]], axis=1
-    )
+    spun = np.append(spin, spin[-1:], axis=0)
+    return q, np.concatenate([rate[:, before], moved, spun, rate[:, after]], axis=1)
 
 
 def _linear(values: Array, times: Array, dt: float) -> Array:
@@ -114,8 +105,4 @@ def ground_of(solution: Solution) -> Plane:
             "sloped ground only"
         )
     (x, y, z), height = plane
-    return Plane(
-        slope=float(np.arctan2(np.hypot(x, y), z)),
-        direction=float(np.arctan2(-y, -x)),
-        height=height,
-    )
+    return Plane(float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(-y, -x)), height)

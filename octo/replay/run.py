@@ -1,5 +1,4 @@
-"""Replays of a plan in a plant: from the plan's own start or from perturbed ones, and what became
-of each."""
+"""Replays of a plan from its own start or from perturbed ones, and what became of each."""
 
 from __future__ import annotations
 
@@ -62,11 +61,10 @@ class Replay:
 
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
+        names = ("seconds_upright", "drift", "tracking_error")
         return {
             "falls": sum(start.fell for start in self.starts),
-            "seconds_upright": float(np.mean([start.seconds_upright for start in self.starts])),
-            "drift": float(np.mean([start.drift for start in self.starts])),
-            "tracking_error": float(np.mean([start.tracking_error for start in self.starts])),
+            **{name: float(np.mean([getattr(s, name) for s in self.starts])) for name in names},
             "seconds": self.plan.steps * self.plan.dt,
             "robot": self.plan.name,
             "plan_status": self.plan.status.label,
@@ -80,10 +78,9 @@ class Replay:
         times = ", ".join(f"{start.seconds_upright:.2f}" for start in self.starts)
         report = self.report()
         return (
-            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of "
-            f"{count} stood for {duration:g} s "
-            f"(upright for {times} s); drift {report['drift']:.3f} m, joints off by "
-            f"{report['tracking_error']:.3f} rad"
+            f"{self.plan.name} in MuJoCo, feedback {self.settings['feedback']}: {stood} of {count} "
+            f"stood for {duration:g} s (upright for {times} s); drift {report['drift']:.3f} m, "
+            f"joints off by {report['tracking_error']:.3f} rad"
         )
 
 
@@ -200,11 +197,10 @@ class _Tracks:
         return Start(number, self.fell, round(upright, 6), self.drift, error, self.torque_use)
 
     def solution(self, plan: Solution) -> Solution:
-        """The motion as a Solution: what it shares with the plan's is the robot, the ground and the
-        time step."""
+        """The motion as a Solution, with the plan's robot, ground and time step."""
         x = np.array([self.nodes[0], *self.nodes])
         force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
-        normal = np.broadcast_to(self.controller.normal, force.shape)
+        empty: dict[str, Any] = {"terms": {}, "history": {}, "passes": (), "starts": ()}
         return replace(
             plan,
             name=f"{plan.name} in MuJoCo",
@@ -212,16 +208,13 @@ class _Tracks:
             u=np.array(self.torques),
             contact_force=force,
             contact_point=point,
-            contact_normal=normal,
+            contact_normal=np.broadcast_to(self.controller.normal, force.shape),
             contact_velocity=np.zeros_like(force),
             contact_depth=np.zeros(force.shape[:2]),
             status=Status.SIMULATED,
-            terms={},
-            passes=(),
-            starts=(),
-            history={},
             iterations=0,
             factorizations=0,
+            **empty,
         )
 
 
@@ -237,9 +230,8 @@ def _run(controller: Controller, q: Array, v: Array, dt: float) -> _Tracks:
     limited = limits > 0.0
     for k in range(plan.steps):
         u = controller(k)
-        tracks.torque_use = max(
-            tracks.torque_use, float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0))
-        )
+        used = float(np.max(np.abs(u[limited]) / limits[limited], initial=0.0))
+        tracks.torque_use = max(tracks.torque_use, used)
         error = plan.q[k, controller.in_q] - plant.q[controller.in_q]
         tracks.squares += float(np.mean(error**2))
         plant.step(u)

@@ -1,5 +1,4 @@
-"""A motion in the conventions of other tools: MuJoCo's qpos and qvel, Pinocchio's q and v, a table
-of numbers."""
+"""A motion as MuJoCo's qpos and qvel, Pinocchio's q and v, a table of numbers."""
 
 from __future__ import annotations
 
@@ -62,13 +61,10 @@ def to_pinocchio(
             positions += [np.cos(part.place), np.sin(part.place)] if circle else [part.place]
             velocities.append(part.velocity)
         else:
-            real_last = quaternions(part.rotation)[:, [1, 2, 3, 0]]
-            in_body = (
-                np.einsum("ikj,ik->ij", part.rotation, part.velocity)
-                if part.velocity.shape[1]
-                else part.velocity
-            )
-            positions += [part.place, real_last]
+            in_body = part.velocity
+            if in_body.shape[1]:
+                in_body = np.einsum("ikj,ik->ij", part.rotation, in_body)
+            positions += [part.place, quaternions(part.rotation)[:, [1, 2, 3, 0]]]
             velocities += [in_body, part.angular]
     return np.concatenate(positions, axis=1), np.concatenate(velocities, axis=1)
 
@@ -81,46 +77,29 @@ def to_csv(motion: Trajectory, path: str | os.PathLike[str]) -> None:
     """
     target = ending("path", path, (".csv",))
     robot = motion.character
-    turns = (
-        [robot is not None and joint.kind == "hinge" for joint in robot.joints]
-        if robot is not None
-        else []
-    )
-    places = [("rad" if turn else "m") for turn in turns] or [""] * motion.x.shape[1]
-    efforts = (
-        [("N m" if turns[j] else "N") for j in robot.actuated]
-        if robot is not None
-        else [""] * motion.u.shape[1]
-    )
-    contacts = len(motion.contact_names)
+    places, efforts = [""] * motion.x.shape[1], [""] * motion.u.shape[1]
+    if robot is not None:
+        turns = [joint.kind == "hinge" for joint in robot.joints]
+        places = ["rad" if turn else "m" for turn in turns]
+        efforts = ["N m" if turns[j] else "N" for j in robot.actuated]
+    forces = [f"force {name} {axis}" for name in motion.contact_names for axis in "xyz"]
     names = [
         "time (s)",
         *_headed(motion.joint_names, places),
         *_headed([f"torque {name}" for name in motion.actuated_names], efforts),
-        *_headed(
-            [f"force {name} {axis}" for name in motion.contact_names for axis in "xyz"],
-            ["N"] * 3 * contacts,
-        ),
+        *_headed(forces, ["N"] * len(forces)),
     ]
     force = motion.contact_force.reshape(len(motion.contact_force), -1)
     torque = np.concatenate([motion.u, np.full((1, motion.u.shape[1]), np.nan)])
     force = np.concatenate([np.full((1, force.shape[1]), np.nan), force])
     rows = np.concatenate([motion.times[:, None], motion.x[1:], torque, force], axis=1)
+    head, how = ",".join(names), {"delimiter": ",", "comments": "", "fmt": "%.10g"}
     with replacing(target) as beside:
-        np.savetxt(
-            beside,
-            rows,
-            delimiter=",",
-            header=",".join(names),
-            comments="",
-            fmt="%.10g",
-            encoding="utf-8",
-        )
+        np.savetxt(beside, rows, header=head, encoding="utf-8", **how)
 
 
 def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Names with their units, without what a table reads as its own: commas, quotes, line
-    breaks."""
+    """Names with their units, without a table's own marks: commas, quotes, line breaks."""
     headed = [f"{name} ({unit})" if unit else name for name, unit in zip(names, units, strict=True)]
     return [" ".join(name.replace(",", ";").replace('"', "'").split()) for name in headed]
 
@@ -168,18 +147,13 @@ def _parts(motion: Trajectory) -> list[_Part]:
 
 
 def _ball(robot: Character, j: int, end: int) -> str:
-    """The name of the ball joint that the importer made three hinges of, from coordinate ``j`` on;
-    "" where there is none."""
+    """The ball joint whose three hinges begin at coordinate ``j``; "" where there is none."""
     hinges = robot.joints[j : min(j + 3, end)]
     prefix = hinges[0].name.removesuffix("_z")
     if [hinge.name for hinge in hinges] != [f"{prefix}_z", f"{prefix}_y", f"{prefix}_x"]:
         return ""
-    alike = all(
-        hinge.kind == "hinge"
-        and not hinge.limited
-        and np.array_equal(hinge.anchor, hinges[0].anchor)
-        for hinge in hinges
-    )
+    free = all(hinge.kind == "hinge" and not hinge.limited for hinge in hinges)
+    alike = free and all(np.array_equal(hinge.anchor, hinges[0].anchor) for hinge in hinges)
     outer, middle, inner = (hinge.axis for hinge in hinges)
     return prefix if alike and np.allclose(np.cross(outer, inner), middle, atol=1e-9) else ""
 

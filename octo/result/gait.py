@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from octo.errors import ValueRangeError
 from octo.model.character import Character
-from octo.result.stances import TOUCHDOWN, runs, stances
+from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
 from octo.result.tile import tiled
-from octo.result.trajectory import Trajectory
+from octo.result.trajectory import VECTORS, Trajectory
 
 Array = NDArray[np.float64]
-FOOT = 0.02  # of mg: a contact that carries more in the mean is a foot
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
@@ -33,14 +32,7 @@ LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
 STRIDES = 4  # a foot has a whole stance and a whole swing in the two in the middle
-ROWS = (  # of a Trajectory, one a step
-    "u",
-    "contact_force",
-    "contact_point",
-    "contact_velocity",
-    "contact_normal",
-    "contact_depth",
-)
+ROWS = ("u", "contact_depth", *VECTORS)  # of a Trajectory, one a step
 
 
 @dataclass(frozen=True)
@@ -127,7 +119,7 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
     begin, end = _window(motion, first, last)
     part = _cut(motion, begin, end)
     force = part.normal_force
-    feet = np.flatnonzero(force.mean(axis=0) >= FOOT * motion.weight)
+    feet = np.flatnonzero(force.mean(axis=0) >= CARRYING * motion.weight)
     standing = stances(motion.normal_force[:, feet], motion.weight)
     stance, swing, heights, begun = [], [], [], []
     for foot, on in zip(feet, standing.T, strict=True):
@@ -171,9 +163,8 @@ def flaws(gait: Gait | None, length: float) -> int:
     feet, one side at a time; of a robot of ``length`` ℓ m."""
     if gait is None or gait.touchdowns is None:
         return 5
-    brief = sum(
-        t is None or t < SHORT - ROUNDING for t in (gait.shortest_stance, gait.shortest_swing)
-    )
+    shortest = (gait.shortest_stance, gait.shortest_swing)
+    brief = sum(t is None or t < SHORT - ROUNDING for t in shortest)
     shaky = gait.torque_high is not None and gait.torque_high > SHAKY
     drags = gait.clearance is not None and gait.clearance < min(LOW, LOW_PART * length)
     return brief + (gait.touchdowns > TAPS) + shaky + drags + ((gait.one_sided or 0.0) > ONE_SIDED)
@@ -181,8 +172,8 @@ def flaws(gait: Gait | None, length: float) -> int:
 
 def _one_sided(robot: Character, part: Trajectory, feet: NDArray[np.intp]) -> float | None:
     """Share of the steps with a foot on the ground in which no foot of the other side is."""
-    carried = {sphere.name: sphere.body for sphere in robot.contacts}  # heel and toe are one foot
-    if len({carried.get(part.contact_names[k], k) for k in feet}) < FOUR:
+    contacts = robot.terrain_contacts
+    if len(feet) < FOUR or len(feet_of(robot, (contacts[k] for k in feet))) < FOUR:
         return None
     yaw, place = part.yaw[1:, None], part.contact_point[:, feet] - part.com[1:, None]
     left = np.cos(yaw) * place[..., 1] - np.sin(yaw) * place[..., 0] > 0.0
@@ -242,8 +233,7 @@ def _window(motion: Trajectory, first: float, last: float | None) -> tuple[int, 
     end = min(motion.steps, math.floor(until / motion.dt + ROUNDING))
     if begin >= end:
         raise ValueRangeError(
-            f"first is {first} s and last is {until} s, at least one step of {motion.dt} s of "
-            "the "
+            f"first is {first} s and last is {until} s, at least one step of {motion.dt} s of the "
             f"motion of {duration:g} s must be between them"
         )
     return begin, end

@@ -16,6 +16,7 @@ from octo.model.character import Character
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.stride import Stride
+from octo.result.trajectory import VECTORS
 
 Array = NDArray[np.float64]
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
@@ -28,17 +29,14 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
     if problem.ma == 0:
         return np.zeros(problem.batch), np.zeros(problem.batch)
     reduced = np.abs(at.C).max(axis=(1, 2)) * weight
-    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale[:, None]).max(
-        axis=(1, 2)
-    )
-    return reduced, rows * weight
+    rows = np.abs(at.fd[..., problem.dynamics.unactuated] * problem.row_scale[:, None])
+    return reduced, rows.max(axis=(1, 2)) * weight
 
 
 def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str, Any]:
     """The fields of a Trajectory, of one member's iterate."""
     described, dynamics = problem.problems[member], problem.dynamics
     reduced, pointwise = violations(problem, at)
-    terms = problem.term_values(at)[member]
     names = [term.label for term in described.costs]
     robot: Character | None = described.character
     p = problem.p[member]
@@ -50,16 +48,14 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "x": at.nodes[member].copy(),
         "u": at.fd[member][:, dynamics.actuated].copy(),
         "unknowns": at.unknowns[member].copy(),
-        "terms": {name: float(value) for name, value in zip(names, terms, strict=True)},
+        "terms": dict(zip(names, problem.term_values(at)[member].tolist(), strict=True)),
         "violation": float(reduced[member]),
         "pointwise_residual": float(pointwise[member]),
         "weight": described.weight,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
-        "parameters": {
-            name: float(value) for name, value in zip(dynamics.layout.names, p, strict=True)
-        },
+        "parameters": dict(zip(dynamics.layout.names, p.tolist(), strict=True)),
         "asked": asked(problem, at.nodes[member], member),
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
@@ -72,12 +68,8 @@ def asked(problem: CompiledProblem, nodes: Array, member: int) -> tuple[Asked, .
     for k, term in enumerate(described.costs):
         weights = problem.q[member][:, k]
         if term is not described.anchor and weights.any():
-            made.append(
-                term.asked(
-                    Motion(nodes[1:], float(described.dt), described.character, weights),
-                    described.setting,
-                )
-            )
+            motion = Motion(nodes[1:], float(described.dt), described.character, weights)
+            made.append(term.asked(motion, described.setting))
     return tuple(one for one in made if one is not None)
 
 
@@ -97,15 +89,14 @@ def _contacts(
 ) -> dict[str, Any]:
     steps = len(nodes) - 2
     count = len(dynamics.character.terrain_contacts) if isinstance(dynamics, RobotDynamics) else 0
-    vectors = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
     if not isinstance(dynamics, RobotDynamics) or count == 0:
-        empty = {name: np.zeros((steps, 0, 3)) for name in vectors}
+        empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
         return {**empty, "contact_depth": np.zeros((steps, 0)), "contact_names": (), "ground": {}}
     at = ca.repmat(ca.DM(p), 1, steps)
     *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
     out: dict[str, Any] = {
         name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0)
-        for name, value in zip(vectors, values, strict=True)
+        for name, value in zip(VECTORS, values, strict=True)
     }
     robot = dynamics.character
     out["contact_depth"] = np.asarray(depth).T.reshape(steps, count)

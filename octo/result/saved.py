@@ -1,5 +1,4 @@
-"""The file of a solution: how its fields are written, and read, each checked, for a file may come
-from anywhere."""
+"""The file of a solution: how its fields are written and read, each checked."""
 
 from __future__ import annotations
 
@@ -17,30 +16,13 @@ from octo.model.archive import Archive, Array
 from octo.model.character import Character
 from octo.problem.asked import Asked
 from octo.result.stride import ARRAYS, Stride
+from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
 
-DEFAULTS: dict[str, Any] = {  # of fields that a file of an earlier version may lack
-    "processor_seconds": 0.0,
-    "seed": 0,
-    "device": "cpu",
-    "stages": {},
-    "passes": [],
-    "starts": [],
-    "asked": [],
-}
-SOLUTION_ARRAYS = (
-    "x",
-    "u",
-    "unknowns",
-    "multipliers",
-    "torque_limit",
-    "contact_force",
-    "contact_point",
-    "contact_velocity",
-    "contact_normal",
-    "contact_depth",
-)
-VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")
+# of fields that a file of an earlier version may lack
+DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
+DEFAULTS |= {"passes": [], "starts": [], "asked": []}
+SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
 
 def write(target: Path, values: Mapping[str, Any]) -> None:
@@ -72,27 +54,23 @@ def fields_of(file: Archive) -> dict[str, Any]:
     status = _status(file.word("status"))
     # of a solve that failed only the nodes must be finite
     finite = status not in (Status.NOT_FINITE, Status.UNSOLVED, Status.INTERRUPTED)
+    left = ("violation", "pointwise_residual")
+    times = ("seconds", "setup_seconds", "processor_seconds")
     values = {
         **_motion(file, finite),
         "status": status,
         "device": file.word("device"),
         "ground": _ground(file),
         "history": file.group("history_"),
-        "parameters": file.numbers("parameters"),
-        "stages": file.numbers("stages"),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
         "terms": file.numbers("terms", finite=finite),
-        "passes": file.records("passes"),
-        "starts": file.records("starts"),
-    }
-    values |= {name: _variables(file, name, finite) for name in ("unknowns", "multipliers")}
-    values |= {name: file.whole(name) for name in ("iterations", "factorizations", "seed")}
-    values |= {name: file.number(name, positive=True) for name in ("weight", "length")}
-    values |= {
-        name: file.number(name, finite=finite) for name in ("violation", "pointwise_residual")
-    }
-    values |= {
-        name: file.number(name) for name in ("seconds", "setup_seconds", "processor_seconds")
+        **{name: file.numbers(name) for name in ("parameters", "stages")},
+        **{name: file.records(name) for name in ("passes", "starts")},
+        **{name: _variables(file, name, finite) for name in ("unknowns", "multipliers")},
+        **{name: file.whole(name) for name in ("iterations", "factorizations", "seed")},
+        **{name: file.number(name, positive=True) for name in ("weight", "length")},
+        **{name: file.number(name, finite=finite) for name in left},
+        **{name: file.number(name) for name in times},
     }
     for name in file.plain:
         if name not in values:
@@ -111,9 +89,8 @@ def _status(label: str) -> Status:
 def _motion(file: Archive, finite: bool) -> dict[str, Any]:
     """Who moves how: the robot, x, u and the contacts, whose shapes follow from one another."""
     dt = file.number("dt", positive=True)
-    robot = (
-        None if file.plain.get("character") is None else store.from_plain(file.plain["character"])
-    )
+    plain = file.plain.get("character")
+    robot = None if plain is None else store.from_plain(plain)
     x = file.array("x", (None, None if robot is None else robot.nx))
     names = file.words("contact_names")
     steps, contacts = len(x) - 2, len(names)
@@ -128,24 +105,17 @@ def _motion(file: Archive, finite: bool) -> dict[str, Any]:
     limit = file.array("torque_limit", (u.shape[1],), finite=False)
     if np.isnan(limit).any():
         raise ValueRangeError("torque_limit is not a number")
+    depth = file.array("contact_depth", (steps, contacts), finite=finite)
     return {
-        "name": file.word("name"),
-        "character": robot,
-        "dt": dt,
-        "basis": file.word("basis"),
-        "x": x,
-        "u": u,
-        "torque_limit": limit,
-        "contact_names": names,
-        "cycle": _stride(file, x, u, robot),
-        "contact_depth": file.array("contact_depth", (steps, contacts), finite=finite),
+        **{name: file.word(name) for name in ("name", "basis")},
+        **{"character": robot, "dt": dt, "x": x, "u": u, "torque_limit": limit},
+        **{"contact_names": names, "contact_depth": depth, "cycle": _stride(file, x, u, robot)},
         **{name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS},
     }
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:
-    """The solver's own variables (K, …); of a motion that no solver found there may be none, in any
-    shape."""
+    """The solver's own variables (K, …); none, in any shape, where no solver was at work."""
     found = file.arrays.get(name)
     shape = found.shape if found is not None and found.size == 0 else (None, None)
     return file.array(name, shape, finite=finite)
@@ -165,15 +135,9 @@ def _asked(record: dict[str, Any], finite: bool) -> Asked:
     own = Archive(pair, {"each": False, **record})
     found = own.array("found", (None,), finite=finite)
     wanted = own.array("wanted", found.shape)
-    return Asked(
-        own.word("name"),
-        own.word("what"),
-        tuple(found.tolist()),
-        tuple(wanted.tolist()),
-        own.word("unit"),
-        own.number("size", positive=True),
-        own.flag("each"),
-    )
+    name, what, unit = (own.word(key) for key in ("name", "what", "unit"))
+    size, each = own.number("size", positive=True), own.flag("each")
+    return Asked(name, what, tuple(found.tolist()), tuple(wanted.tolist()), unit, size, each)
 
 
 def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Stride | None:
@@ -187,17 +151,10 @@ def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Strid
     }
     own = Archive(arrays, {"asymmetry": 0.0, **found})
     n, nu, contacts = x.shape[1], u.shape[1], 0 if robot is None else len(robot.terrain_contacts)
-    return Stride(
-        period=own.number("period", positive=True),
-        speed=own.number("speed"),
-        sideways=own.number("sideways"),
-        turn=own.number("turn"),
-        mirrored=own.flag("mirrored"),
-        asymmetry=own.number("asymmetry"),
-        matrix=own.array("matrix", (n, n)),
-        constant=own.array("constant", (n,)),
-        torque=own.array("torque", (nu, nu)),
-        rotation=own.array("rotation", (3, 3)),
-        shift=own.array("shift", (3,)),
-        contacts=own.indices("contacts", contacts, contacts),
-    )
+    shapes: dict[str, tuple[int, ...]] = {"matrix": (n, n), "constant": (n,), "torque": (nu, nu)}
+    shapes |= {"rotation": (3, 3), "shift": (3,)}
+    values: dict[str, Any] = {name: own.array(name, shape) for name, shape in shapes.items()}
+    values |= {name: own.number(name) for name in ("speed", "sideways", "turn", "asymmetry")}
+    values["contacts"] = own.indices("contacts", contacts, contacts)
+    period = own.number("period", positive=True)
+    return Stride(period=period, mirrored=own.flag("mirrored"), **values)

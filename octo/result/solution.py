@@ -1,5 +1,4 @@
-"""What a solve returns: the motion, what it costs, how far it is from the laws of physics, and how
-it was found."""
+"""What a solve returns: the motion, its cost, its error, and how it was found."""
 
 from __future__ import annotations
 
@@ -18,12 +17,17 @@ from octo.model import archive, store
 from octo.result import export, saved
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.tile import tiled
-from octo.result.trajectory import Trajectory
+from octo.result.trajectory import VECTORS, Trajectory
 from octo.result.warnings import largest_step, warnings
 from octo.shown import Shown
-from octo.solver.status import Status
+from octo.solver.status import HISTORY, Status
 
 Array = NDArray[np.float64]
+REPORTED = (  # numbers and words that a report has as they are
+    "converged iterations factorizations energy violation pointwise_residual weight penetration "
+    "penetration_max slip friction_use friction_use_95 torque_excess seconds processor_seconds "
+    "setup_seconds device basis steps dt seed"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -138,37 +142,17 @@ class Solution(Trajectory, Shown):
         return {
             "status": self.status.label,
             "status_sentence": self.status.value,
-            "converged": self.converged,
-            "iterations": self.iterations,
-            "factorizations": self.factorizations,
-            "energy": self.energy,
+            **{name: getattr(self, name) for name in REPORTED.split()},
             "terms": dict(self.terms),
             "asked": [one.report() for one in self.asked],
             "warnings": list(self.warnings),
             "largest_step": largest_step(self),
-            "violation": self.violation,
-            "pointwise_residual": self.pointwise_residual,
-            "weight": self.weight,
             "com_travel": [float(v) for v in travel],
-            "penetration": self.penetration,
-            "penetration_max": self.penetration_max,
-            "slip": self.slip,
-            "friction_use": self.friction_use,
-            "friction_use_95": self.friction_use_95,
-            "torque_excess": self.torque_excess,
             "gait": None if self.gait is None else self.gait.report(),
-            "seconds": self.seconds,
-            "processor_seconds": self.processor_seconds,
-            "setup_seconds": self.setup_seconds,
             "seconds_per_iteration": self.seconds / max(self.iterations, 1),
             "stages": dict(self.stages),
             "passes": [dict(record) for record in self.passes],
-            "device": self.device,
-            "basis": self.basis,
-            "steps": self.steps,
-            "dt": self.dt,
             "robot": self.name,
-            "seed": self.seed,
             **carried_on,
         }
 
@@ -197,9 +181,8 @@ class Solution(Trajectory, Shown):
             travel = self.com[-1] - self.com[0]
             lines.append(
                 f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, "
-                f"{travel[2]:.2f}) m; feet sink "
-                f"{1e3 * self.penetration:.1f} mm and slip {self.slip:.3f} m/s; largest "
-                f"|u|/limit {self.torque_excess:.2f}"
+                f"{travel[2]:.2f}) m; feet sink {1e3 * self.penetration:.1f} mm and slip "
+                f"{self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
@@ -247,6 +230,33 @@ class Solution(Trajectory, Shown):
         """
         with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
             return Solution(**saved.fields_of(file))
+
+
+def recorded(**fields: Any) -> Solution:
+    """A motion in the nodes basis that nobody solved: what a plant did, or a robot that stands.
+
+    Of its fields those that have no default are what was seen; the others, zeros or nothing, say
+    that no solver found it and that no terms were asked for. ``contact_force`` (N, c, 3) gives the
+    shape of what is not known of the contacts.
+    """
+    steps, contacts = fields["contact_force"].shape[:2]
+    known: dict[str, Any] = {
+        "basis": "nodes",
+        "unknowns": fields["x"][2:],
+        "multipliers": np.zeros((steps, 0)),
+        "status": Status.SIMULATED,
+        "contact_depth": np.zeros((steps, contacts)),
+        "history": {name: np.zeros(0) for name in HISTORY},
+        **{name: np.zeros((steps, contacts, 3)) for name in VECTORS},
+        **{name: {} for name in ("terms", "parameters", "ground")},
+        **dict.fromkeys(("iterations", "factorizations"), 0),
+        **dict.fromkeys(("violation", "pointwise_residual", "seconds", "setup_seconds"), 0.0),
+    }
+    robot = fields["character"]
+    if robot is not None:
+        names = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
+        known |= {"name": robot.name, "torque_limit": robot.torque_limit, "contact_names": names}
+    return Solution(**{**known, **fields})
 
 
 def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:

@@ -48,13 +48,10 @@ class Stride:
         cycle, closure, robot = problem.cycle, problem.closure, problem.character
         if cycle is None or closure is None or robot is None:
             return None
-        first = robot.base_coordinate
-        mirrored = closure.mirrored
-        rotation = (
-            np.diag([1.0, -1.0, 1.0])
-            if mirrored
-            else closure.forward[first : first + 3, first : first + 3]
-        )
+        first, mirrored = robot.base_coordinate, closure.mirrored
+        rotation = closure.forward[first : first + 3, first : first + 3]
+        if mirrored:
+            rotation = np.diag([1.0, -1.0, 1.0])
         touching = list(robot.terrain_contacts)
         images = np.arange(len(touching))
         if closure.mirror is not None and mirrored:

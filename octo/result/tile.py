@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from octo.checks import whole
 from octo.errors import ProblemError
-from octo.result.trajectory import AnyTrajectory
+from octo.result.trajectory import VECTORS, AnyTrajectory
 
 Array = NDArray[np.float64]
 
@@ -31,21 +31,17 @@ def tiled(motion: AnyTrajectory, strides: int) -> AnyTrajectory:
             "this motion is no cycle, it cannot be tiled: solve a Problem with cycle=octo.Cycle(…)"
         )
     pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
-    vectors = ("contact_force", "contact_velocity", "contact_normal")
-    made: dict[str, list[Array]] = {
-        name: [getattr(motion, name)] for name in ("u", "contact_point", "contact_depth", *vectors)
-    }
+    names = ("u", "contact_depth", *VECTORS)
+    made: dict[str, list[Array]] = {name: [getattr(motion, name)] for name in names}
     made["x"] = [motion.x[2:]]
     for _ in range(pieces - 1):
         last = {name: blocks[-1] for name, blocks in made.items()}
         made["x"].append(stride.on(last["x"]))
         made["u"].append(last["u"] @ stride.torque.T)
         made["contact_depth"].append(last["contact_depth"][:, stride.contacts])
-        made["contact_point"].append(
-            last["contact_point"][:, stride.contacts] @ stride.rotation.T + stride.shift
-        )
-        for name in vectors:
-            made[name].append(last[name][:, stride.contacts] @ stride.rotation.T)
+        for name in VECTORS:
+            turned = last[name][:, stride.contacts] @ stride.rotation.T
+            made[name].append(turned + stride.shift if name == "contact_point" else turned)
     joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
     joined["x"] = np.concatenate([motion.x[:2], joined["x"]])
     for name in ("violation", "pointwise_residual"):

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.model.character import Character
+from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
-from octo.result.stances import LOADED, stances
 from octo.result.stride import Stride
 
 Array = NDArray[np.float64]
+VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
 # what cuts a motion, or carries it on, gives back the kind it was given
 AnyTrajectory = TypeVar("AnyTrajectory", bound="Trajectory")
 
@@ -133,16 +134,14 @@ class Trajectory:
     def slip(self) -> float:
         """m/s, root mean square of the tangential velocity over loaded contact-steps."""
         normal = self.contact_normal
-        along = self.contact_velocity - normal * np.sum(
-            normal * self.contact_velocity, axis=-1, keepdims=True
-        )
+        into = np.sum(normal * self.contact_velocity, axis=-1, keepdims=True)
+        along = self.contact_velocity - normal * into
         return float(np.sqrt(np.mean(self._loaded(np.sum(along**2, axis=-1)))))
 
     def _friction_use(self) -> Array:
         force = self.normal_force
-        tangential = np.linalg.norm(
-            self.contact_force - self.contact_normal * force[..., None], axis=-1
-        )
+        sideways = self.contact_force - self.contact_normal * force[..., None]
+        tangential = np.linalg.norm(sideways, axis=-1)
         return self._loaded(tangential / np.where(self.loaded, force, 1.0))
 
     @property

@@ -48,13 +48,10 @@ def warnings(motion: Trajectory) -> tuple[str, ...]:
     said = []
     largest = largest_step(motion)
     if largest is not None and largest["change"] > LEAP:
-        many = (
-            f"{largest['leaps']} steps change a coordinate"
-            if largest["leaps"] > 1
-            else "one step changes a coordinate"
-        )
+        leaps = largest["leaps"]
+        many = f"{leaps} steps change" if leaps > 1 else "one step changes"
         said.append(
-            f"{many} by more than {LEAP:g} rad or m ({largest['coordinate']} by "
+            f"{many} a coordinate by more than {LEAP:g} rad or m ({largest['coordinate']} by "
             f"{largest['change']:.3g} {largest['unit']} at {largest['time']:.3g} s): between two "
             "nodes no law of physics is looked at, take a smaller dt"
         )

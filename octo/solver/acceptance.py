@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, host, largest
-from octo.problem.compiled import Evaluation
+from octo.problem.evaluation import Evaluation
 
 Mask = NDArray[np.bool_]
 NEAR = 1e-4  # of max(1, ‖C‖₁ at the start): Wächter and Biegler 2006, §3.3

@@ -3,13 +3,13 @@ in octo.gpu."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.compiled import CompiledProblem
+from octo.problem.evaluation import Evaluation, Model
 from octo.solver import elimination, kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.factors import Factors, HostFactors
@@ -23,7 +23,7 @@ class Backend:
 
     name = "cpu"
 
-    def place(self, problem: CompiledProblem) -> Any:
+    def place(self, problem: CompiledProblem) -> BlockNLP:
         """``problem`` where the arrays live: what ``sqp.run`` is given."""
         return problem
 
@@ -45,7 +45,7 @@ class Backend:
 
     def linearize(
         self,
-        problem: CompiledProblem,
+        problem: BlockNLP,
         at: Evaluation,
         lam: Array,
         exact: bool,
@@ -56,12 +56,12 @@ class Backend:
         until the next one is asked for."""
         return problem.linearize(at, lam if exact else None, curved)
 
-    def evaluate(self, problem: CompiledProblem, unknowns: Array) -> Evaluation:
+    def evaluate(self, problem: BlockNLP, unknowns: Array) -> Evaluation:
         """E and C of the whole batch."""
         return problem.evaluate(unknowns)
 
     def evaluate_with(
-        self, problem: CompiledProblem, unknowns: Array, numbers: list[Array]
+        self, problem: BlockNLP, unknowns: Array, numbers: list[Array]
     ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """``evaluate``, and ``numbers`` (batch,) on the host with it."""
         return self.evaluate(problem, unknowns), numbers
@@ -70,7 +70,7 @@ class Backend:
         """``subproblem.two_by_two``."""
         return two_by_two(hessian, gradient, radius)
 
-    def together(self, problem: CompiledProblem) -> bool:
+    def together(self, problem: BlockNLP) -> bool:
         """Whether a trial of some members costs no less than that of all of them."""
         return False
 
@@ -79,12 +79,7 @@ class Backend:
         return KKTBlocks(model.H, model.A, model.b, model.C)
 
     def factors(
-        self,
-        problem: CompiledProblem,
-        model: Model,
-        at: Evaluation,
-        lam: Array,
-        options: SqpOptions,
+        self, problem: BlockNLP, model: Model, at: Evaluation, lam: Array, options: SqpOptions
     ) -> Factors:
         """Where the KKT matrices of this iterate will be factored; ``model`` is the last one."""
         return HostFactors(self.blocks(model), lam, options, problem.threads)

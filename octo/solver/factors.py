@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, every, host, inner, largest, like, some
-from octo.problem.compiled import Evaluation
+from octo.problem.evaluation import Evaluation
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.border import Border, BorderedFactor

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Numbers, some
-from octo.problem.compiled import Evaluation
+from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import NEAR, Acceptance, Mask, Step
 
 Pair = tuple[Numbers, Numbers]

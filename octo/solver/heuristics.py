@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, scaled, some
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.factors import Attempt, Factors
 from octo.solver.options import SqpOptions
@@ -239,7 +240,7 @@ class Restoration:
         return np.array(done, dtype=np.intp)
 
     def _least_norm(
-        self, trials: Trials, one: CompiledProblem, now: Evaluation
+        self, trials: Trials, one: BlockNLP, now: Evaluation
     ) -> tuple[Evaluation, bool]:
         """One damped step v_N = −Aᵀ(AAᵀ)⁻¹C."""
         with trials.clock("linearize"):

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, choose, like, scaled, some
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
 from octo.solver.direction import KKTDirection
@@ -42,7 +43,7 @@ class LineSearch:
 
     def __init__(
         self,
-        problem: CompiledProblem,
+        problem: BlockNLP,
         at: Evaluation,
         options: SqpOptions,
         clock: Clock,
@@ -65,7 +66,7 @@ class LineSearch:
         self.correction = chosen("second_order_correction", SecondOrderCorrection())
         self.restoration = chosen("restoration", Restoration(batch, options))
 
-    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None:
+    def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None:
         """Keep some members only, those of ``problem``."""
         self.trials.problem = problem
         self.acceptance.take(members)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
 
 STAGES = ("linearize", "factor", "solve", "evaluate")
 
@@ -66,4 +67,4 @@ class Rule(Protocol):
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
 
-    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None: ...
+    def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None: ...

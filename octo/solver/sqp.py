@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, like, some
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
@@ -166,7 +167,7 @@ class _Records:
 
 
 def run(
-    problem: CompiledProblem,
+    problem: BlockNLP,
     unknowns: Array,
     lam: Array | None,
     options: SqpOptions,
@@ -185,7 +186,7 @@ def run(
 class _Run:
     def __init__(
         self,
-        problem: CompiledProblem,
+        problem: BlockNLP,
         unknowns: Array,
         lam: Array | None,
         options: SqpOptions,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from octo.arrays import Array, every, like
-from octo.problem.compiled import CompiledProblem, Evaluation
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import Mask
 from octo.solver.backend import Backend
 from octo.solver.rule import Clock
@@ -14,7 +15,7 @@ from octo.solver.rule import Clock
 class Trials:
     """Where the steps of a line search are evaluated, and how long that takes."""
 
-    def __init__(self, problem: CompiledProblem, clock: Clock, backend: Backend):
+    def __init__(self, problem: BlockNLP, clock: Clock, backend: Backend):
         self.problem, self.clock, self.backend = problem, clock, backend
 
     def evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:

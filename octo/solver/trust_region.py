@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like
-from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
 from octo.problem.joint_costs import Effort
 from octo.solver.acceptance import Mask
 from octo.solver.backend import CPU, Backend
@@ -98,7 +99,7 @@ class TrustRegion:
 
     def __init__(
         self,
-        problem: CompiledProblem,
+        problem: BlockNLP,
         at: Evaluation,
         options: SqpOptions,
         clock: Clock,
@@ -110,7 +111,7 @@ class TrustRegion:
         self.direction = BoundedDirection(problem.batch, problem.K, options, self.trials)
 
     @staticmethod
-    def normalised(problem: CompiledProblem, unknowns: Array) -> CompiledProblem:
+    def normalised(problem: BlockNLP, unknowns: Array) -> BlockNLP:
         """E as §8 scales it: the objective is 1 at the start, effort is 1e-4‖u‖² summed over the
         steps."""
         scaled = problem.take(np.arange(problem.batch))
@@ -126,7 +127,7 @@ class TrustRegion:
                 scaled.q[:, :, k] /= like(np.where(start > 0.0, start, 1.0)[:, None], scaled.q)
         return scaled
 
-    def take(self, members: NDArray[np.intp], problem: CompiledProblem) -> None:
+    def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None:
         """Keep some members only, those of ``problem``."""
         self.trials.problem = problem
         self.acceptance.take(members)

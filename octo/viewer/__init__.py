@@ -8,7 +8,6 @@ import importlib
 import io
 import os
 import socket
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -105,9 +104,8 @@ def view(
     names = _names(solutions, labels)
     loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
     if loop:  # from half a stride on the other half is its mirror image
-        solutions = [
-            s.tile(1) if s.cycle is not None and s.cycle.mirrored else s for s in solutions
-        ]
+        half = [s.cycle is not None and s.cycle.mirrored for s in solutions]
+        solutions = [s.tile(1) if h else s for s, h in zip(solutions, half, strict=True)]
     times = frame_times(solutions)
     actors = _side_by_side(solutions, times, apart)
     with _server(viser) as server:
@@ -149,13 +147,10 @@ def _side_by_side(solutions: Sequence[Solution], times: Array, apart: float | No
 
 
 def _names(solutions: Sequence[Solution], labels: object) -> list[str]:
-    """The labels; by default the names of the robots, numbered where one occurs twice. ShapeError
-    where there is not one for each solution."""
+    """The labels, or the robots' names, numbered where one occurs twice; ShapeError."""
     if labels is None:
-        count = Counter(s.name for s in solutions)
-        return [
-            s.name if count[s.name] == 1 else f"{s.name} {k + 1}" for k, s in enumerate(solutions)
-        ]
+        names = [s.name for s in solutions]
+        return [n if names.count(n) == 1 else f"{n} {k + 1}" for k, n in enumerate(names)]
     wanted = f"one for each solution: ({len(solutions)},)"
     if not isinstance(labels, (list, tuple)):
         raise ShapeError("labels", (), wanted)
@@ -184,8 +179,7 @@ def _server(viser: Any) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without viser's banner: it prints by rich, which in a notebook does not write to stdout but
-    makes an output."""
+    """Without viser's banner, which in a notebook would be an output of its own."""
     console = importlib.import_module("rich").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -88,22 +88,15 @@ def wrap(
     data["numbers"] = numbers.text()
     solutions = [actor.solution for actor in actors]
     script = "".join(_text(name) for name in ("scene.js", "charts.js", "page.js"))
-    body = "".join(
-        (
-            _head(
-                solutions, labels, loop, any(n.arrows for n in nodes), any(n.feet for n in nodes)
-            ),
-            _panel(float(times[-1]), len(times) - 1),
-            f'<script type="application/json" id="octo-data">{_json(data)}</script>',
-            f'<script>"use strict";(() => {{{script}}})();</script>',
-        )
-    )
+    forces, feet = any(n.arrows for n in nodes), any(n.feet for n in nodes)
+    body = _head(solutions, labels, loop, forces, feet) + _panel(float(times[-1]), len(times) - 1)
+    body += f'<script type="application/json" id="octo-data">{_json(data)}</script>'
+    body += f'<script>"use strict";(() => {{{script}}})();</script>'
     title = html.escape(", ".join(dict.fromkeys(s.name for s in solutions)))
-    scene = scene.replace(
-        "<title>Viser</title>", f"<title>{title}: {float(times[-1]):g} s</title>", 1
-    )
+    own = f"<title>{title}: {float(times[-1]):g} s</title>"
+    scene = scene.replace("<title>Viser</title>", own, 1)
     # The last of each: viser's own script, earlier in the file, may hold any text.
-    before, opening, after = scene.rpartition("<body>")
+    before, _, after = scene.rpartition("<body>")
     inside, closing, rest = after.rpartition("</body>")
     style = f"<style>{_text('page.css')}</style>"
     return "".join((before, '<body class="octo">', style, inside, body, closing, rest))
@@ -154,10 +147,9 @@ def _largest(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     if count <= 1:
         return values
     starts = range(0, len(values), count)
-    bins = [values[start : start + count] for start in starts]
-    return np.stack(
-        [np.take_along_axis(b, np.abs(b).argmax(axis=0)[None], axis=0)[0] for b in bins]
-    )
+    bins = (values[start : start + count] for start in starts)
+    largest = [np.take_along_axis(b, np.abs(b).argmax(axis=0)[None], axis=0)[0] for b in bins]
+    return np.stack(largest)
 
 
 def _head(

@@ -26,6 +26,8 @@ FOOT, LOADED_FOOT, FORCE = (92, 97, 104), (245, 140, 40), (225, 70, 50)
 AWAY = -1e3  # m, height at which an arrow without a force is out of sight
 ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
 SAME_HEADING = 1e-3  # rad
+GRID: dict[str, Any] = {"cell_color": (205, 208, 212), "section_color": (160, 166, 174)}
+GRID |= {"plane_color": (238, 240, 243), "plane_opacity": 1.0, "shadow_opacity": 0.35}
 
 
 def frame_times(solutions: Sequence[Solution]) -> Array:
@@ -71,19 +73,9 @@ class Actor:
         step = np.clip(step, 0, max(solution.steps - 1, 0))
         fields = (solution.contact_force, solution.contact_point, solution.loaded)
         force, point, loaded = (values[step] for values in fields)
-        com = center_of_mass(character, x) + offset
-        rotation = np.stack(turns, axis=1)
-        return Actor(
-            solution,
-            character,
-            offset,
-            rotation,
-            origin + offset,
-            com,
-            force,
-            point + offset,
-            loaded,
-        )
+        com, rotation = center_of_mass(character, x) + offset, np.stack(turns, axis=1)
+        at = (rotation, origin + offset, com, force, point + offset, loaded)
+        return Actor(solution, character, offset, *at)
 
 
 @dataclass(frozen=True)
@@ -154,11 +146,10 @@ def build(
         # One level ground is enough for all.
         if actor.solution.ground and (k == 0 or (actor.offset.any() and not level)):
             grounds.append(_add_ground(server, f"/world/ground_{k}", actor, scale))
+    names = [f"/world/{k}_{_plain(actor.solution.name)}" for k, actor in enumerate(actors)]
     nodes = [
-        _add_character(
-            server, f"/world/{k}_{_plain(actor.solution.name)}", actor, color_of(k), forces
-        )
-        for k, actor in enumerate(actors)
+        _add_character(server, name, actor, color_of(k), forces)
+        for k, (name, actor) in enumerate(zip(names, actors, strict=True))
     ]
     return nodes, grounds, scale
 
@@ -232,14 +223,8 @@ def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: b
     if not forces or not ever.any():
         return nodes
     radius = 0.01 * scale
-    scene.add_arrows(
-        f"{name}/forces",
-        arrows_of(actor)[0],
-        FORCE,
-        shaft_radius=radius,
-        head_radius=2.5 * radius,
-        head_length=5 * radius,
-    )
+    sizes = {"shaft_radius": radius, "head_radius": 2.5 * radius, "head_length": 5 * radius}
+    scene.add_arrows(f"{name}/forces", arrows_of(actor)[0], FORCE, **sizes)
     return Nodes(nodes.bodies, nodes.feet, f"{name}/forces")
 
 
@@ -257,44 +242,24 @@ def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
     x, y, z = (actor.solution.ground[axis] for axis in "xyz")
     edges = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0)
     cell = min(edges, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
-    slope = [
-        float(np.mean(np.diff(z, axis=0))) / (x[1] - x[0]),
-        float(np.mean(np.diff(z, axis=1))) / (y[1] - y[0]),
-    ]
+    rise = [float(np.mean(np.diff(z, axis=axis))) for axis in (0, 1)]
+    slope = [rise[0] / (x[1] - x[0]), rise[1] / (y[1] - y[0])]
     plane = z[0, 0] + slope[0] * (x[:, None] - x[0]) + slope[1] * (y - y[0])
     if np.abs(z - plane).max() < 1e-6:
         height = z[0, 0] - slope[0] * x[0] - slope[1] * y[0]
         wxyz = _turn_to(np.array([-slope[0], -slope[1], 1.0]))
         position = actor.offset + (0.0, 0.0, height)
-        server.scene.add_grid(
-            name,
-            infinite_grid=True,
-            cell_size=cell,
-            section_size=5 * cell,
-            cell_color=(205, 208, 212),
-            section_color=(160, 166, 174),
-            plane_color=(238, 240, 243),
-            plane_opacity=1.0,
-            shadow_opacity=0.35,
-            fade_distance=24.0 * scale,
-            fade_strength=1.6,
-            wxyz=wxyz,
-            position=position,
-        )
+        cells = {"infinite_grid": True, "cell_size": cell, "section_size": 5 * cell}
+        fade = {"fade_distance": 24.0 * scale, "fade_strength": 1.6}
+        server.scene.add_grid(name, **GRID, **cells, **fade, wxyz=wxyz, position=position)
         return Ground(name, position, wxyz, plane=True, level=bool(np.abs(slope).max() < 1e-6))
     corners = np.stack([*np.broadcast_arrays(x[:, None], y), z], axis=-1)
     index = np.arange(z.size).reshape(z.shape)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     triangles = [np.stack(corner, axis=-1).reshape(-1, 3) for corner in ((a, b, c), (a, c, d))]
     points = corners.reshape(-1, 3) + actor.offset
-    server.scene.add_mesh_simple(
-        name,
-        points,
-        np.concatenate(triangles),
-        color=(226, 229, 233),
-        side="double",
-        cast_shadow=False,
-    )
+    look = {"color": (226, 229, 233), "side": "double", "cast_shadow": False}
+    server.scene.add_mesh_simple(name, points, np.concatenate(triangles), **look)
     along = np.stack([corners[:-1], corners[1:]], axis=2).reshape(-1, 2, 3)
     across = np.stack([corners[:, :-1], corners[:, 1:]], axis=2).reshape(-1, 2, 3)
     raised = np.concatenate([along, across]) + actor.offset + (0.0, 0.0, 2e-3 * scale)

@@ -82,7 +82,7 @@ class ndarray:  # noqa: N801  (the name CuPy's has)
         self._values[_bare(key)] = _bare(value)
 
     def __abs__(self) -> Any:
-        return _made(abs(self._values))
+        return _made(np.abs(self._values))
 
     def __neg__(self) -> Any:
         return _made(-self._values)

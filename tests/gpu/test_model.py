@@ -147,6 +147,8 @@ def test_cycles(cycle, wiggle, device, kind, threads):
         expected, found = problem.linearize(at, multipliers), other.linearize(own, multipliers)
         for name in "HAbC":
             close(getattr(found, name), getattr(expected, name))
+    for slope, wanted in zip(other.gradient(own), problem.gradient(at), strict=True):
+        close(slope, wanted)
     members = np.arange(problem.batch)[::-1]
     turned = other.take(members)
     again = turned.evaluate(gpu.array(unknowns[members]))

@@ -181,9 +181,9 @@ def test_terms_over_neighbouring_hermite_controls():
     rate = octo.costs.NeighbourCost(lambda control, following, p: ca.sin(following) - control)
     problem = octo.Problem(robot("humanoid"), steps=20, dt=0.05, basis="hermite", costs=[rate])
     device = Dry(64)
-    terms = CompiledProblem([problem]).neighbours
-    assert terms is not None
-    Between(terms, device)
+    code = CompiledProblem([problem]).program.between
+    assert code is not None
+    Between(code, device)
     kernels = nvrtc.compile_text(device.texts[-1]).kernels
     assert len(kernels) == 4 and all(
         kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()

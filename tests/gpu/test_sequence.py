@@ -178,16 +178,12 @@ class Refusing(EmulatedDevice):
         raise NoGraph("cudaErrorNotSupported: operation not supported")
 
 
-def test_without_graphs_it_says_so_once_and_goes_on(capsys):
+def test_without_graphs_it_says_so_once_and_goes_on(caplog):
     options = replace(SETTINGS["default"][0], max_iterations=6)
     refusing = Refusing(xp=strict)
     found = solve(*batch_of("mammal", "nodes"), options, refusing)
     same_bits(found, solve(*batch_of("mammal", "nodes"), options, EmulatedDevice(xp=strict)))
-    lines = [
-        line
-        for line in capsys.readouterr().err.splitlines()
-        if line.startswith("octo: no CUDA graphs")
-    ]
+    lines = [line for line in caplog.messages if line.startswith("no CUDA graphs")]
     assert len(lines) == 1 and "cudaErrorNotSupported" in lines[0]
     assert refusing.counts.graphs == 0
 
@@ -251,7 +247,7 @@ def test_how_cupy_is_asked():
     )
 
 
-def test_a_refused_capture_leaves_the_stream(capsys):
+def test_a_refused_capture_leaves_the_stream(caplog):
     log: list[str] = []
     gpu = cuda_device(Stream(log, "cudaErrorStreamCaptureInvalidated: operation failed"))
     runs = []
@@ -260,7 +256,7 @@ def test_a_refused_capture_leaves_the_stream(capsys):
         sequence()
     assert log == ["enter", "begin 1", "end", "leave"]
     assert runs == [False, True, False, False] and not gpu.here.capturing
-    assert capsys.readouterr().err.count("cudaErrorStreamCaptureInvalidated") == 1
+    assert caplog.text.count("cudaErrorStreamCaptureInvalidated") == 1
 
 
 @pytest.mark.parametrize("setting", SETTINGS)

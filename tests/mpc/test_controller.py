@@ -15,7 +15,7 @@ from octo.model.feet import lowest_contacts
 from octo.model.kinematics import sphere_centers
 from octo.mpc import CommandStatus, Controller, run, walking_problem
 from octo.mpc.measurement import _say_cpu
-from octo.mpc.stance import FOOT, STRAIGHT, _stretch, stance
+from octo.mpc.stance import STRAIGHT, _stretch, stance
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
 from tests.mpc.conftest import inside
@@ -190,7 +190,7 @@ def test_stance_bends_straight_legs(robot):
         pose[j] = straight[robot.joints[j].name.rsplit("_", 1)[-1]]
     stretched = dataclasses.replace(robot, default_pose=pose)
     bent = stance(stretched)
-    feet = lowest_contacts(stretched, bent, FOOT)
+    feet = lowest_contacts(stretched, bent)
     assert max(_stretch(stretched, pose, k) for k in feet) > STRAIGHT
     assert max(_stretch(stretched, bent, k) for k in feet) < STRAIGHT
     assert np.ptp(sphere_centers(stretched, bent)[feet, 2]) < 0.02  # the feet stay in one plane

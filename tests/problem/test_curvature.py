@@ -19,7 +19,7 @@ from octo.errors import OctoError, ProblemError
 from octo.problem.codegen import cost_text
 from octo.problem.compiled import CompiledProblem
 from octo.problem.curvature import NAME
-from octo.reference.program import free_blocks, nlp, point_of, rows_of
+from octo.reference.program import free_places, nlp, point_of, rows_of
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -44,8 +44,7 @@ def dense(compiled: CompiledProblem, H: np.ndarray) -> np.ndarray:
     for k in range(compiled.K):
         for lag in range(min(k, 2) + 1):
             whole[k, :, k - lag], whole[k - lag, :, k] = H[0, k, lag], H[0, k, lag].T
-    n, free = compiled.n, free_blocks(compiled)
-    at = (free[:, None] * n + np.arange(n)).ravel()
+    at = free_places(compiled)
     return whole.reshape(compiled.K * compiled.nc, -1)[np.ix_(at, at)]
 
 
@@ -84,9 +83,8 @@ def test_remainder_of_the_gradient(
     """Falls with the square of the step, of E alone."""
     compiled = exact(problem)
     unknowns = wiggle_near_ground(compiled)
-    d = np.zeros((compiled.K * compiled.stencil.parts, compiled.n))
-    free = free_blocks(compiled)
-    d[free] = np.random.default_rng(2).standard_normal((len(free), compiled.n))
+    d, free = np.zeros(compiled.K * compiled.nc), free_places(compiled)
+    d[free] = np.random.default_rng(2).standard_normal(len(free))
     d /= np.linalg.norm(d)
     lam = np.zeros((1, compiled.K, compiled.ma))
     H = dense(compiled, compiled.linearize(compiled.evaluate(unknowns), lam).H)

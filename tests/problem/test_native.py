@@ -49,6 +49,19 @@ def test_native_equals_interpreted(compiled, wiggle, basis, exact):
         close(getattr(model, name), getattr(plain, name))
 
 
+@pytest.mark.parametrize("basis", ["nodes", "hermite"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_gradient_is_that_of_the_model(compiled, wiggle, basis, threads):
+    """To the last bit: it is the same code without the squares."""
+    problem = compiled(basis, threads)
+    for one in (problem, interpreted(problem)):
+        at = one.evaluate(wiggle(one))
+        model = one.linearize(at, None)
+        b, A = one.gradient(at)
+        np.testing.assert_array_equal(b, model.b)
+        np.testing.assert_array_equal(A, model.A)
+
+
 def test_curvature_of_contacts_for_some_members(compiled, wiggle):
     """Of each member, with lam, as if it were alone: Gauss and Newton's or all of it."""
     problem = compiled("nodes")

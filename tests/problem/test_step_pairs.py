@@ -18,7 +18,7 @@ from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Folded, Nodes, PairedNodes, node_values
 from octo.problem.compiled import CompiledProblem
-from octo.reference.program import free_blocks, nlp, point_of, rows_of
+from octo.reference.program import free_places, nlp, point_of, rows_of
 from octo.starts import first_nodes
 
 DT = 0.05
@@ -91,7 +91,7 @@ def dense(made: CompiledProblem, blocks: np.ndarray) -> np.ndarray:
 
 def free(made: CompiledProblem, blocks: np.ndarray) -> np.ndarray:
     """The same over the unknowns that a node is made of."""
-    at = (free_blocks(made)[:, None] * made.n + np.arange(made.n)).ravel()
+    at = free_places(made)
     return dense(made, blocks)[np.ix_(at, at)]
 
 

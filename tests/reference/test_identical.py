@@ -7,19 +7,32 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from extending.torque_rate import PowerChange
 
 import octo
 from octo import costs, native
 from octo.errors import ShapeError
 from octo.problem.basis import Hermite
+from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.reference import Nlp, nlp
-from octo.reference.layout import octo_layout
+from octo.reference.layout import octo_layout, stage_layout
 from octo.reference.library import Library
-from octo.reference.program import free_blocks, live_rows, multipliers_of, point_of, rows_of
+from octo.reference.program import (
+    free_places,
+    live_places,
+    multipliers_of,
+    parameter_vector,
+    point_of,
+    rows_of,
+    step_function,
+)
 
 TOLERANCE = 1e-10
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+RATES = [costs.TorqueRate(weight=0.1), PowerChange(loss=costs.Huber(0.2)), costs.Effort()]
 
 
 def _turned(step, p):
@@ -36,19 +49,27 @@ def _cases(
     cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
 ) -> dict[str, Problem]:
     end = {"x_end": np.array([0.1, 0.2]), "v_end": np.array([0.3, 0.0])}
+    neighbours = [costs.NeighbourCost(_between, {"gain": 0.5}, weight=2.0), costs.Effort()]
     custom = costs.CustomCost(_turned, {"gain": 0.7})
     return {
         "mammal": robot("mammal", 6, costs.paper()),
         "chain": robot("chain", 20, costs.paper(), Hermite(10)),
         "biped": robot("biped", 6, [*costs.robot(), costs.Slip(), custom], Hermite(3)),
+        "contacts": robot("biped", 10, [*costs.robot(), costs.Slip(), custom]),
         "cart-pole": cart_pole(),
         "end": cart_pole(**end),
         "end, hermite": cart_pole(basis="hermite", **end),
+        "neighbours": cart_pole(basis="hermite", costs=neighbours),
+        "neighbours, end": cart_pole(basis="hermite", costs=neighbours, **end),
         "cycle": cycle("mammal", 6, octo.Cycle(speed=0.5, period=0.6)),
         "cycle, odd": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7)),
         "cycle, turning": cycle(
             "mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)
         ),
+        "two steps": robot("biped", 7, RATES),
+        "two steps, end": robot("biped", 6, RATES).replace(displacement=np.full(14, 0.02)),
+        "two steps, hermite": robot("biped", 12, RATES, Hermite(4)),
+        "two steps, cycle": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7), RATES),
     }
 
 
@@ -56,12 +77,19 @@ CASES = (
     "mammal",
     "chain",
     "biped",
+    "contacts",
     "cart-pole",
     "end",
     "end, hermite",
+    "neighbours",
+    "neighbours, end",
     "cycle",
     "cycle, odd",
     "cycle, turning",
+    "two steps",
+    "two steps, end",
+    "two steps, hermite",
+    "two steps, cycle",
 )
 
 
@@ -83,8 +111,8 @@ def _dense(made: Nlp, A: np.ndarray) -> np.ndarray:
     for k in range(c.K):
         for lag in range(min(k, 2) + 1):
             whole[k, :, k - lag] = A[0, k, lag]
-    split = whole.reshape(c.K * c.stencil.parts, c.m, -1, c.n)
-    return split[live_rows(c)][:, :, free_blocks(c)].reshape(c.m * len(live_rows(c)), -1)
+    flat = whole.reshape(c.K * c.ma, c.K * c.nc)
+    return flat[np.ix_(live_places(c), free_places(c))]
 
 
 def _symmetric(made: Nlp, H: np.ndarray) -> np.ndarray:
@@ -94,9 +122,7 @@ def _symmetric(made: Nlp, H: np.ndarray) -> np.ndarray:
     for k in range(c.K):
         for lag in range(min(k, 2) + 1):
             whole[k, :, k - lag], whole[k - lag, :, k] = H[0, k, lag], H[0, k, lag].T
-    parts = c.K * c.stencil.parts
-    split = whole.reshape(parts, c.n, parts, c.n)[free_blocks(c)][:, :, free_blocks(c)]
-    return split.reshape(c.n * len(free_blocks(c)), -1)
+    return whole.reshape(c.K * c.nc, c.K * c.nc)[np.ix_(free_places(c), free_places(c))]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -125,7 +151,8 @@ def test_library_equals_the_expressions(
     cycle: Callable[..., Problem],
 ) -> None:
     made = nlp(_cases(cart_pole, robot, cycle)[name])
-    library = Library(made.compiled, octo_layout(made.compiled))
+    compiled = CompiledProblem(made.compiled.problems, exact=True)
+    library = Library(compiled, octo_layout(compiled))
     x, p = _point(made), made.parameters
     lam = np.random.default_rng(2).standard_normal(made.g.numel())
     _close(library.function("nlp_f")(x, p), np.asarray(made.objective(x, p)))
@@ -135,21 +162,51 @@ def test_library_equals_the_expressions(
         ca.densify(library.function("nlp_jac_g")(x, p)[1]),
         np.asarray(ca.densify(made.jacobian(x, p))),
     )
-    for sigma in (0.7, 0.0):  # IPOPT's restoration asks for the curvature of the constraints alone
+    # IPOPT's restoration asks for the curvature of the constraints alone
+    for sigma in (0.7, -0.3, 0.0):
         wanted = np.asarray(ca.densify(ca.triu(made.hessian(x, p, sigma, lam))))
         _close(ca.densify(library.function("nlp_hess_l")(x, p, sigma, lam)), wanted)
 
 
-def test_terms_between_hermite_controls(cart_pole: Callable[..., Problem]) -> None:
-    term = costs.NeighbourCost(_between, {"gain": 0.5}, weight=2.0)
-    made = nlp(cart_pole(basis="hermite", costs=[term, costs.Effort()]))
-    x = _point(made)
-    at = made.compiled.evaluate(made.unknowns(x))
-    _close(made.objective(x, made.parameters), at.energy)
-    _close(
-        made.gradient(x, made.parameters),
-        point_of(made.compiled, made.compiled.linearize(at, None).b),
-    )
+@needs_compiler
+@pytest.mark.parametrize("name", ["mammal", "contacts", "cart-pole"])
+def test_stages_see_their_own_state_alone(
+    name: str,
+    cart_pole: Callable[..., Problem],
+    robot: Callable[..., Problem],
+    cycle: Callable[..., Problem],
+) -> None:
+    """Where states do not follow one another each stage is a problem of one step; the Jacobian has
+    the rows that tie them beside its own."""
+    made = nlp(_cases(cart_pole, robot, cycle)[name])
+    compiled = CompiledProblem(made.compiled.problems, exact=True)
+    n, m, steps, step = compiled.n, compiled.m, compiled.steps, step_function(compiled)
+    library = Library(compiled, stage_layout(compiled))
+    rng, p = np.random.default_rng(3), parameter_vector(compiled)
+    stages = compiled.problems[0].start + 0.03 * rng.standard_normal((steps, 3, n))
+    x = ca.MX.sym("x", stages.size)
+    parts = [x[3 * n * i : 3 * n * (i + 1)] for i in range(steps)]
+    f, g = ca.MX(0), []
+    for i, now in enumerate(parts):
+        nodes = now[2 * n :], now[:n], now[n : 2 * n]
+        numbers = (compiled.p[0], compiled.q[0, i], compiled.row_scale[0])
+        energy, rows, _ = step(*nodes, *numbers)
+        f += energy
+        if i + 1 < steps:
+            g.append(parts[i + 1][: 2 * n] - ca.vertcat(nodes[0], nodes[1]))
+        g.append(rows)
+    g, lam = ca.vertcat(*g), rng.standard_normal(library.layout.rows)
+    lagrangian = 0.7 * f + ca.dot(lam, g)
+    hessian, slope = ca.hessian(lagrangian, x)
+    wanted = ca.Function("f", [x], [f, g, ca.gradient(f, x), ca.jacobian(g, x), slope, hessian])
+    wanted = [np.asarray(ca.densify(one)) for one in wanted(stages.ravel())]
+    value, rows = library.function("nlp")(stages.ravel(), p)
+    found = [value, rows, library.function("nlp_grad_f")(stages.ravel(), p)]
+    found.append(library.function("nlp_jac_g")(stages.ravel(), p)[1])
+    found += library.function("nlp_hess_l")(stages.ravel(), p, 0.7, lam)
+    assert m > 0
+    for one, other in zip(found, wanted, strict=True):
+        _close(ca.densify(one), other)
 
 
 CYCLES = {

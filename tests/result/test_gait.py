@@ -12,9 +12,9 @@ import pytest
 import octo
 from octo.errors import ValueRangeError
 from octo.model.character import Body, Character, ContactSphere, Joint, floating_base
+from octo.model.feet import runs, stances
 from octo.result.gait import Gait, high_share, measure_gait, rhythm
 from octo.result.solution import Solution
-from octo.result.stances import runs, stances
 
 DT, WEIGHT = 0.025, 100.0
 

@@ -1,5 +1,4 @@
-"""A snake of equal links, five unless told otherwise: 14 degrees of freedom, standing like a low
-bridge."""
+"""A snake of equal links, standing like a low bridge: of five, 14 degrees of freedom."""
 
 from __future__ import annotations
 
@@ -37,12 +36,9 @@ def chain(links: int = 5) -> Character:
         names = _names(end, count)
         for k, name in enumerate(names):
             pitch, yaw = _bend(k, links)
-            hinges = (
-                Hinge("pitch", "y", -1.8, 1.8, sign * pitch, 10.0),
-                Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0),
-            )
-            parent = builder.link(name, parent, position, hinges, (sign * LINK, 0.0, 0.0), RADIUS)
-            position = (sign * LINK, 0.0, 0.0)
+            first = Hinge("pitch", "y", -1.8, 1.8, sign * pitch, 10.0)
+            hinges, tip = (first, Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0)), (sign * LINK, 0.0, 0.0)
+            parent, position = builder.link(name, parent, position, hinges, tip, RADIUS), tip
             builder.sphere(name, parent, position, RADIUS)
         feet += reversed(names)
         tips.append(names[-1])
@@ -58,11 +54,8 @@ def _names(end: str, count: int) -> list[str]:
 
 
 def _bend(k: int, links: int) -> tuple[float, float]:
-    """Pitch (of the front) and yaw of a side's joint ``k``: the first link of a side leads down,
-    the rest lie in a zigzag.
-
-    Fewer than five lie flat: on two knees and one tip they would fall over.
-    """
+    """Pitch (of the front) and yaw of a side's joint ``k``: first down, then in a zigzag; fewer
+    than five links lie flat, for on two knees and one tip they would fall over."""
     if links < 5:
         return 0.0, ASIDE * (-1.0) ** k
     return (DOWN, -DOWN, 0.0)[min(k, 2)], 0.0 if k == 0 else ASIDE * (-1.0) ** (k + 1)

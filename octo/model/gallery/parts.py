@@ -1,11 +1,11 @@
-"""What the characters of the gallery are made of: links of one density, hinges, spheres; mirrored
-left and right."""
+"""What the gallery's characters are made of: links, hinges, spheres; left and right."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +14,7 @@ from octo.model.character import Character
 from octo.model.feet import bottoms
 from octo.model.quantities import Array
 
-AXES = {
-    "x": np.array([1.0, 0.0, 0.0]),
-    "y": np.array([0.0, 1.0, 0.0]),
-    "z": np.array([0.0, 0.0, 1.0]),
-}
+AXES = dict(zip("xyz", np.eye(3), strict=True))
 SIDES = (("left", 1.0), ("right", -1.0))  # y points left
 
 
@@ -39,6 +35,11 @@ class Hinge:
         if side > 0 or self.axis == "y":
             return self
         return replace(self, lower=-self.upper, upper=-self.lower, default=-self.default)
+
+    def joint(self, link: str) -> Joint:
+        limits: dict[str, Any] = {"lower": self.lower, "upper": self.upper}
+        limits["torque_limit"] = self.torque
+        return Joint(f"{link}_{self.name}", "hinge", AXES[self.axis], **limits)
 
 
 @dataclass
@@ -78,21 +79,9 @@ class Builder:
         """
         cos, sin = math.cos(turn), math.sin(turn)
         rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        joints = tuple(
-            Joint(
-                f"{name}_{h.name}",
-                "hinge",
-                AXES[h.axis],
-                lower=h.lower,
-                upper=h.upper,
-                torque_limit=h.torque,
-            )
-            for h in hinges
-        )
+        joints = tuple(h.joint(name) for h in hinges)
         self.default += [h.default for h in hinges]
-        body = Body(
-            name, parent, joints, position=np.asarray(position, dtype=float), rotation=rotation
-        )
+        body = Body(name, parent, joints, np.asarray(position, dtype=float), rotation)
         return self._add(body, [(start, end, radius), *more])
 
     def sphere(self, name: str, body: int, position: Sequence[float], radius: float) -> None:
@@ -109,10 +98,10 @@ class Builder:
         by_name = {contact.name: contact for contact in self.contacts}
         contacts = tuple(by_name[name] for name in names)
         pairs = tuple((names.index(a), names.index(b)) for a, b in self.pairs)
-        character = Character(
-            self.name, bodies, contacts, pairs, default_pose=np.array(self.default)
-        )
-        return replace(character, default_pose=_on_the_ground(character, np.array(self.default)))
+        pose = np.array(self.default)
+        character = Character(self.name, bodies, contacts, pairs, default_pose=pose)
+        pose[2] -= np.min(bottoms(character, pose))  # the lowest sphere touches z = 0
+        return replace(character, default_pose=pose)
 
     def _add(self, body: Body, capsules: Sequence[tuple]) -> int:
         volume, com, inertia = compound(capsules)
@@ -131,9 +120,8 @@ def capsule(
     cylinder, ball = math.pi * radius**2 * length, 4.0 / 3.0 * math.pi * radius**3
     along = cylinder * radius**2 / 2 + ball * 2 * radius**2 / 5
     # Two half balls whose centroids lie 3/8 radius outside the cylinder's ends.
-    across = cylinder * (radius**2 / 4 + length**2 / 12) + ball * (
-        2 * radius**2 / 5 + length**2 / 4 + 3 * length * radius / 8
-    )
+    of_ends = 2 * radius**2 / 5 + length**2 / 4 + 3 * length * radius / 8
+    across = cylinder * (radius**2 / 4 + length**2 / 12) + ball * of_ends
     outer = np.outer(axis, axis)
     return cylinder + ball, (a + b) / 2, along * outer + across * (np.eye(3) - outer)
 
@@ -149,10 +137,3 @@ def compound(capsules: Sequence[tuple]) -> tuple[float, Array, Array]:
         r = c - com
         inertia += own + v * (r @ r * np.eye(3) - np.outer(r, r))
     return volume, com, inertia
-
-
-def _on_the_ground(character: Character, pose: Array) -> Array:
-    """``pose`` with the base raised until the lowest sphere touches z = 0."""
-    pose = pose.copy()
-    pose[2] -= np.min(bottoms(character, pose))
-    return pose

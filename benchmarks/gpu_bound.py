@@ -1,5 +1,4 @@
-"""What one iteration cannot be faster than on a GPU: operations, bytes, and steps that wait for one
-another (docs/gpu.md)."""
+"""What one iteration cannot be faster than on a GPU (docs/gpu.md)."""
 
 from __future__ import annotations
 

@@ -1,0 +1,80 @@
+"""What a solver sees of a problem: unknowns in K units of nc numbers, E, C and their model by
+blocks.
+
+:class:`~octo.problem.compiled.CompiledProblem` is one on a CPU, octo.gpu's DeviceProblem on a
+device; their arrays live there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from octo.problem.codegen import CostFunctions
+from octo.problem.evaluation import Evaluation, Model
+from octo.problem.problem import Problem
+
+Array = Any  # of NumPy, or of a device
+
+
+class BlockNLP(Protocol):
+    """Minimise E(v) subject to C(v) = 0, of a batch of problems of one structure.
+
+    Attributes
+    ----------
+    batch: problems. K: units. nc, ma: unknowns and rows of C of a unit.
+    steps: N. n, m: coordinates and unactuated rows of a step.
+    weight: N, of the robot, whose parts C is in. threads: of a CPU.
+    q: (batch, N, NQ) coefficients and references of the terms; changing them in place changes E.
+    functions: of the terms. problems: what the batch was made from.
+    """
+
+    weight: float
+    threads: int
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def batch(self) -> int: ...
+    @property
+    def K(self) -> int: ...
+    @property
+    def nc(self) -> int: ...
+    @property
+    def ma(self) -> int: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def n(self) -> int: ...
+    @property
+    def m(self) -> int: ...
+    @property
+    def functions(self) -> CostFunctions: ...
+    @property
+    def problems(self) -> Sequence[Problem]: ...
+
+    def take(self, members: Array) -> BlockNLP:
+        """Some members, by index."""
+        ...
+
+    def unknowns(self, nodes: Array) -> Array:
+        """(batch, K, nc) unknowns of a trajectory (batch, N+2, n) of the host; fixed ones are
+        zero."""
+        ...
+
+    def evaluate(self, unknowns: Array) -> Evaluation:
+        """E and C at ``unknowns`` (batch, K, nc)."""
+        ...
+
+    def term_values(self, at: Evaluation) -> Array:
+        """(batch, terms) the parts of E."""
+        ...
+
+    def gradient(self, at: Evaluation) -> tuple[Array, Array]:
+        """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc), without second derivatives."""
+        ...
+
+    def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
+        """Eq. 9; with multipliers ``lam`` (batch, K, ma) the curvature of lamᵀC and of the torques
+        too, and of the terms over contacts for the members ``curved`` (batch,)."""
+        ...
