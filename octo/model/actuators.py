@@ -42,8 +42,8 @@ class BallMotors:
 def joint_motor(source: RobotFile, j: int) -> Motor:
     """Of MuJoCo's hinge or slide ``j``: only the first number of an actuator's gear acts on it."""
     model = source.model
-    if source.effort is not None:
-        return Motor(True, source.effort[model.joint(j).name])
+    if source.limits is not None:
+        return Motor(True, source.limits[model.joint(j).name].effort)
     actuators = actuators_of(model, j)
     if not actuators:
         return Motor()

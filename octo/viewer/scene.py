@@ -14,10 +14,10 @@ from octo.errors import ModelError
 from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces
 from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.result.solution import Solution
 
-Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 RATE = 30.0  # frames a second, about: a frame is a whole number of steps of the first solution
 CALM = 0.4  # s, over which the motion of the camera is smoothed
@@ -65,7 +65,7 @@ class Actor:
             raise ModelError(
                 "view needs a character: a motion of user-written dynamics has no bodies"
             )
-        x = _between(solution.x[1:], times / solution.dt)
+        x = interpolated(solution.x[1:], times / solution.dt)
         turn, origin = body_poses(character, x)
         turns = [quaternions(turn[:, b]) for b in range(len(character.bodies))]
         # The forces of a step belong to the node that ends it.
@@ -280,13 +280,6 @@ def _turn_to(normal: Array) -> Array:
     n = normal / np.linalg.norm(normal)
     turn = np.array([1.0 + n[2], -n[1], n[0], 0.0])
     return np.asarray(turn / np.linalg.norm(turn))
-
-
-def _between(values: Array, place: Array) -> Array:
-    """Rows of ``values`` at the fractional indices ``place``, linearly; the last one afterwards."""
-    index = np.clip(place.astype(int), 0, len(values) - 2)
-    share = np.clip(place - index, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((1.0 - share) * values[index] + share * values[index + 1])
 
 
 def _plain(name: str) -> str:
