@@ -274,17 +274,15 @@ def forward_dynamics(
         radii = character.contacts[a].radius + character.contacts[b].radius
         potential += pair_potential(ca.dot(first - second, first - second), radii, view)
     work, held, values = ca.SX(0), [], []
-    for k in character.terrain_contacts:
+    states = contact_states(character, x_next, x, law, terrain, view)
+    for k, state in zip(character.terrain_contacts, states, strict=True):
         sphere = character.contacts[k]
         R, t = poses[sphere.body]
-        local, radius = ca.SX(sphere.position), sphere.radius
-        places = contact_places(local, radius, (R, t), now[sphere.body], terrain, view)
-        state = contact_state(*places, radius, law, terrain, view)
         # virtual work f·∂P at a fixed force and material point
         force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)
         work += ca.dot(force, R @ material + t)
         held += [force, material]
-        values += [state.force, local - radius * (R.T @ state.normal)]
+        values += [state.force, ca.SX(sphere.position) - sphere.radius * (R.T @ state.normal)]
     for k in range(len(character.elements)):
         law_force, way = element_force(character, k, poses, now, view)
         force = ca.SX.sym("f", 3)

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from octo.errors import ModelError
 from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces
-from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
 from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.result.solution import Solution
@@ -26,6 +26,7 @@ FOOT, LOADED_FOOT, FORCE = (92, 97, 104), (245, 140, 40), (225, 70, 50)
 AWAY = -1e3  # m, height at which an arrow without a force is out of sight
 ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
 SAME_HEADING = 1e-3  # rad
+UP = np.array([0.0, 0.0, 1.0])
 GRID: dict[str, Any] = {"cell_color": (205, 208, 212), "section_color": (160, 166, 174)}
 GRID |= {"plane_color": (238, 240, 243), "plane_opacity": 1.0, "shadow_opacity": 0.35}
 
@@ -120,10 +121,10 @@ class Cycle:
 
     def after(self, points: Array) -> Array:
         """Points (..., 3) m, one lap later."""
-        return np.asarray(points @ _about_z(self.yaw).T + self.way)
+        return np.asarray(points @ axis_rotation(UP, self.yaw).T + self.way)
 
     def before(self, points: Array) -> Array:
-        return np.asarray((points - self.way) @ _about_z(self.yaw))
+        return np.asarray((points - self.way) @ axis_rotation(UP, self.yaw))
 
     def on(self, grounds: Sequence[Ground]) -> Cycle | None:
         """None on a ground that a lap changes; on a level one without what the lap rises."""
@@ -267,12 +268,6 @@ def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
         f"{name}_lines", raised, colors=(190, 194, 200), thickness=1.0, thickness_units="screen"
     )
     return Ground(name, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), plane=False, level=False)
-
-
-def _about_z(angle: float) -> Array:
-    """(3, 3) rotation."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _turn_to(normal: Array) -> Array:
