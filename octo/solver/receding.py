@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import DeviceError
+from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
 from octo.problem.native_steps import task_of
 from octo.solver import elimination
@@ -47,7 +48,7 @@ class RecedingHorizon:
         library = compiled.library
         if (
             library is None
-            or compiled.basis.name != "nodes"
+            or not isinstance(compiled.basis, Nodes)
             or compiled.batch != 1
             or compiled.ends.any()
         ):
