@@ -19,7 +19,7 @@ from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.factors import Attempt, Factors
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
-from octo.solver.trials import Trials
+from octo.solver.search import Trials
 
 
 class LeapDamping:
