@@ -27,22 +27,15 @@ from octo.solver.cyclic_reduction import ROUNDING
 class Border:
     """Columns of a batch: w of them, the shared unknowns first and then the multipliers of the
     shared rows.
-
-    Attributes
-    ----------
-    over_variables: (batch, K, nc, w), their part of B beside the variables of each unit: d²E/dv dz,
-        and the slopes of the shared rows, turned.
-    over_rows: (batch, K, ma, w), beside the rows of C: dC/dz, zero for the shared rows.
-    corner: (batch, w, w) D, symmetric.
-    residual: (batch, w) the gradient of E over the shared unknowns, then the shared rows' values.
-    lam: (batch, rows) the multipliers of the shared rows at the iterate.
     """
 
+    # (batch, K, nc, w), their part of B beside the variables of each unit: d²E/dv dz, and the
+    # slopes of the shared rows, turned
     over_variables: Array
-    over_rows: Array
-    corner: Array
-    residual: Array
-    lam: Array
+    over_rows: Array  # (batch, K, ma, w), beside the rows of C: dC/dz, zero for the shared rows
+    corner: Array  # (batch, w, w) D, symmetric
+    residual: Array  # (batch, w) the gradient of E over the shared unknowns, the rows' values
+    lam: Array  # (batch, rows) the multipliers of the shared rows at the iterate
 
     @property
     def rows(self) -> int:
@@ -64,12 +57,7 @@ class Border:
         return Border(*(getattr(self, field.name)[members] for field in fields(self)))
 
     def check(self, H: Array, A: Array) -> None:
-        """Refuse a border of other sizes than those of the blocks.
-
-        Raises
-        ------
-        ShapeError: names the part.
-        """
+        """Refuse a border of other sizes than those of the blocks."""
         (batch, K, _, nc, _), ma, w = H.shape, A.shape[3], self.width
         beside = ((batch, K, nc, w), (batch, K, ma, w))
         shapes = (*beside, (batch, w, w), (batch, w), (batch, self.rows))
@@ -115,11 +103,9 @@ class BorderedFactor:
         self._factor, self._blocks, self._sigma = factor, blocks, sigma
         self.border, self._corner = border, _regularised(border, sigma, blocks.H)
         # T⁻¹ B: it decides about S, so it is refined as far as it goes
-        self._columns = (
-            factor.solve(border.over_variables, border.over_rows, tolerance=1e-14)
-            if border.width
-            else (border.over_variables, border.over_rows)
-        )
+        self._columns: tuple[Array, Array] = (border.over_variables, border.over_rows)
+        if border.width:
+            self._columns = factor.solve(*self._columns, tolerance=1e-14)
         usable = xp.asarray(factor.usable)
         self._vectors, values = self._complement(usable)
         rounding = xp.abs(values) <= ROUNDING
@@ -138,9 +124,8 @@ class BorderedFactor:
             return border.corner, border.residual
         products, size = border.transposed_times(*self._columns), xp.abs(self._corner)
         S = self._corner - 0.5 * (products + turned(products))
-        for part, column in zip(
-            (border.over_variables, border.over_rows), self._columns, strict=True
-        ):
+        parts = (border.over_variables, border.over_rows)
+        for part, column in zip(parts, self._columns, strict=True):
             size = size + turned(_flat(xp.abs(part))) @ _flat(xp.abs(column))
         top = xp.maximum(size, turned(size)).max(axis=2)
         finite = usable & xp.isfinite(S).all(axis=(1, 2))

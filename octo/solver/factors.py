@@ -24,23 +24,20 @@ Three = tuple[Numbers, Numbers, Numbers]
 
 @dataclass(eq=False)
 class Attempt:
-    """A KKT step Δ (batch, K, nc) with its multipliers (batch, K, ma), and what decides about it.
+    """A KKT step with its multipliers, and what decides about it."""
 
-    trial: the evaluation at Δ times its first length, where it came in one copy with the numbers;
-    None: not evaluated yet. numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the
-    iterate and bᵀΔ (batch,), on the host, of which the last two count a border. shared (batch, w):
-    of a border, the step of the shared unknowns and the multipliers of the shared rows; None:
-    without one.
-    """
-
-    delta: Array
-    multipliers: Array
+    delta: Array  # (batch, K, nc) Δ
+    multipliers: Array  # (batch, K, ma)
     _numbers: Callable[[], Three]
+    # at Δ times its first length, where it came in one copy with the numbers
     trial: Evaluation | None = None
+    # (batch, w) of a border, the step of the shared unknowns and the multipliers of the shared rows
     shared: Array | None = None
 
     @cached_property
     def numbers(self) -> Three:
+        """‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the iterate and bᵀΔ (batch,), on
+        the host; the last two count a border."""
         return self._numbers()
 
     @cached_property

@@ -132,15 +132,13 @@ class LineSearch:
         line = Line(delta, attempt.multipliers, size, slope, first)
         mend = partial(self._mended, at, model, factors)
         found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
-        after, length, moved = found.at, found.length, found.moved
-        whole = found.accepted & ~polish
+        length, whole = found.length, found.accepted & ~polish
         growing = whole & ~found.mended & (sigma > 0.0) & (length == 1.0)
         if self.extrapolation is not None:
-            after, moved = self.extrapolation.further(
-                self.trials, at, delta, size, self.acceptance.near, after, moved, growing
-            )
+            near = self.acceptance.near
+            found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
-        after, lam, failed = self._restore(after, lam, ~(found.accepted | converged))
+        after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
@@ -150,7 +148,7 @@ class LineSearch:
             failed=failed,
             dual=dual,
             step=full,
-            taken=moved,
+            taken=found.moved,
             ratio=length,
             radius=o.cap,
             sigma=sigma,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from octo.errors import ShapeError
 from octo.solver import blas
-from octo.solver.blocks import block_times, transposed_times, turned
+from octo.solver.blocks import block_times, columns_of, transposed_times, turned
 from octo.solver.elimination import Floats, address, aligned, library
 
 DROP = 1e-13  # a pivot of AAᵀ with unit diagonal that is smaller is rounding (DROP of normal.c)
@@ -66,12 +66,10 @@ class NormalFactor:
     def _both(self, rhs: Floats, refine: int) -> tuple[Floats, Floats]:
         """lam and Aᵀ lam."""
         batch, K, _, ma, nc = self.A.shape
-        if rhs.shape[:3] != (batch, K, ma) or rhs.ndim > 4:
-            expected = f"{(batch, K, ma)}, or with one more axis of columns"
-            raise ShapeError("rhs", rhs.shape, expected)
-        columns = rhs if rhs.ndim == 4 else rhs[..., None]
+        count = rhs.shape[3] if rhs.ndim == 4 else 1
+        columns = columns_of("rhs", rhs, (batch, K, ma, count), rhs)
         if ma == 0:
-            lam, x = np.empty(columns.shape), np.zeros((batch, K, nc, columns.shape[3]))
+            lam, x = np.empty(columns.shape), np.zeros((batch, K, nc, count))
         elif self._library is not None:
             lam, x = self._native(columns, refine)
         else:

@@ -209,18 +209,19 @@ class _Run:
     def run(self) -> Result:
         iteration = 0
         try:
-            self._leave(~self.at.finite, Status.NOT_FINITE)
+            self._leave((~self.at.finite, Status.NOT_FINITE))
             while len(self.active):
+                everyone = np.ones(len(self.active), dtype=bool)
                 if iteration >= self.options.max_iterations:
-                    self._leave(np.ones(len(self.active), dtype=bool), Status.ITERATION_LIMIT)
+                    self._leave((everyone, Status.ITERATION_LIMIT))
                 elif time.perf_counter() - self.began > self.options.time_limit:
-                    self._leave(np.ones(len(self.active), dtype=bool), Status.TIME_LIMIT)
+                    self._leave((everyone, Status.TIME_LIMIT))
                 else:
                     self._iterate(iteration)
                     iteration += 1
         except KeyboardInterrupt:
             self.monitor.stopped = True
-            self._leave(np.ones(len(self.active), dtype=bool), Status.INTERRUPTED)
+            self._leave((np.ones(len(self.active), dtype=bool), Status.INTERRUPTED))
         return self._result()
 
     def _iterate(self, iteration: int) -> None:
@@ -240,14 +241,11 @@ class _Run:
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
             stalled = move.failed & ~(acceptable | move.converged)
-            status = [
-                (move.converged, Status.CONVERGED),
-                (acceptable, Status.ACCEPTABLE),
-                (stalled, Status.STALLED),
-            ]
+            ended = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE)]
+            ended.append((stalled, Status.STALLED))
             if stopped:
-                status.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
-            self._leave_all(status)
+                ended.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
+            self._leave(*ended)
 
     @property
     def violation(self) -> Array:
@@ -283,10 +281,7 @@ class _Run:
             self.active, self.at.energy, self.violation, move.dual, *lengths, *regularised, seconds
         )
 
-    def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
-        self._leave_all([(mask, status)])
-
-    def _leave_all(self, groups: list[tuple[NDArray[np.bool_], Status]]) -> None:
+    def _leave(self, *groups: tuple[NDArray[np.bool_], Status]) -> None:
         """Members that are done go out of the batch; those that did not converge keep their best
         iterate."""
         gone = np.zeros(len(self.active), dtype=bool)
