@@ -25,7 +25,7 @@ _NAMES = {  # by the module that defines them
         "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Effort "
         "FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointSpeedLimit "
         "JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity PoseTarget "
-        "Posture Slip SlipPower SwingClearance TorqueLimit Upright"
+        "Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate Upright"
     ),
     "octo.devices": "devices",
     "octo.dynamics.evaluate": "CustomDynamics",
@@ -104,8 +104,10 @@ if TYPE_CHECKING:
     from octo.costs import Posture as Posture
     from octo.costs import Slip as Slip
     from octo.costs import SlipPower as SlipPower
+    from octo.costs import StepPairCost as StepPairCost
     from octo.costs import SwingClearance as SwingClearance
     from octo.costs import TorqueLimit as TorqueLimit
+    from octo.costs import TorqueRate as TorqueRate
     from octo.costs import Upright as Upright
     from octo.devices import devices as devices
     from octo.dynamics import laws as laws

@@ -23,7 +23,7 @@ from octo.problem.contact_costs import (
     SlipPower,
     SwingClearance,
 )
-from octo.problem.costs import Cost, CustomCost, NeighbourCost
+from octo.problem.costs import Cost, CustomCost, NeighbourCost, StepPairCost
 from octo.problem.joint_costs import (
     Effort,
     JointAcceleration,
@@ -33,6 +33,7 @@ from octo.problem.joint_costs import (
     PoseTarget,
     Posture,
     TorqueLimit,
+    TorqueRate,
 )
 from octo.problem.losses import Huber, Loss
 from octo.problem.presets import locomotion, natural, paper, robot
@@ -70,9 +71,11 @@ __all__ = [
     "Setting",
     "Slip",
     "SlipPower",
+    "StepPairCost",
     "StepSymbols",
     "SwingClearance",
     "TorqueLimit",
+    "TorqueRate",
     "Upright",
     "locomotion",
     "natural",

@@ -1,8 +1,9 @@
 """What ``python -m tests.sanitize`` runs under the sanitizers: every entry of octo's native code,
 in small problems.
 
-Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, a cycle,
-batches of 1, 3 and 7 on 1 and 3 threads; controllers, and the compiled problem behind IPOPT.
+Robots with contacts and sphere pairs that touch, user-written dynamics, both bases, cycles, terms
+over two steps in a row, batches of 1, 3 and 7 on 1 and 3 threads; controllers, and the compiled
+problem behind IPOPT.
 """
 
 from __future__ import annotations
@@ -69,11 +70,12 @@ def problems(robot: Character) -> Iterator[tuple[str, octo.Problem]]:
         "hermite",
         octo.Problem(robot, steps=20, dt=0.025, costs=smooth, basis="hermite", x0=start),
     )
+    rates = [*costs, octo.TorqueRate(loss=octo.Huber(0.1), curvature="exact")]
+    yield "torque rates", octo.Problem(robot, steps=25, dt=0.025, costs=rates, x0=start)
     if robot.base == "floating":
-        yield (
-            "cycle",
-            octo.Problem(robot, steps=7, costs=costs, cycle=octo.Cycle(speed=0.4, mirror=False)),
-        )
+        cycle = octo.Cycle(speed=0.4, mirror=False)
+        yield "cycle", octo.Problem(robot, steps=7, costs=costs, cycle=cycle)
+        yield "torque rates in a cycle", octo.Problem(robot, steps=7, costs=rates, cycle=cycle)
 
 
 def user_written() -> octo.Problem:

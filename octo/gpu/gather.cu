@@ -48,9 +48,16 @@ octo_gather_hessian(int steps, int parts, int groups, const int *first, const in
     if (e < NX * NX) {
       const int *one = lag == 0 && r == c ? dummy + unit * parts : 0;
       if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
+#ifdef FOUR_PARTS
+      else if (parts == 4) octo_gather_pairs<4>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
+#endif
       else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, hess, e, c * NX + r, 1.0, one, NX, r, c, h);
     } else if (parts == 1) {
       octo_gather_parts<1>(b_first + unit, b_source, b_value, gradient, c, b);
+#ifdef FOUR_PARTS
+    } else if (parts == 4) {
+      octo_gather_parts<4>(b_first + unit, b_source, b_value, gradient, c, b);
+#endif
     } else {
       octo_gather_parts<2>(b_first + unit, b_source, b_value, gradient, c, b);
     }
@@ -69,6 +76,9 @@ octo_gather_constraints(int steps, int parts, const int *first, const int *sourc
     int r = e / NX, c = e % NX, of = octo_unactuated[r] * W3 + c;
     double scale = row_scale[member * MU + r];
     if (parts == 1) octo_gather_pairs<1>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0, MU, r, c, a);
+#ifdef FOUR_PARTS
+    else if (parts == 4) octo_gather_pairs<4>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0, MU, r, c, a);
+#endif
     else octo_gather_pairs<2>(first + 3 * unit + lag, source, value, jac, of, 0, scale, 0, MU, r, c, a);
   }
 #endif

@@ -9,6 +9,7 @@ import numpy as np
 
 from octo.gpu.device import Array, Device
 from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
+from octo.gpu.step_pairs import Numbers, gathers
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.neighbours import anchors
@@ -53,8 +54,8 @@ class DeviceProblem:
         tables = Tables.of(stencil, self.host.steps, self.host.n)
         dummy = np.zeros((stencil.units, stencil.parts), dtype=np.int32)
         dummy[self.host.fixed] = 1
-        if self.host.idle is not None:
-            dummy[self.host.idle] = 1
+        for place in self.host.idle:
+            dummy[place] = 1
         rows = stencil.test_row
         tests = np.where(rows >= 0, rows * stencil.parts + stencil.test_part, -1)
         slots = {"slot_unit": stencil.unit, "slot_part": stencil.part}
@@ -62,8 +63,12 @@ class DeviceProblem:
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
         arrays["slot_value"] = device.array(stencil.coefficient)
         arrays["test_value"] = device.array(stencil.test_coefficient)
-        for name in ("hessian", "gradient", "jacobian", "tests"):
-            gather: Gather = getattr(tables, name)
+        own: dict[str, Gather] = {
+            name: getattr(tables, name) for name in ("hessian", "gradient", "jacobian", "tests")
+        }
+        if self.program.pairs is not None:
+            own |= gathers(stencil, self.host.steps, self.carry is not None)
+        for name, gather in own.items():
             for part in ("first", "source"):
                 arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)
             arrays[f"{name}_value"] = device.array(gather.value)
@@ -134,6 +139,8 @@ class DeviceProblem:
         self._each_step("octo_terms", SMALL, room, *terms, together=TOGETHER)
         if program.between is not None:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
+        if program.pairs is not None:
+            program.pairs.values(self._pair_numbers(at), at.terms)
         self._reduce(at.fd, at.C)
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
         program.kernel("octo_summary")(
@@ -145,6 +152,9 @@ class DeviceProblem:
         program, scratch = self.program, self.scratch
         kin = self._kin(at.nodes)
         self._derive_costs(at, lam, curved, kin)
+        pairs = None if program.pairs is None else program.pairs.derived(self._pair_numbers(at))
+        if pairs is not None and lam is not None:
+            pairs.pull(scratch["lam"])
         dynamics = (at.nodes, kin, self.p)
         if lam is None:
             self._each_step(
@@ -164,12 +174,20 @@ class DeviceProblem:
         if program.touch:
             own = (int(lam is not None), curved, kin, scratch["touch"], *squares)
             self._each_step("octo_touch", TILED, program.touching, *own)
+        if pairs is not None:
+            pairs.chain(scratch["jac"], lam is not None, curved)
         if self.carry is not None:
             carried = (self.steps, self.carry, scratch["jac"], *squares)
             program.kernel("octo_carry_back")(
                 (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
             )
-        return self._gather(at, lam is not None, curved)
+        model = self._gather(at, lam is not None, curved)
+        if pairs is not None:
+            pairs.add(self._tables, model.H, model.b)
+        return model
+
+    def _pair_numbers(self, at: Evaluation) -> Numbers:
+        return at.nodes, at.fd, self.p, self.q, self.carry
 
     def _derive_costs(
         self, at: Evaluation, lam: Array | None, curved: Array | None, kin: Array

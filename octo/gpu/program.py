@@ -9,6 +9,7 @@ from octo.gpu.between import Between
 from octo.gpu.curvature import Bends
 from octo.gpu.device import Device, Kernel, source
 from octo.gpu.pieces import Pieces
+from octo.gpu.step_pairs import StepPairs
 from octo.problem import codegen
 from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem
@@ -45,6 +46,8 @@ class Program:
         own = (pieces.functions, pieces.rows, pieces.columns)
         costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
         defined = [f"#define {name} {value}" for name, value in DEFINED.items()]
+        if functions.pairs is not None:
+            defined.append("#define FOUR_PARTS")  # of the units of a cycle
         common = [*defined, source("common.cuh")]
         model = [*common, source("model.cu"), source("gather.cu")]
         parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
@@ -55,6 +58,8 @@ class Program:
         self.between = None if between is None else Between(between, device)
         bent = functions.curvature is not None
         self.bends = Bends(functions, dynamics, device) if bent else None
+        pairs = functions.pairs
+        self.pairs = None if pairs is None else StepPairs(problem, pairs, device)
         size = device.empty((2,), np.int32)
         self.kernel("octo_work_size")((1,), 1, size)
         self.work, self.kin = (int(value) for value in device.host(size))  # doubles
@@ -101,6 +106,8 @@ def bytes_of(problem: CompiledProblem) -> int:
         scratch += N * len(functions.curvature.rows)
     if problem.program.between is not None:
         scratch += K * problem.program.between.rows * (2 * nc + 1)
+    if functions.pairs is not None:
+        scratch += N * (functions.pairs.rows * (4 * n + 2) + functions.pairs.sparsity.nnz())
     # poses and twists: bodies are no more than a few for each degree of freedom
     kin = N * 12 * (3 * n)
     factor = sum(blocks * B * B * 7 for B in (2 * (nc + ma), 2 * ma))

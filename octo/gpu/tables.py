@@ -61,7 +61,7 @@ class Tables:
         parts, units = stencil.parts, stencil.units
         hessian, gradient, jacobian, tests = [], [], [], []
         for i in range(steps):
-            slots = list(_slots(stencil, i))
+            slots = list(slots_of(stencil, i))
             for a, unit, part, value in slots:
                 gradient.append((unit, (3 * i + a) * n, part, value))
                 for b, other, other_part, other_value in slots:
@@ -85,10 +85,11 @@ class Tables:
         )
 
 
-def _slots(stencil: Stencil, step: int) -> Iterator[tuple[int, int, int, float]]:
-    """(node, unit, part, coefficient) of what the three nodes of a step are made of."""
-    for node in range(3):
-        row = step + 2 - node
+def slots_of(stencil: Stencil, step: int, nodes: int = 3) -> Iterator[tuple[int, int, int, float]]:
+    """(node, unit, part, coefficient) of what a step's nodes, or more of them, are made of; of a
+    cycle x_{−2} is made of what x_{N−2} is."""
+    for node in range(nodes):
+        row = step + 2 - node if node < step + 3 else len(stencil.unit) - 3
         for k in np.flatnonzero(stencil.unit[row] >= 0):
             unit, part = int(stencil.unit[row, k]), int(stencil.part[row, k])
             yield node, unit, part, float(stencil.coefficient[row, k])

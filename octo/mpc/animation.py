@@ -11,6 +11,7 @@ from octo.checks import positive, whole
 from octo.errors import ProblemError
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
+from octo.problem.step_pairs import refuse_step_pairs
 from octo.result.measure import measured
 from octo.result.solution import Solution
 from octo.solver import sqp
@@ -90,6 +91,7 @@ def _check(problem: object) -> None:
         raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
     if problem.basis_object.name != "nodes" or problem.end is not None:
         raise ProblemError("animate needs the basis 'nodes' and a free end")
+    refuse_step_pairs(problem.costs, "animate")
 
 
 def _at_rest(problem: Problem, seed: int) -> Array:

@@ -16,6 +16,7 @@ from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.quantities import Array
 from octo.problem.problem import Problem
+from octo.problem.step_pairs import refuse_step_pairs
 from octo.solver.receding import PAST
 
 FARTHEST, FASTEST = 1e6, 1e4  # m and rad, m/s and rad/s: what is beyond that was not measured
@@ -41,6 +42,7 @@ def robot_of(problem: object) -> Character:
         basis = f"basis is {problem.basis_object.name!r}"
         found = basis if problem.end is None else "x_end is given"
         raise ProblemError(f"{found}: a controller needs the basis 'nodes' and a free end")
+    refuse_step_pairs(problem.costs, "a controller")
     if problem.steps <= PAST:
         raise ProblemError(f"steps is {problem.steps}: a controller needs at least {PAST + 1}")
     return problem.character

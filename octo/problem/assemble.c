@@ -96,6 +96,9 @@ static void octo_evaluate_chunk(void *shared, int item) {
 int octo_evaluate(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
   octo_parallel_for(octo_evaluate_chunk, &sweep, t->batch * t->chunks, threads);
+#ifdef PAIR_ROWS
+  sweep.failed |= octo_pair_terms(t, threads, 0);
+#endif
   for (int member = 0; member < t->batch; ++member) octo_reduce(t, member);
   return sweep.failed;
 }
@@ -186,9 +189,12 @@ typedef struct {
   int zeros; /* what jac and curvature hold where a group writes nothing: 0 zeros, 1 what pairs wrote before, 2 anything */
 } octo_scratch;
 
-/* The multipliers of the FD of step i on the rows that are no torques: lam of C. */
+/* The multipliers of the FD of step i on the rows that are no torques: lam of C; on the others ∂E/∂u of terms over two steps. */
 static void octo_pull(const octo_task *t, int ma, int member, int i, double *lam) {
   for (int j = 0; j < NX; ++j) lam[j] = 0.0;
+#ifdef PAIR_ROWS
+  octo_pair_pull(t, member, i, lam);
+#endif
   const double *multipliers = t->lam + (size_t)member * t->units * ma, *row_scale = t->row_scale + (size_t)member * MU;
   for (int test = i * t->tests; test < (i + 1) * t->tests; ++test) {
     if (t->test_row[test] < 0) continue;
@@ -239,7 +245,7 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
 #endif
   if (t->lam) {
     octo_gather(lam, NX, lanes->lam);
-    for (int j = 0; j < NU; ++j) lanes->lam[octo_actuated[j]] = s->pull[j];
+    for (int j = 0; j < NU; ++j) lanes->lam[octo_actuated[j]] += s->pull[j];
     octo_lanes_run(lanes, &in);
   }
   int kept = s->zeros > lanes->touching ? s->zeros : lanes->touching;
@@ -263,6 +269,9 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
   const double *slope = s->slope[k];
 #else
   const double *slope = 0;
+#endif
+#ifdef PAIR_ROWS
+  octo_pair_keep(t, member, i, s->jac[k]);
 #endif
   double *hess = t->h ? s->hess : 0;
   octo_build_rows(&s->step_sums[k], s->jac[k], &s->rows);
@@ -322,8 +331,15 @@ static void octo_add_halo_of(void *shared, int member) { octo_add_halo(shared, m
 
 int octo_linearize(octo_task *t, int threads) {
   octo_sweep sweep = {t, 0};
+#ifdef PAIR_ROWS
+  if (t->lam) sweep.failed |= octo_pair_terms(t, threads, 1);
+#endif
   octo_parallel_for(octo_linearize_chunk, &sweep, t->batch * t->chunks, threads);
   octo_parallel_for(octo_add_halo_of, t, t->batch, t->chunks > 1 ? threads : 1);
+#ifdef PAIR_ROWS
+  if (!t->lam) sweep.failed |= octo_pair_terms(t, threads, 1); /* FD was not known before */
+  sweep.failed |= octo_pair_add_all(t, threads);
+#endif
   return sweep.failed;
 }
 

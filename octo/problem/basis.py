@@ -91,6 +91,64 @@ class Nodes:
 
 
 @dataclass(frozen=True)
+class PairedNodes:
+    """The nodes of problems with terms over two steps in a row: two neighbouring nodes a unit.
+
+    Such a term looks at four nodes, x_{i−2} … x_{i+1}: they lie in three neighbouring units at
+    most, so that H keeps its pattern. FD_i stands in the rows of its newest node x_{i+1}. Of an odd
+    number of steps the first half of the first unit is no node, so that the last unit always holds
+    x_{N−1} and x_N, which a fixed end pins together.
+    """
+
+    name = "nodes"
+
+    def check(self, steps: int) -> None:
+        """Any number of steps is allowed."""
+
+    def units(self, steps: int) -> int:
+        return (steps + 1) // 2
+
+    def idle(self, steps: int) -> list[tuple[int, int]]:
+        """(unit, part) that are no nodes."""
+        return [(0, 0)] if steps % 2 else []
+
+    def stencil(self, steps: int) -> Stencil:
+        place = np.arange(steps, dtype=np.int32) + steps % 2  # of x_1 … x_N
+        unit = np.concatenate([np.full(2, -1, np.int32), place // 2])[:, None]
+        part = np.concatenate([np.zeros(2, np.int32), place % 2])[:, None]
+        rows = unit[2:].copy(), part[2:].copy()
+        return Stencil(
+            self.units(steps),
+            2,
+            unit,
+            part,
+            (unit >= 0) * np.ones((steps + 2, 1)),
+            *rows,
+            np.ones((steps, 1)),
+        )
+
+    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
+        """(…, N+2, n) the part of the trajectory that no unknown moves."""
+        return Nodes().constant(steps, x0, x_previous)
+
+    def fit(self, nodes: Array, dt: float) -> Array:
+        """(…, K, nc) the unknowns of a trajectory (…, N+2, n)."""
+        del dt
+        *batch, count, n = nodes.shape
+        steps = count - 2
+        unknowns = np.zeros((*batch, 2 * self.units(steps), n))
+        unknowns[..., steps % 2 :, :] = nodes[..., 2:, :]
+        return unknowns.reshape(*batch, self.units(steps), 2 * n)
+
+    def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
+        """Units that a fixed last state (x_N, v_N) pins, with their values."""
+        pinned = Nodes().fixed_end(steps, x_end, v_end, dt)
+        return {
+            self.units(steps) - 1: np.concatenate([pinned[steps - 2], pinned[steps - 1]], axis=-1)
+        }
+
+
+@dataclass(frozen=True)
 class Hermite:
     """Cubic Hermite segments: control c_k = (x_k, τ ẋ_k), τ = q·dt; pairs of controls give
     SBT(4(2n−|u|)).
@@ -196,8 +254,14 @@ class Folded:
     even N FD_{F+1} stand in the rows of a dummy, the last unit. The rows of the first pair stay
     empty; of an odd N half of the pair at the fold is no node, and half of the dummy's rows stay
     empty too.
+
+    Parameters
+    ----------
+    pairs: that stand in one unit: two where a term looks at four nodes, which then are in three
+        neighbouring units.
     """
 
+    pairs: int = 1
     name = "nodes"
 
     def check(self, steps: int) -> None:
@@ -205,24 +269,37 @@ class Folded:
             raise ProblemError(f"steps is {steps}: a cycle needs at least {LEAST_CYCLE} steps")
 
     def units(self, steps: int) -> int:
-        return (steps + 1) // 2 + 1
+        return (steps + 1) // 2 // self.pairs + 1
+
+    def _place(self, pair: NDArray, back: NDArray) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Unit and part of the pairs' halves."""
+        unit, part = pair // self.pairs, 2 * (pair % self.pairs) + back
+        return unit.astype(np.int32), part.astype(np.int32)
 
     def _fold(self, steps: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Unit and part (N,) of x_1 … x_N."""
-        k = np.arange(steps, dtype=np.int32)
+        k = np.arange(steps)
         back = k >= (steps + 1) // 2
-        return np.where(back, steps - 1 - k, k).astype(np.int32), back.astype(np.int32)
+        return self._place(np.where(back, steps - 1 - k, k), back)
+
+    def idle(self, steps: int) -> list[tuple[int, int]]:
+        """(unit, part) that are no nodes, but for a unit that is none at all."""
+        unused = self.dummies(steps)
+        unused[unused.all(axis=1)] = False
+        return [(int(unit), int(part)) for unit, part in np.argwhere(unused)]
 
     def stencil(self, steps: int) -> Stencil:
         unit, part = self._fold(steps)
         node = np.arange(-1, steps + 1) - 1
         unit, part = unit[node % steps][:, None], part[node % steps][:, None]
-        k, fold = np.arange(steps, dtype=np.int32), (steps + 1) // 2
-        row, row_part = np.where(k <= fold, k, steps + 1 - k), (k > fold).astype(np.int32)
-        row[0], row_part[0] = 1, 1  # FD_0 looks at x_1, x_N and x_{N−1}
-        ones = np.ones((steps + 2, 1))
-        tests = row.astype(np.int32)[:, None], row_part[:, None]
-        return Stencil(self.units(steps), 2, unit, part, ones, *tests, np.ones((steps, 1)))
+        k = np.arange(steps)
+        back = k > (steps + 1) // 2
+        row = np.where(back, steps + 1 - k, k)
+        row[0], back[0] = 1, True  # FD_0 looks at x_1, x_N and x_{N−1}
+        ones, (row, row_part) = np.ones((steps + 2, 1)), self._place(row, back)
+        tests = row[:, None], row_part[:, None]
+        parts = 2 * self.pairs
+        return Stencil(self.units(steps), parts, unit, part, ones, *tests, np.ones((steps, 1)))
 
     def dummies(self, steps: int) -> NDArray[np.bool_]:
         """(K, parts) where no node is made of a part of a unit."""
@@ -241,20 +318,21 @@ class Folded:
         steps = nodes.shape[-2] - 2
         unit, part = self._fold(steps)
         n = nodes.shape[-1]
-        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), 2, n))
+        parts = 2 * self.pairs
+        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), parts, n))
         unknowns[..., unit, part, :] = nodes[..., 2:, :]
-        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), 2 * n)
+        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), parts * n)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         raise ProblemError("a cycle has no end to fix: x_end cannot be given with cycle")
 
 
-Basis = Nodes | Hermite | Folded
+Basis = Nodes | PairedNodes | Hermite | Folded
 
 
 def basis_named(name: str | Basis) -> Basis:
     """The basis a user named: "nodes", "hermite", or one of the two objects."""
-    if isinstance(name, (Nodes, Hermite, Folded)):
+    if isinstance(name, (Nodes, PairedNodes, Hermite, Folded)):
         return name
     table: dict[str, Basis] = {"nodes": Nodes(), "hermite": Hermite()}
     return table[one_of("basis", name, table)]

@@ -29,10 +29,11 @@ from octo.model.feet import touching
 from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
-from octo.problem.costs import Cost, NeighbourCost
+from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
 from octo.problem.lane_tables import contact_tables, row_tables
 from octo.problem.references import References, blamed, sizes
+from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
 Array = NDArray[np.float64]
@@ -53,6 +54,7 @@ class CostFunctions:
     between: tuple[tuple[int, ca.Function], ...]
     calls: Calls  # of stages of code
     curvature: StateCurvature | None  # of the exact terms over the state
+    pairs: PairFunctions | None  # over two steps in a row
 
     @property
     def contact_spheres(self) -> tuple[int, ...]:
@@ -86,7 +88,8 @@ class Residuals:
     inputs: x_next, x, x_prev, u, p, q, and v where stages of code are called; calls: these.
     state: (rows,) of each term over a step; terms: their indices. between: by the index of each
         term over neighbouring controls c, c_next; contact: those of one contact. exact: indices of
-        the terms whose second derivatives are; curved: those of them over a step.
+        the terms whose second derivatives are; curved: those of them over a step. pairs: those over
+        two steps in a row.
     """
 
     references: References
@@ -99,6 +102,7 @@ class Residuals:
     calls: Calls
     exact: tuple[int, ...]
     curved: CurvedTerms
+    pairs: PairResiduals | None
 
     @cached_property
     def function(self) -> ca.Function:
@@ -117,6 +121,8 @@ class Residuals:
         if self.between:
             over = [*self.controls, *self.inputs[4:6]]
             written.append(ca.Function("between", over, list(self.between.values())).serialize())
+        if self.pairs is not None:
+            written.append(self.pairs.value.serialize())
         own = None if self.contact is None else self.contact.structure
         whole = kinds, places, tuple(self.terms), self.exact
         return *whole, *written, own, self.calls.structure
@@ -147,7 +153,7 @@ def residuals_of(
     curved = CurvedTerms(CenteredStep.of(step))
     # bounded rows stand last
     for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
-        if isinstance(term, ContactCost):
+        if isinstance(term, (ContactCost, StepPairCost)):
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
@@ -169,12 +175,12 @@ def residuals_of(
     if over and isinstance(dynamics, RobotDynamics):
         feet = touching(dynamics.character, dynamics.terrain, setting.x0)
         contact = ContactResiduals(dynamics, references, feet, p, q)
-    inputs = [*nodes, p, q]
+    inputs, pairs = [*nodes, p, q], pair_residuals(references, nodes, step, p, q, bent)
     calls = Calls.of(step.calls, inputs)
     inputs += [ca.vertcat(*[call.given for call in step.calls])] if calls else []
     exact_terms = bent, curved
     return Residuals(
-        references, inputs, state, own, controls, between, contact, calls, *exact_terms
+        references, inputs, state, own, controls, between, contact, calls, *exact_terms, pairs
     )
 
 
@@ -223,6 +229,7 @@ def derived(made: Residuals) -> CostFunctions:
         tuple(_over_neighbours(made)),
         made.calls,
         made.curved.derived(inputs[4:], len(terms) - bounded, bounded),
+        None if made.pairs is None else made.pairs.derived(),
     )
 
 
@@ -281,18 +288,11 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     tables += "\n" + row_tables(rows, columns, dynamics.nx)
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         tables += "\n" + contact_tables(functions.contact, dynamics.character)
-    parts = ("rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts)
-    return "\n".join(
-        [
-            *text,
-            tables,
-            native.threads(),
-            *(
-                (resources.files("octo.problem") / name).read_text(encoding="utf-8")
-                for name in (*parts, "assemble.c")
-            ),
-        ]
-    )
+    names = ("rows.c", "scatter.c", "sparse_rows.c", "contacts.c", *own_parts, "assemble.c")
+    parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
+    if functions.pairs is not None:
+        parts.insert(-1, functions.pairs.c_text)
+    return "\n".join([*text, tables, native.threads(), *parts])
 
 
 @postponed()

@@ -101,7 +101,7 @@ class CompiledProblem:
         return self.plan.fixed
 
     @property
-    def idle(self) -> tuple[int, int] | None:
+    def idle(self) -> list[tuple[int, int]]:
         return self.plan.idle
 
     @property

@@ -197,3 +197,19 @@ class NeighbourCost(Cost):
                 f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX"
             )
         return self.function(control, control_next, p)
+
+
+@dataclass(frozen=True, eq=False)
+class StepPairCost(Cost):
+    """A term over two steps in a row, i and i−1, such as the rate of a torque.
+
+    Step 0 has none before it and no residual; in a cycle the last step, carried back by a stride,
+    comes before it.
+    """
+
+    def pair_residual(
+        self, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
+    ) -> ca.SX:
+        """The residual of a step and the one before it, from their symbols and this term's
+        references."""
+        raise NotImplementedError(type(self).__name__)

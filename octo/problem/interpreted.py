@@ -20,6 +20,7 @@ from octo.problem.contact_model import BLOCKS
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
 from octo.problem.neighbours import NeighbourTerms
+from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
 
@@ -31,6 +32,8 @@ class Interpreted:
 
     def __init__(self, program: Program, plan: Plan, data: Data):
         self.program, self.plan, self.data = program, plan, data
+        pairs = program.functions.pairs
+        self.pairs = None if pairs is None else PairTerms(pairs, plan, program.dynamics.actuated)
 
     def select(self, data: Data) -> Interpreted:
         """For other numbers; what is built stays built."""
@@ -196,6 +199,8 @@ class Interpreted:
         the bounded rows (batch, N, rows) and C."""
         fd[:] = self.program.dynamics.evaluate(nodes, self.data.p)[0]
         self.fill_terms(nodes, fd, terms, rows)
+        if self.pairs is not None:
+            self.pairs.add_values(self.data, nodes, fd, terms)
         C[:] = self.plan.reduce(fd[:, :, self.program.dynamics.unactuated], self.data.row_scale)
         if self._between is not None:
             self._between.values(self.data, unknowns, terms)
@@ -227,6 +232,13 @@ class Interpreted:
         weight, shift, jac = self._rows(at)
         pull = np.zeros_like(at.fd)
         pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
+        whole = np.full(len(shift), lam is not None)
+        if curved is not None:
+            whole &= np.asarray(curved, dtype=bool)
+        pairs = None
+        if self.pairs is not None:
+            pairs = self.pairs.slopes(self.data, at.nodes, at.fd, whole)
+            pull[..., dynamics.actuated] += self.pairs.pull(self.data, pairs)
         if lam is not None:
             tested = lam[..., : plan.tested]
             rows = np.matmul(
@@ -236,14 +248,12 @@ class Interpreted:
         order = 1 if lam is None else 2
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
+        slopes = fd_jac  # before they are carried back
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
         step_hess = np.einsum("kir,kira,kirb->kiab", weight, chained, chained)
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kira->kia", shift, chained)
-        whole = np.full(len(shift), lam is not None)
-        if curved is not None:
-            whole &= np.asarray(curved, dtype=bool)
         if self._bend is not None:
             self._add_bends(at, whole, fd_jac[:, :, dynamics.actuated], step_hess)
         if self._contacts:
@@ -256,6 +266,8 @@ class Interpreted:
         if H is None:  # it costs little beside the rest
             H = np.empty((len(at.nodes), plan.K, 3, plan.nc, plan.nc))
         self._scatter(step_hess, gradient, constraints, (H, out[1], out[2]))
+        if self.pairs is not None and pairs is not None:
+            self.pairs.add_blocks(self.data, pairs, slopes, H, out[2])
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
         if self._between is not None:
             self._between.add(self.data, at.unknowns, whole, H, out[2])

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from octo.checks import number, numbers, positive, shares, vectors
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
-from octo.problem.costs import FLOOR, Cost, Steps, last_row
+from octo.problem.costs import FLOOR, Cost, StepPairCost, Steps, last_row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
 Array = NDArray[np.float64]
 FREE = 1e6  # rad or m, in place of a limit that is none
+QUICK = 0.1  # s, in which a torque may change by the effort's reference
 
 
 def _each(field: str, values: Any, count: int) -> Array:
@@ -95,6 +96,28 @@ class Effort(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.u * p["inverse_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRate(StepPairCost):
+    """Rate of the torques (N m/s or N/s), (u_i − u_{i−1})/dt over ``reference``, by default the
+    effort's in 0.1 s: for plans whose torques a motor or a low-level controller has to follow."""
+
+    weight: float | Array = field(default=0.02, kw_only=True)
+    reference: float | None = None  # N m/s
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        reference = (
+            setting.torque_reference / QUICK
+            if self.reference is None
+            else positive(f"{self.label}.reference", self.reference, "N m/s")
+        )
+        return {"inverse_reference": np.array([1.0 / reference])}
+
+    def pair_residual(
+        self, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
+    ) -> ca.SX:
+        return (step.u - before.u) / step.dt * p["inverse_reference"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -114,6 +114,9 @@ class NativeSteps:
         )
         task = task_of(sizes, tables, values, halo)
         kept = [*tables, *values, halo]
+        if hasattr(self.library, "octo_pair_room"):  # terms over two steps in a row
+            kept.append(np.empty((len(data.p), plan.steps, self.library.octo_pair_room())))
+            task.pairs = kept[-1].ctypes.data
         if data.carry is not None:
             kept.append(np.ascontiguousarray(data.carry))
             task.carry = kept[-1].ctypes.data
@@ -128,7 +131,7 @@ TABLES = (
 NUMBERS = ("p", "q", "row_scale")
 FIELDS = (
     *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "rows", "lam", "h", "a", "b", "c"),
-    *("halo", "carry", "curved"),
+    *("halo", "carry", "curved", "pairs"),
 )
 
 

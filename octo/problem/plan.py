@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.problem.basis import Basis, Folded, Hermite, Stencil
+from octo.problem.basis import Basis, Folded, Hermite, PairedNodes, Stencil
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -43,7 +43,7 @@ class Plan:
     def of(cls, basis: Basis, steps: int, n: int, m: int, pinned: Collection[int] = ()) -> Plan:
         """``pinned``: units that are constants of the trajectory: those of a fixed last state."""
         stencil = basis.stencil(steps)
-        fixed = [stencil.units - 1] if _carries_rows(basis) else []
+        fixed = [stencil.units - 1] if _carries_rows(basis, steps) else []
         live = ~np.isin(stencil.unit, sorted(pinned))
         free = replace(
             stencil,
@@ -78,10 +78,12 @@ class Plan:
         return self.tested + self.extra_rows
 
     @property
-    def idle(self) -> tuple[int, int] | None:
-        """(unit, part) that no node is made of, of a cycle with an odd number of steps: its half of
-        the pair at the fold."""
-        return (self.K - 2, 1) if isinstance(self.basis, Folded) and self.steps % 2 else None
+    def idle(self) -> list[tuple[int, int]]:
+        """(unit, part) that no node is made of, beside the fixed units: where nodes share units,
+        of some numbers of steps."""
+        if not isinstance(self.basis, (Folded, PairedNodes)):
+            return []
+        return self.basis.idle(self.steps)
 
     @cached_property
     def test_matrix(self) -> Array:
@@ -119,6 +121,8 @@ class Plan:
         first = np.array([groups * c // count * grain for c in range(count)], dtype=np.int32)
         row = first + (1 if q > 1 else 0)
         unit = first.copy()
+        if isinstance(self.basis, PairedNodes):  # the first unit that no step before it touches
+            unit = row = (first + self.steps % 2 + 1) // 2
         unit[0] = row[0] = 0
         return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
 
@@ -126,17 +130,17 @@ class Plan:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
         size = self.nodal
         H[:, self.fixed, 0, :size, :size] = np.eye(size)
-        if _carries_rows(self.basis):
+        if _carries_rows(self.basis, self.steps):
             H[:, -1, 0, size:, size:] = np.eye(self.extra)
-        if self.idle is not None:
-            unit, part = self.idle
+        for unit, part in self.idle:
             own = np.arange(part * self.n, (part + 1) * self.n)
             H[:, unit, 0, own, own] = 1.0
 
 
-def _carries_rows(basis: Basis) -> bool:
+def _carries_rows(basis: Basis, steps: int) -> bool:
     """Whether the last unit is no unknown at all: it has the rows that are left over."""
-    return isinstance(basis, (Hermite, Folded))
+    folded = isinstance(basis, Folded) and bool(basis.dummies(steps)[-1].all())
+    return isinstance(basis, Hermite) or folded
 
 
 def _widened(values: Array, extra: int) -> Array:

@@ -28,12 +28,13 @@ from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 from octo.problem import scales
-from octo.problem.basis import Basis, Folded, Hermite, basis_named
+from octo.problem.basis import Basis, Hermite, basis_named
 from octo.problem.closure import Closure, closure_of
 from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
 from octo.problem.joint_costs import PoseTarget
 from octo.problem.starts import check_above, static_start
+from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 
@@ -237,7 +238,7 @@ class Problem(Shown):
 
     @cached_property
     def basis_object(self) -> Basis:
-        return basis_named(self.basis) if self.cycle is None else Folded()
+        return basis_of(self.basis, self.costs, self.cycle is not None)
 
     @cached_property
     def closure(self) -> Closure | None:

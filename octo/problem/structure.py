@@ -33,8 +33,9 @@ from octo.problem.codegen import (
 )
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import contact_symbols
-from octo.problem.costs import Cost
+from octo.problem.costs import Cost, StepPairCost
 from octo.problem.references import References, blamed, sizes
+from octo.problem.step_pairs import pair_residual_of, two_steps
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -100,6 +101,9 @@ class Reader:
             if isinstance(term, ContactCost):
                 inputs, symbols = self._contact
                 value = term.shaped(term.contact_residual(symbols, view), view)
+            elif isinstance(term, StepPairCost):
+                inputs, now, before = two_steps(*self._step)
+                value = term.shaped(pair_residual_of(term, now, before, view), view)
             else:
                 nodes, step = self._step
                 step.calls.clear()

@@ -55,6 +55,9 @@ class Ipopt:
     """A problem made ready for IPOPT; starts, weights and parameters may differ from solve to
     solve.
 
+    Its Hessian is exact, but for stages of code without second derivatives, which it takes as
+    linear where they are called.
+
     Parameters
     ----------
     options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E +
@@ -71,10 +74,8 @@ class Ipopt:
     ):
         began = time.perf_counter()
         self.problem, self.options = problem, options
-        own = CompiledProblem([problem])
-        whole = any(not stage.second for stage in own.functions.calls.stages)  # as one expression
-        self.compiled = native.compiler() is not None and not whole
-        self.blocks = CompiledProblem([problem], exact=True) if self.compiled else own
+        self.compiled = native.compiler() is not None
+        self.blocks = CompiledProblem([problem], exact=self.compiled)
         self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None
         self.settings = {
             "max_iter": options.max_iterations,

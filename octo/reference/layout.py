@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from octo.problem.compiled import CompiledProblem
+from octo.reference.pair_rows import pair_rows
 from octo.reference.patterns import patterns
 from octo.reference.program import free_places, live_places, node_variables
 
@@ -138,6 +139,9 @@ def _octo_patterns(
         controls = _chosen(variable[both], width)
         pairs = sparse.kron(sparse.eye(c.K - 1), c.program.between.pattern)
         hessian = hessian + controls.T @ pairs @ controls
+    if c.functions.pairs is not None and c.steps > 1:
+        rows = pair_rows(c, nodes.tocsr(), windows)
+        hessian = hessian + rows.T @ rows
     tests = sparse.kron(c.plan.test_matrix != 0.0, np.eye(c.m)).tocsr()[row_place]
     return sparse.coo_array(hessian), sparse.coo_array(tests @ slope @ windows)
 

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.compiled import CompiledProblem
 
@@ -24,9 +24,9 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     z, p, lam = (ca.SX.sym(*s) for s in (("z", 3 * n), ("p", dynamics.layout.size), ("lam", n)))
     fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
     pull = ca.densify(ca.gradient(ca.dot(lam, fd), z))
-    rows = _pattern(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
-    hessian = _pattern(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
-    terms = _pattern(functions.state_sparsity)  # to (x_next, x, x_prev, u)
+    rows = _slopes(dynamics)
+    hessian = pattern_of(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
+    terms = pattern_of(functions.state_sparsity)  # to (x_next, x, x_prev, u)
     terms = terms[:, : 3 * n] | (terms[:, 3 * n :] @ rows[dynamics.actuated])
     hessian |= terms.T @ terms
     if isinstance(dynamics, RobotDynamics):
@@ -37,7 +37,22 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     return hessian | hessian.T, rows[dynamics.unactuated]
 
 
-def _pattern(sparsity: ca.Sparsity) -> Pattern:
+@postponed()
+def torque_pattern(dynamics: Dynamics) -> Pattern:
+    """(nu, 3n) of the torques of a step, to (x_next, x, x_prev)."""
+    return _slopes(dynamics)[dynamics.actuated]
+
+
+def _slopes(dynamics: Dynamics) -> Pattern:
+    """(n, 3n) of FD."""
+    n = dynamics.nx
+    z, p = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size)
+    fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
+    return pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
+
+
+def pattern_of(sparsity: ca.Sparsity) -> Pattern:
+    """Where a matrix may have numbers."""
     out = np.zeros(sparsity.shape, dtype=bool)
     out[np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)] = True
     return out

@@ -138,10 +138,11 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
     scale = rest[NP + NQ * compiled.steps :]
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
-    energy, rows = step.map(compiled.steps)(
+    energy, rows, torques = step.map(compiled.steps)(
         nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1]
     )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
+    f += _step_pairs(compiled, nodes, torques, dynamics, q)
     tested = compiled.plan.test_matrix
     tests = ca.sparsify(ca.DM(tested[tested.any(axis=1)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
@@ -166,8 +167,7 @@ def free_places(compiled: CompiledProblem) -> NDArray[np.intp]:
     """Of each number of x its place in octo's unknowns (K, nc): those that move a node."""
     free = np.ones((compiled.K, compiled.nc), dtype=bool)
     free[compiled.fixed] = False
-    if compiled.idle is not None:
-        unit, part = compiled.idle
+    for unit, part in compiled.idle:
         free[unit, part * compiled.n : (part + 1) * compiled.n] = False
     return np.flatnonzero(free)
 
@@ -235,7 +235,7 @@ def node_matrix(compiled: CompiledProblem) -> ca.DM:
 
 def step_function(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
-    FD."""
+    FD, its torques."""
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
     calls = functions.calls
     given = calls.symbols()
@@ -261,8 +261,8 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
-    inputs, outputs = [*nodes, p, q, scale, *given], [energy, ca.densify(rows)]
-    made = ca.Function("step", inputs, outputs, {"cse": True})
+    outputs = [energy, ca.densify(rows), ca.densify(u)]
+    made = ca.Function("step", [*nodes, p, q, scale, *given], outputs, {"cse": True})
     return _with_calls(calls, made, ca.Function("torques", [*nodes, p], [u])) if calls else made
 
 
@@ -276,6 +276,30 @@ def _with_calls(calls: Calls, step: ca.Function, torques: ca.Function) -> ca.Fun
     for stage, argument, at in zip(calls.stages, calls.arguments, calls.at, strict=False):
         v[at : at + stage.outputs] = stage.function(argument(*over, v))
     return ca.Function("step", inputs, step(*inputs, v))
+
+
+def _step_pairs(
+    compiled: CompiledProblem, nodes: ca.MX, torques: ca.MX, p: ca.MX, q: ca.MX
+) -> ca.MX:
+    """Terms over two steps in a row, from all nodes and torques; of a cycle the last step, carried
+    back, comes before the first."""
+    own, first = compiled.functions.pairs, int(compiled.carry is None)
+    count = compiled.steps - first
+    if own is None or not count:
+        return ca.MX(0)
+    inputs = own.value.sx_in()
+    energy = ca.dot(ca.vertcat(*[inputs[-1][k] for k in own.terms]), own.value(*inputs) ** 2)
+    if compiled.carry is not None:
+        carry, motors = compiled.carry[0], compiled.dynamics.actuated
+        oldest = nodes[:, 0] + ca.DM(carry) @ (nodes[:, -3] - nodes[:, -2])
+        nodes = ca.horzcat(oldest, nodes)
+        torques = ca.horzcat(ca.DM(carry[np.ix_(motors, motors)]) @ torques[:, -1], torques)
+    window = [nodes[:, 3 - k : 3 - k + count] for k in range(4)]
+    return ca.sum2(
+        ca.Function("step_pair", inputs, [energy], {"cse": True}).map(count)(
+            *window, torques[:, 1:], torques[:, :-1], ca.repmat(p, 1, count), q[:, first:]
+        )
+    )
 
 
 def _between(compiled: CompiledProblem, x: ca.MX, constant: ca.MX, q: ca.MX) -> ca.MX:

@@ -15,6 +15,7 @@ from octo.errors import ProblemError
 from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
+from octo.problem.step_pairs import refuse_step_pairs
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
@@ -59,6 +60,7 @@ class Fatrop:
                 "and the first stage of a cycle "
                 "sees the last one"
             )
+        refuse_step_pairs(problem.costs, "a problem for fatrop")
         if not isinstance(problem.basis_object, Nodes):
             raise ProblemError(
                 f"fatrop cannot solve in the {problem.basis_object.name} basis: a stage may see "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.errors import DeviceError
+from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
 from octo.problem.native_steps import task_of
 from octo.solver import elimination
@@ -45,7 +46,8 @@ class RecedingHorizon:
 
     def __init__(self, compiled: CompiledProblem, sigma: float = 1e-6):
         library = compiled.library
-        one = compiled.basis.name == "nodes" and compiled.batch == 1 and not compiled.ends.any()
+        nodes = isinstance(compiled.basis, Nodes)
+        one = nodes and compiled.batch == 1 and not compiled.ends.any()
         if library is None or not one:
             raise DeviceError(
                 "a receding horizon needs a C compiler, the basis 'nodes' and one problem with a "

@@ -30,6 +30,7 @@ from octo.gpu import emulator, linear, nvrtc
 from octo.gpu.between import Between
 from octo.gpu.linear import Linear, pivot_room
 from octo.gpu.program import Program
+from octo.gpu.step_pairs import StepPairs
 from octo.problem.compiled import CompiledProblem
 
 TABLE = Path(__file__).parent / "nvrtc.json"
@@ -187,6 +188,18 @@ def test_terms_over_neighbouring_hermite_controls():
     assert len(kernels) == 4 and all(
         kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()
     )
+
+
+def test_terms_over_two_steps_in_a_row():
+    problem = octo.Problem(robot("humanoid"), steps=20, dt=0.05, costs=[octo.TorqueRate()])
+    made, device = CompiledProblem([problem]), Dry(64)
+    assert made.functions.pairs is not None
+    StepPairs(made, made.functions.pairs, device)
+    kernels = nvrtc.compile_text(device.texts[-1]).kernels
+    assert len(kernels) == 6 and all(
+        kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()
+    )
+    assert all(nvrtc.compile_text(text).kernels for text in Program(made, Dry(64)).texts[1:])
 
 
 @pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from extending.code_stage import OverGrid
 from walker import BASES, START, walker, wiggle_near_ground
 
 import octo
@@ -20,6 +21,7 @@ from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.problem.structure import check_alike
+from octo.reference.program import nlp, point_of
 
 needs_compilers = pytest.mark.skipif(
     native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
@@ -89,9 +91,9 @@ def problem(function: Any, basis: Any = "nodes", **options: Any) -> octo.Problem
     return octo.Problem(walker(), steps=9, dt=0.05, basis=basis, costs=costs, x0=START)
 
 
-def close(found: Any, expected: np.ndarray) -> None:
+def close(found: Any, expected: np.ndarray, relative: float = 1e-12) -> None:
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(np.asarray(found), expected, rtol=0.0, atol=1e-12 * scale)
+    np.testing.assert_allclose(np.asarray(found), expected, rtol=0.0, atol=relative * scale)
 
 
 @pytest.mark.parametrize("basis", sorted(BASES))
@@ -162,15 +164,47 @@ def test_exact_second_derivatives_pass_through(basis: str, second: str) -> None:
     assert np.abs(gauss_newton - expected).max() > 1e-6 * np.abs(expected).max()
 
 
-def test_the_reference_finds_the_same_motion() -> None:
-    """By the stage's Python and CasADi's derivatives of it."""
-    described = problem(by_code, weight=0.3)
+def of(stage: octo.CodeStage, step: Any) -> Callable[[ca.SX], ca.SX]:
+    return partial(step.call, stage)
+
+
+OVER = OverGrid(body="shank", weight=3.0)
+COSTS: dict[str, list[octo.Cost]] = {
+    "a learned map": [octo.Posture(weight=0.1), octo.CustomCost(by_code, weight=0.3)],
+    "a table, without second derivatives": [octo.Posture(weight=0.1), octo.Effort(), OVER],
+}
+
+
+@needs_compilers
+@pytest.mark.parametrize("case", sorted(COSTS))
+def test_the_reference_finds_the_same_motion(case: str) -> None:
+    described = octo.Problem(walker(), steps=12, dt=0.05, costs=COSTS[case], x0=START)
     values = dict(described.values)
     described = described.replace(parameters={"contact.w_perp": values["contact.w_perp"]})
-    run = octo.reference.Ipopt(described).solve()
-    own = octo.solve(described, start=run.solution.x[1:] + 1e-3, device="cpu")
-    assert run.solution.converged and own.converged
-    assert run.solution.energy == pytest.approx(own.energy, rel=1e-5)
+    for solver in (octo.reference.ipopt, octo.reference.fatrop):
+        run = solver(described)
+        own = octo.solve(described, start=run.solution.x[1:] + 1e-3, device="cpu")
+        assert run.compiled and run.solution.converged and own.converged
+        assert run.solution.energy == pytest.approx(own.energy, rel=1e-5)
+
+
+def test_casadi_differentiates_the_stage_in_python() -> None:
+    """The expressions behind IPOPT, with the stage's second derivatives and with differences."""
+    differences = another(
+        text=TEXT.replace(", double *second) {", ") {\n  double *second = 0;"),
+        python=lambda a: learned(a)[:2],
+        second=False,
+    )
+    found = []
+    for call in (lambda step: written, *(partial(of, stage) for stage in (NETWORK, differences))):
+        made = nlp(problem(lambda step, p, call=call: residual(step, call(step))))
+        x = point_of(made.compiled, wiggle_near_ground(made.compiled))
+        lam = np.random.default_rng(0).standard_normal(made.g.numel())
+        hessian = made.hessian(x, made.parameters, 1.0, lam)
+        found.append([made.objective(x, made.parameters), hessian])
+    for (value, hessian), relative in zip(found[1:], (1e-12, 1e-7), strict=True):
+        close(value, np.asarray(found[0][0]))
+        close(hessian.full(), found[0][1].full(), relative)
 
 
 # -- structure -------------------------------------------------------------------------------------

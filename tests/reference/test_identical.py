@@ -7,6 +7,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
+from extending.torque_rate import PowerChange
 
 import octo
 from octo import costs, native
@@ -29,6 +30,9 @@ from octo.reference.program import (
 
 TOLERANCE = 1e-10
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+RATES = [costs.TorqueRate(weight=0.1), PowerChange(loss=costs.Huber(0.2)), costs.Effort()]
 
 
 def _turned(step, p):
@@ -62,6 +66,10 @@ def _cases(
         "cycle, turning": cycle(
             "mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)
         ),
+        "two steps": robot("biped", 7, RATES),
+        "two steps, end": robot("biped", 6, RATES).replace(displacement=np.full(14, 0.02)),
+        "two steps, hermite": robot("biped", 12, RATES, Hermite(4)),
+        "two steps, cycle": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7), RATES),
     }
 
 
@@ -78,6 +86,10 @@ CASES = (
     "cycle",
     "cycle, odd",
     "cycle, turning",
+    "two steps",
+    "two steps, end",
+    "two steps, hermite",
+    "two steps, cycle",
 )
 
 
@@ -178,7 +190,7 @@ def test_stages_see_their_own_state_alone(
     for i, now in enumerate(parts):
         nodes = now[2 * n :], now[:n], now[n : 2 * n]
         numbers = (compiled.p[0], compiled.q[0, i], compiled.row_scale[0])
-        energy, rows = step(*nodes, *numbers)
+        energy, rows, _ = step(*nodes, *numbers)
         f += energy
         if i + 1 < steps:
             g.append(parts[i + 1][: 2 * n] - ca.vertcat(nodes[0], nodes[1]))

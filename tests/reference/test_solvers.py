@@ -80,6 +80,36 @@ def test_a_cycle(cycle: Callable[..., Problem]) -> None:
     assert warm.converged and warm.iterations < near.iterations
 
 
+RATES = {
+    "nodes": {},
+    "hermite": {"basis": Hermite(10)},
+    "odd, to a fixed end": {"steps": 41, "x_end": np.array([0.2, 0.0])},
+}
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_how_fast_a_force_changes(name: str, cart_pole: Callable[..., Problem]) -> None:
+    problem = cart_pole(**RATES[name])
+    _agree(problem.replace(costs=[*problem.costs, costs.TorqueRate(weight=1e-4)]), (ipopt,))
+
+
+def test_how_fast_torques_change_in_a_cycle(cycle: Callable[..., Problem]) -> None:
+    """IPOPT stays at octo's solution, with two pairs a unit and the seam."""
+    problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))
+    stage = schedule(problem, 1)[0]
+    assert stage is not None
+    terms = [term for term in problem.costs if term is not problem.anchor]
+    problem = problem.replace(
+        parameters=stage.parameters(problem.weight), costs=[*terms, costs.TorqueRate()]
+    )
+    options = SqpOptions(dual_tolerance=1e-7, step_tolerance=1e-5, plateau_change=1e-13)
+    own = octo.solve(problem, start=first_nodes(problem, 0, None)[1:], options=options)
+    near = Ipopt(problem, options).solve(own.x, own.multipliers).solution
+    assert own.status is near.status is Status.CONVERGED
+    assert own.terms["TorqueRate"] > 1e-4 * own.energy
+    assert near.energy == pytest.approx(own.energy, rel=SAME)
+
+
 def test_fatrop_refuses_cycles(cycle: Callable[..., Problem]) -> None:
     with pytest.raises(ProblemError, match="cannot solve a cycle"):
         fatrop(cycle("biped", 6, octo.Cycle(speed=0.5, period=0.6)))

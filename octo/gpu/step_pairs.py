@@ -1,0 +1,143 @@
+"""Terms over two steps in a row on a device: their generated code and the kernels of
+step_pairs.cu."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from octo.dynamics.codegen import integers
+from octo.dynamics.emit import function_of_numbers
+from octo.gpu.device import Array, Device, source
+from octo.gpu.tables import Gather, slots_of
+from octo.problem.basis import Stencil
+from octo.problem.compiled import CompiledProblem
+from octo.problem.step_pairs import WINDOW, PairFunctions
+
+Numbers = tuple[Array, Array, Array, Array, Array | None]  # nodes, FD, p, q, carry
+
+FLAT, WIDE = 64, 256  # threads of a block for residuals, a thread each, and for a block of H
+
+
+class StepPairs:
+    """The compiled text of a list of terms over two steps in a row."""
+
+    def __init__(self, problem: CompiledProblem, functions: PairFunctions, device: Device):
+        self.device, self.functions, self.nu = device, functions, problem.nu
+        dynamics = problem.dynamics
+        inputs = functions.slopes.sx_in()
+        slopes = ca.Function(
+            functions.slopes.name(), inputs, [functions.slopes(*inputs)[1]], {"cse": True}
+        )
+        sizes = {
+            "NX": problem.n,
+            "NU": problem.nu,
+            "NP": problem.p.shape[1],
+            "NQ": problem.q.shape[2],
+            "NTERM": len(problem.functions.references.terms),
+        }
+        text = [
+            source("common.cuh"),
+            *map(function_of_numbers, [functions.value, slopes]),
+            *([] if functions.bend is None else [function_of_numbers(functions.bend)]),
+            *(f"#define {name} {size}" for name, size in sizes.items()),
+            functions.tables,
+            integers("pair_actuated", dynamics.actuated),
+            source("step_pairs.cu"),
+        ]
+        self.kernel = device.module("\n".join(text)).kernel
+
+    def values(self, numbers: Numbers, terms: Array) -> None:
+        """Adds their share of E to ``terms`` (batch, N, terms)."""
+        self.flat("octo_pair_values", terms.shape, 1, *numbers, terms)
+
+    def derived(self, numbers: Numbers) -> Derived:
+        """Their derivatives at an iterate."""
+        shape, own = numbers[1].shape, self.functions
+        r, jac = (
+            self.device.empty((*shape[:2], max(k, 1))) for k in (own.rows, own.sparsity.nnz())
+        )
+        self.flat("octo_pair_slopes", shape, 1, *numbers, r, jac)
+        return Derived(self, numbers, (r, jac))
+
+    def flat(self, name: str, shape: tuple[int, ...], each: int, *arguments: Any) -> None:
+        """A kernel over the steps of a batch (batch, N, …), ``each`` things of one."""
+        threads, count = self.device.threads(FLAT), shape[0] * shape[1] * each
+        grid = (min(-(-count // threads), 65535),)
+        self.kernel(name)(grid, threads, count, shape[1], *arguments)
+
+
+class Derived:
+    """The derivatives of one iterate, on their way to a model.
+
+    Parameters
+    ----------
+    slopes: (batch, N, rows) r and (batch, N, entries) its derivatives to the window and torques.
+    """
+
+    def __init__(self, pairs: StepPairs, numbers: Numbers, slopes: tuple[Array, Array]):
+        self.pairs, self.numbers, self.slopes = pairs, numbers, slopes
+        self.bends: Array | None = None
+
+    def pull(self, lam: Array) -> None:
+        """Adds dE/du to the multipliers ``lam`` (batch, N, n) of FD."""
+        self.pairs.flat(
+            "octo_pair_pull", lam.shape, self.pairs.nu, *self.numbers[3:], *self.slopes, lam
+        )
+
+    def chain(self, fd_jac: Array, exact: bool, curved: Array | None) -> None:
+        """The rows dr/dwindow and r, scaled, and with ``exact`` what exact terms have beside them,
+        of the members ``curved``.
+
+        fd_jac: (batch, N, n, 3n) slopes of FD.
+        """
+        own, device, width = self.pairs.functions, self.pairs.device, WINDOW * fd_jac.shape[2]
+        count = max(own.rows, 1)
+        self.rows = device.empty((*fd_jac.shape[:2], count, width + 1))
+        rows = (*self.numbers[3:], *self.slopes, fd_jac, self.rows)
+        self._each_window("octo_pair_rows", fd_jac.shape, count, *rows)
+        if exact and own.bend is not None:
+            self.bends = device.empty((*fd_jac.shape[:2], width, width))
+            bends = (curved, *self.numbers, fd_jac, self.bends)
+            self._each_window("octo_pair_bends", fd_jac.shape, own.bends.nnz(), *bends)
+
+    def add(self, tables: dict[str, Array], H: Array, b: Array) -> None:
+        """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
+        (batch, K, nc)."""
+        names = [f"{n}_{k}" for n in ("pairs", "pairs_b") for k in ("first", "source", "value")]
+        out = (*(tables[name] for name in names), self.rows, self.bends, H, b)
+        steps, width = self.rows.shape[1], self.rows.shape[3] - 1
+        grid, threads = (H.shape[1], 3, H.shape[0]), self.pairs.device.threads(WIDE)
+        self.pairs.kernel("octo_pair_add")(
+            grid, threads, steps, WINDOW * H.shape[-1] // width, *out
+        )
+
+    def _each_window(self, name: str, shape: tuple[int, ...], shared: int, *arguments: Any) -> None:
+        """A kernel with a block of ``shared`` doubles for each step with one before it."""
+        batch, steps = shape[:2]
+        first, threads = int(self.numbers[-1] is None), self.pairs.device.threads(WIDE)
+        if steps > first:
+            self.pairs.kernel(name)(
+                (steps - first, batch), threads, steps, first, *arguments, shared=8 * shared
+            )
+
+
+def gathers(stencil: Stencil, steps: int, cycle: bool) -> dict[str, Gather]:
+    """Where the blocks of H ("pairs") and b ("pairs_b") take what they have from: (step, node,
+    other node) and (step, node) of the windows of four nodes, as one number."""
+    hessian, gradient = [], []
+    for i in range(0 if cycle else 1, steps):
+        slots = list(slots_of(stencil, i, WINDOW))
+        for a, unit, part, value in slots:
+            gradient.append((unit, WINDOW * i + a, part, value))
+            for other, other_unit, other_part, other_value in slots:
+                if other_unit <= unit:
+                    place = (WINDOW * i + a) * WINDOW + other
+                    pair = part * stencil.parts + other_part
+                    lag = 3 * unit + unit - other_unit
+                    hessian.append((lag, place, pair, value * other_value))
+    return {
+        "pairs": Gather.of(3 * stencil.units, stencil.parts**2, hessian),
+        "pairs_b": Gather.of(stencil.units, stencil.parts, gradient),
+    }

@@ -1,0 +1,171 @@
+"""Terms over two steps in a row without a compiler: the formulas of step_pairs.c in NumPy.
+
+The steps with one before them are i = 1 … N−1, or of a cycle all of them: there the last step,
+carried back by a stride, comes before the first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.problem.data import Data
+from octo.problem.plan import Plan
+from octo.problem.step_pairs import WINDOW, PairFunctions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PairSlopes:
+    """Of all steps with one before them; what a step leaves out is zero.
+
+    Attributes
+    ----------
+    r: (batch, steps, rows). jac: (batch, steps, rows, 4n + 2nu) dr/d of the four nodes, and of u_i
+        and u_{i−1}.
+    coefficient: (batch, steps, rows) what r² is multiplied with in 2E.
+    bends: (batch, steps, 4n + 2nu, 4n + 2nu) what exact terms have beside Gauss and Newton's model;
+        None where there is nothing.
+    """
+
+    r: Array
+    jac: Array
+    coefficient: Array
+    bends: Array | None
+
+
+class PairTerms:
+    """E and its blocks of the terms over two steps in a row.
+
+    Parameters
+    ----------
+    actuated: (nu,) the rows of FD that are torques.
+    """
+
+    def __init__(self, functions: PairFunctions, plan: Plan, actuated: NDArray[np.intp]):
+        self.functions, self.plan, self.actuated = functions, plan, actuated
+        self.terms = np.array(functions.terms, dtype=np.intp)
+
+    def add_values(self, data: Data, nodes: Array, fd: Array, terms: Array) -> None:
+        """Adds each step's share of each term to ``terms`` (batch, N, terms)."""
+        first = self._first(data)
+        for member, arguments in enumerate(self._arguments(data, nodes, fd)):
+            r = np.asarray(self.functions.value.map(len(nodes[0]) - 2 - first)(*arguments)).T
+            coefficient = data.q[member, first:][:, self.terms]
+            squares = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
+            for row, term in enumerate(self.terms):
+                terms[member, first:, term] += squares[:, row]
+
+    def slopes(self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]) -> PairSlopes:
+        """Residuals and their derivatives at an iterate; second ones of the members ``curved``."""
+        own, first = self.functions, self._first(data)
+        batch, steps, size = len(nodes), self.plan.steps - first, own.bends.size1()
+        r, jac = np.zeros((batch, steps, own.rows)), np.zeros((batch, steps, own.rows, size))
+        bends = None if own.bend is None else np.zeros((batch, steps, size, size))
+        for member, arguments in enumerate(self._arguments(data, nodes, fd)):
+            value, numbers = own.slopes.map(steps)(*arguments)
+            r[member] = np.asarray(value).T
+            jac[member][:, own.sparsity.row(), own.sparsity.get_col()] = np.asarray(numbers).T
+            if bends is not None and own.bend is not None and curved[member]:
+                rows, columns = own.bends.row(), own.bends.get_col()
+                numbers = np.asarray(own.bend.map(steps)(*arguments)).T
+                bends[member][:, rows, columns] = numbers
+                bends[member][:, columns, rows] = numbers
+        coefficient = 2.0 * data.q[:, first:][:, :, self.terms]
+        live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
+        r, jac = np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0)
+        return PairSlopes(r, jac, coefficient, bends)
+
+    def pull(self, data: Data, slopes: PairSlopes) -> Array:
+        """(batch, N, nu) dE/du: of a step's own residual, and of that of the step after it."""
+        nu, batch = len(self.actuated), len(slopes.r)
+        torques = slopes.jac[..., -2 * nu :].reshape(*slopes.jac.shape[:3], 2, nu)
+        own = np.einsum("kir,kir,kirtj->ktij", slopes.coefficient, slopes.r, torques)
+        pull = np.zeros((batch, self.plan.steps, nu))
+        pull[:, self._first(data) :] += own[:, 0]
+        if data.carry is not None:
+            pull[:, -1] += (own[:, 1, :1] @ self._carried(data))[:, 0]
+            own = own[:, :, 1:]
+        pull[:, :-1] += own[:, 1]
+        return pull
+
+    def add_blocks(self, data: Data, slopes: PairSlopes, fd_jac: Array, H: Array, b: Array) -> None:
+        """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
+        (batch, K, nc).
+
+        fd_jac: (batch, N, n, 3n) slopes of FD.
+        """
+        s, n, first = self.plan.stencil, self.plan.n, self._first(data)
+        chain = self._chain(data, fd_jac[:, :, self.actuated])
+        chained = slopes.jac @ chain
+        gradient = np.einsum("kir,kir,kira->kia", slopes.coefficient, slopes.r, chained)
+        hess = np.einsum("kir,kira,kirb->kiab", slopes.coefficient, chained, chained)
+        if slopes.bends is not None:
+            hess += np.swapaxes(chain, 2, 3) @ slopes.bends @ chain
+        for i in range(first, self.plan.steps):
+            places = [
+                i + 2 - node if node < i + 3 else self.plan.steps - 1 for node in range(WINDOW)
+            ]
+            slots = [
+                (slice(node * n, (node + 1) * n), int(s.unit[at, k]), int(s.part[at, k]) * n, at, k)
+                for node, at in enumerate(places)
+                for k in np.flatnonzero(s.unit[at] >= 0)
+            ]
+            for node, unit, to, at, k in slots:
+                value = s.coefficient[at, k]
+                b[:, unit, to : to + n] += value * gradient[:, i - first, node]
+                for node2, unit2, to2, at2, k2 in slots:
+                    if unit2 <= unit:
+                        block = value * s.coefficient[at2, k2] * hess[:, i - first, node, node2]
+                        H[:, unit, unit - unit2, to : to + n, to2 : to2 + n] += block
+
+    def _first(self, data: Data) -> int:
+        """The first step with one before it."""
+        return int(data.carry is None)
+
+    def _carried(self, data: Data) -> Array:
+        """(batch, nu, nu) what the last torques are multiplied with to be those before a cycle."""
+        assert data.carry is not None
+        carried: Array = data.carry[:, self.actuated][:, :, self.actuated]
+        return carried
+
+    def _arguments(self, data: Data, nodes: Array, fd: Array) -> list[list[Array]]:
+        """Of each member, for the functions mapped over the steps with one before them."""
+        u, first = fd[:, :, self.actuated], self._first(data)
+        steps = self.plan.steps - first
+        if data.carry is not None:
+            gone = nodes[:, -3:-2] - nodes[:, -2:-1]  # x_{N−2} − x_{N−1}, which is carried back
+            oldest = nodes[:, :1] + gone @ np.swapaxes(data.carry, 1, 2)
+            nodes = np.concatenate([oldest, nodes], axis=1)
+            u = np.concatenate([u[:, -1:] @ np.swapaxes(self._carried(data), 1, 2), u], axis=1)
+        made = []
+        for member in range(len(nodes) if steps else 0):
+            window = [nodes[member, 3 - k : 3 - k + steps].T for k in range(WINDOW)]
+            p = np.repeat(data.p[member][:, None], steps, axis=1)
+            torques = [u[member, 1:].T, u[member, :-1].T]
+            q = data.q[member, first:, : self.functions.value.size1_in(7)]
+            made.append([*window, *torques, p, q.T])
+        return made
+
+    def _chain(self, data: Data, torques: Array) -> Array:
+        """(batch, steps, 4n + 2nu, 4n) d(window, u, u_before)/d what the window's nodes are made
+        of.
+
+        torques: (batch, N, nu, 3n) slopes of the torques.
+        """
+        n, nu, first = self.plan.n, len(self.actuated), self._first(data)
+        batch, width = len(torques), WINDOW * n
+        chain = np.zeros((batch, self.plan.steps - first, width + 2 * nu, width))
+        chain[:, :, :width] = np.eye(width)
+        chain[:, :, width:-nu, : 3 * n] = torques[:, first:]
+        chain[:, 1 - first :, -nu:, n:] = torques[:, :-1]
+        if data.carry is not None:
+            for i in range(WINDOW - 1):  # their oldest nodes are carried
+                for node in range(i + 1, WINDOW):
+                    own = slice(node * n, (node + 1) * n)
+                    chain[:, i, :, own] = chain[:, i, :, own] @ data.carry
+            chain[:, 0, -nu:, n:] = self._carried(data) @ torques[:, -1]
+        return chain

@@ -1,0 +1,228 @@
+"""Terms over two steps in a row (StepPairCost) as CasADi functions of four nodes and two torques,
+and as the tables that step_pairs.c works from.
+
+The inputs are x_{i+1}, x_i, x_{i−1}, x_{i−2}, u_i, u_{i−1}, p, q. The slopes are with respect to
+the window of four nodes and to the two torques; what these add to the window comes with the slopes
+of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import resources
+
+import casadi as ca
+
+from octo.dynamics.codegen import check_curvature, integers, lanes_text
+from octo.dynamics.long import check_length
+from octo.errors import ProblemError
+from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
+from octo.problem.costs import Cost, StepPairCost
+from octo.problem.curvature import HINT
+from octo.problem.references import References, blamed, sizes
+from octo.problem.symbols import StepSymbols
+
+WINDOW = 4  # nodes that two steps in a row look at
+
+
+def has_step_pairs(terms: Sequence[Cost]) -> bool:
+    """Whether a term looks at two steps in a row."""
+    return any(isinstance(term, StepPairCost) for term in terms)
+
+
+def refuse_step_pairs(terms: Sequence[Cost], what: str) -> None:
+    """Raise where a term looks at two steps in a row, which ``what`` cannot have.
+
+    Raises
+    ------
+    ProblemError: naming the term.
+    """
+    for term in terms:
+        if isinstance(term, StepPairCost):
+            raise ProblemError(
+                f"{term.label} looks at two steps in a row, which {what} cannot have: leave it out"
+            )
+
+
+def basis_of(name: str | Basis, terms: Sequence[Cost], cycle: bool) -> Basis:
+    """The basis in which a problem with these terms is solved.
+
+    Raises
+    ------
+    UnknownNameError: no such basis.
+    """
+    pairs = has_step_pairs(terms)
+    if cycle:
+        return Folded(2 if pairs else 1)
+    named = basis_named(name)
+    return PairedNodes() if pairs and isinstance(named, Nodes) else named
+
+
+@dataclass(frozen=True, eq=False)
+class PairResiduals:
+    """Residuals of two steps in a row as expressions.
+
+    Attributes
+    ----------
+    inputs: x_next, x, x_prev, x_older, u, u_before, p, q. rows: of each term; terms: their indices.
+    exact: the indices of those whose second derivatives are.
+    """
+
+    inputs: list[ca.SX]
+    rows: list[ca.SX]
+    terms: list[int]
+    exact: Collection[int]
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """inputs -> all residuals."""
+        r = ca.densify(ca.vertcat(*self.rows))
+        return ca.Function("octo_step_pair", self.inputs, [r], {"cse": True})
+
+    def derived(self) -> PairFunctions:
+        """The functions of the residuals and of their first derivatives."""
+        terms = [k for k, r in zip(self.terms, self.rows, strict=True) for _ in range(r.numel())]
+        r = ca.densify(ca.vertcat(*self.rows))
+        jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
+        slopes = self._function("octo_step_pair_jac", r, _nonzeros(jac))
+        what = "terms over two steps in a row"
+        check_length(what, slopes.n_instructions(), "write them in fewer operations")
+        second = self._second()
+        bend = self._function("octo_step_pair_bend", _nonzeros(second)) if second.nnz() else None
+        return PairFunctions(
+            self.value, slopes, jac.sparsity(), tuple(terms), bend, second.sparsity()
+        )
+
+    def _second(self) -> ca.SX:
+        """The upper triangle of Σ 2 c r ∂²r/∂(window, u, u_before)² of the exact ones, zero where c
+        is: a step that a term leaves out may have no finite residual."""
+        over = ca.vertcat(*self.inputs[: WINDOW + 2])
+        whole = ca.SX(over.numel(), over.numel())
+        for k, r in zip(self.terms, self.rows, strict=True):
+            if k in self.exact:
+                held, (p, q) = ca.SX.sym("held", r.numel()), self.inputs[WINDOW + 2 :]
+                pulled, c = ca.dot(held, r), q[k]
+                what = "second derivatives of terms over two steps in a row"
+                check_curvature(what, [over, held, p, q], ca.gradient(pulled, over), HINT)
+                own = ca.sparsify(ca.triu(ca.hessian(pulled, over)[0]))
+                numbers = ca.substitute(_nonzeros(own), held, 2.0 * c * r)
+                whole += ca.SX(own.sparsity(), ca.if_else(c != 0.0, numbers, 0.0))
+        return whole
+
+    def _function(self, name: str, *out: ca.SX) -> ca.Function:
+        return ca.Function(name, self.inputs, list(out), {"cse": True})
+
+
+@dataclass(frozen=True, eq=False)
+class PairFunctions:
+    """The terms over two steps in a row, ready to be evaluated and written as C.
+
+    Attributes
+    ----------
+    value: inputs -> r. slopes: inputs -> r, nonzeros of dr/d(window, u, u_before), at ``sparsity``.
+    terms: of each row. bend: inputs -> what exact terms have beside Gauss and Newton's model, the
+        nonzeros of an upper triangle at ``bends``; None where there is nothing.
+    """
+
+    value: ca.Function
+    slopes: ca.Function
+    sparsity: ca.Sparsity
+    terms: tuple[int, ...]
+    bend: ca.Function | None
+    bends: ca.Sparsity
+
+    @property
+    def rows(self) -> int:
+        return len(self.terms)
+
+    @property
+    def tables(self) -> str:
+        """Sizes as macros and index tables, in C that is CUDA too."""
+        return "\n".join(
+            [
+                f"#define PAIR_ROWS {self.rows}",
+                f"#define PAIR_ENTRIES {self.sparsity.nnz()}",
+                f"#define PAIR_BENDS {self.bends.nnz()}",
+                integers("pair_row_term", self.terms),
+                integers("pair_entry_row", self.sparsity.row()),
+                integers("pair_entry_column", self.sparsity.get_col()),
+                integers("pair_bend_row", self.bends.row()),
+                integers("pair_bend_column", self.bends.get_col()),
+            ]
+        )
+
+    @property
+    def c_text(self) -> str:
+        """With a time step in every lane; stands before assemble.c."""
+        own = [self.value, self.slopes, *([] if self.bend is None else [self.bend])]
+        made = [lanes_text(function, {6}) for function in own]  # shared: p
+        text = (resources.files("octo.problem") / "step_pairs.c").read_text(encoding="utf-8")
+        return "\n".join([*made, self.tables, text])
+
+
+def pair_residuals(
+    references: References,
+    nodes: list[ca.SX],
+    step: StepSymbols,
+    p: ca.SX,
+    q: ca.SX,
+    exact: Collection[int] = (),
+) -> PairResiduals | None:
+    """Of all such terms; None where there is none.
+
+    Parameters
+    ----------
+    nodes: x_next, x, x_prev, u of a step; step: what a term sees of them. exact: indices of the
+        terms whose second derivatives are.
+    """
+    if not has_step_pairs(references.terms):
+        return None
+    inputs, now, before = two_steps(nodes, step)
+    made = PairResiduals([*inputs, p, q], [], [], exact)
+    for k, term in enumerate(references.terms):
+        if isinstance(term, StepPairCost):
+            if term.kind != "square":
+                raise ProblemError(
+                    f"{term.label} looks at two steps in a row: its kind is {term.kind!r}, must be "
+                    "'square'"
+                )
+            view = references.view(q, k)
+            with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
+                made.rows.append(term.shaped(pair_residual_of(term, now, before, view), view))
+            made.terms.append(k)
+    return made
+
+
+def two_steps(
+    nodes: list[ca.SX], step: StepSymbols
+) -> tuple[list[ca.SX], StepSymbols, StepSymbols]:
+    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of a step and of the one before
+    it."""
+    x_next, x, x_prev, u = nodes
+    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
+    before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
+    return [x_next, x, x_prev, x_older, u, u_before], replace(step, calls=[]), before
+
+
+def pair_residual_of(
+    term: StepPairCost, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
+) -> ca.SX:
+    """The residual of two steps in a row.
+
+    Raises
+    ------
+    ProblemError: it calls a stage of code.
+    """
+    made = term.pair_residual(step, before, p)
+    for call in (*step.calls, *before.calls):
+        raise ProblemError(
+            f"{term.label} looks at two steps in a row, which cannot call stages of code: "
+            f"{call.stage.name!r}"
+        )
+    return made
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
