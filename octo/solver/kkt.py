@@ -7,7 +7,7 @@ reduction over NumPy or CuPy (the paper's, and the way of a machine without a co
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from octo.solver.blocks import check_blocks
 from octo.solver.cyclic_reduction import CyclicReductionFactor
 
 Method = Literal["auto", "elimination", "cyclic_reduction"]
-METHODS: tuple[Method, ...] = ("auto", "elimination", "cyclic_reduction")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 class KKTFactor(Protocol):
