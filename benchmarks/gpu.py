@@ -34,8 +34,8 @@ from gpu_sections import SECTIONS
 import octo
 from octo.bench.timing import processor
 from octo.gpu import cuda
-from octo.gpu.emulator import EmulatedDevice
 from octo.solver.options import SqpOptions
+from tests.emulator import EmulatedDevice
 
 FOLDER = Path(__file__).parent
 PATIENCE = 3.0  # times what a section is thought to take, and at least a minute

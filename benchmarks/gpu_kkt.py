@@ -22,7 +22,6 @@ import numpy as np
 import octo
 from octo.arrays import host
 from octo.gpu.device import source
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.linear import Reduction, sizes
 from octo.problem.compiled import CompiledProblem, Model
 from octo.solver import sqp
@@ -32,6 +31,7 @@ from octo.solver.cyclic_reduction import ROUNDING, SHIFT, ReducedSBT, _equilibra
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
 from octo.starts import first_nodes
+from tests.emulator import EmulatedDevice
 
 TOLERANCE = 1e-10  # of a solution's relative residual, as in the solver
 REFINEMENTS = 10
