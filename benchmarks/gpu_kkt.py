@@ -31,7 +31,6 @@ from octo.solver.cyclic_reduction import ROUNDING, SHIFT, ReducedSBT, _equilibra
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
 from octo.starts import first_nodes
-from tests.emulator import EmulatedDevice
 
 TOLERANCE = 1e-10  # of a solution's relative residual, as in the solver
 REFINEMENTS = 10
@@ -352,6 +351,8 @@ def main() -> None:
         robot, steps=arguments.steps, dt=0.025, costs=octo.costs.paper(), basis=basis
     )
     names = ("octo", "octo_float32", "inverses_float32")
+    from tests.emulator import EmulatedDevice  # with PYTHONPATH=. alone
+
     rows = along(
         EmulatedDevice(), systems(problem, arguments.iterations)[:: arguments.every], names
     )
