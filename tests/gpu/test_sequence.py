@@ -17,7 +17,6 @@ from octo.errors import DeviceError
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.cuda import CudaDevice, CudaGraph
 from octo.gpu.device import Device
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import Linear
 from octo.gpu.problem import DeviceProblem
@@ -25,6 +24,7 @@ from octo.gpu.program import bytes_of
 from octo.gpu.sequence import NoGraph, Sequence
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from tests.emulator import EmulatedDevice
 
 TEXT = (
     'extern "C" __global__ void octo_add(double by, const double *x, double *y) { y[0] = '
