@@ -60,6 +60,7 @@ def animate(
     settings = options or SqpOptions(tolerance=TOLERANCE)
     began = time.perf_counter()
     compiled = CompiledProblem([problem])
+    compiled.check_squares("animate")
     compiled.prepare()
     setup = time.perf_counter() - began
     nodes = _at_rest(problem, seed)
