@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.dynamics.codegen import integers, lanes_text, numbers_table
+from octo.dynamics.codegen import lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
@@ -30,8 +30,8 @@ from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost, StepPairCost
-from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
-from octo.problem.lane_tables import contact_tables, row_tables
+from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature, nonzeros
+from octo.problem.lane_tables import contact_tables, row_tables, tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
@@ -212,8 +212,7 @@ def derived(made: Residuals) -> CostFunctions:
     bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = made.calls.jacobian(r, inputs, ca.vertcat(*inputs[:4]))
-    nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
+    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros(jac)], {"cse": True})
     length = jacobian.n_instructions()
     if length >= COSTLY:
         sizes = [ca.Function("length", inputs, [one]).n_instructions() for one in made.state]
@@ -321,15 +320,17 @@ def residual_text(
 def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray[np.intp]) -> str:
     """For a block of threads: how many derivatives, the last ones, are with respect to u; what
     coordinates move each contact."""
-    size = 0 if functions.contact is None else functions.contact.factors.size
-    lines = [f"#define NZU {int((columns >= 3 * dynamics.nx).sum())}", f"#define NY {size}"]
+    own = functions.contact
+    sizes = {
+        "NZU": int((columns >= 3 * dynamics.nx).sum()),
+        "NY": 0 if own is None else own.factors.size,
+    }
+    moves: dict[str, Any] = {}
     if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
         robot = dynamics.character
-        moves = np.zeros((len(functions.contact_spheres), robot.nx), dtype=int)
-        for k, sphere in enumerate(functions.contact_spheres):
-            moves[k, list(robot.path[robot.contacts[sphere].body])] = 1
-        lines.append(integers("cost_contact_moves", moves))
-    return "\n".join(lines)
+        paths = [robot.path[robot.contacts[k].body] for k in functions.contact_spheres]
+        moves["cost_contact_moves"] = [np.isin(np.arange(robot.nx), path) for path in paths]
+    return tables_text(sizes, moves)
 
 
 def _tables(
@@ -348,7 +349,6 @@ def _tables(
         "CR": len(own.terms) if own else 0,
         "NFC": len(functions.contact_spheres),
     }
-    lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     tables: dict[str, Any] = {
         "actuated": dynamics.actuated,
         "unactuated": dynamics.unactuated,
@@ -368,5 +368,5 @@ def _tables(
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]
-    lines += [integers(name, table) for name, table in tables.items()]
-    return "\n".join([*lines, *(numbers_table(name, table) for name, table in values.items())])
+    written = tables_text(sizes, tables, anew=True)
+    return "\n".join([written, *(numbers_table(name, table) for name, table in values.items())])

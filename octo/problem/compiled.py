@@ -79,7 +79,8 @@ class CompiledProblem:
         self.batch, self.steps, self.n, self.m = len(data.p), plan.steps, plan.n, plan.m
         self.K, self.nc, self.ma, self.nu = plan.K, plan.nc, plan.ma, program.dynamics.nu
         self.p, self.q, self.row_scale = data.p, data.q, data.row_scale
-        self.constant, self.ends, self.carry = data.constant, data.ends, data.carry
+        self.start, self.constant = data.start, data.constant
+        self.ends, self.carry = data.ends, data.carry
 
     @property
     def kinematics(self) -> ca.Function:
@@ -179,7 +180,7 @@ class CompiledProblem:
 
     def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
-        return self.plan.unknowns(np.asarray(nodes, dtype=float), float(self.problems[0].dt))
+        return self.plan.unknowns(np.asarray(nodes, dtype=float))
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""

@@ -15,16 +15,16 @@ from importlib import resources
 
 import casadi as ca
 
-from octo.dynamics.codegen import check_curvature, integers, lanes_text
+from octo.dynamics.codegen import check_curvature, lanes_text
 from octo.dynamics.long import check_length
 from octo.errors import ProblemError
+from octo.problem.basis import WINDOW as WINDOW
 from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
 from octo.problem.costs import Cost, StepPairCost
-from octo.problem.curvature import HINT
+from octo.problem.curvature import HINT, gated, nonzeros
+from octo.problem.lane_tables import tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import StepSymbols
-
-WINDOW = 4  # nodes that two steps in a row look at
 
 
 def has_step_pairs(terms: Sequence[Cost]) -> bool:
@@ -86,11 +86,11 @@ class PairResiduals:
         terms = [k for k, r in zip(self.terms, self.rows, strict=True) for _ in range(r.numel())]
         r = ca.densify(ca.vertcat(*self.rows))
         jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
-        slopes = self._function("octo_step_pair_jac", r, _nonzeros(jac))
+        slopes = self._function("octo_step_pair_jac", r, nonzeros(jac))
         what = "terms over two steps in a row"
         check_length(what, slopes.n_instructions(), "write them in fewer operations")
         second = self._second()
-        bend = self._function("octo_step_pair_bend", _nonzeros(second)) if second.nnz() else None
+        bend = self._function("octo_step_pair_bend", nonzeros(second)) if second.nnz() else None
         return PairFunctions(
             self.value, slopes, jac.sparsity(), tuple(terms), bend, second.sparsity()
         )
@@ -106,9 +106,7 @@ class PairResiduals:
                 pulled, c = ca.dot(held, r), q[k]
                 what = "second derivatives of terms over two steps in a row"
                 check_curvature(what, [over, held, p, q], ca.gradient(pulled, over), HINT)
-                own = ca.sparsify(ca.triu(ca.hessian(pulled, over)[0]))
-                numbers = ca.substitute(_nonzeros(own), held, 2.0 * c * r)
-                whole += ca.SX(own.sparsity(), ca.if_else(c != 0.0, numbers, 0.0))
+                whole += gated(ca.triu(ca.hessian(pulled, over)[0]), held, 2.0 * c * r, c)
         return whole
 
     def _function(self, name: str, *out: ca.SX) -> ca.Function:
@@ -140,17 +138,17 @@ class PairFunctions:
     @property
     def tables(self) -> str:
         """Sizes as macros and index tables, in C that is CUDA too."""
-        return "\n".join(
-            [
-                f"#define PAIR_ROWS {self.rows}",
-                f"#define PAIR_ENTRIES {self.sparsity.nnz()}",
-                f"#define PAIR_BENDS {self.bends.nnz()}",
-                integers("pair_row_term", self.terms),
-                integers("pair_entry_row", self.sparsity.row()),
-                integers("pair_entry_column", self.sparsity.get_col()),
-                integers("pair_bend_row", self.bends.row()),
-                integers("pair_bend_column", self.bends.get_col()),
-            ]
+        sizes = {"ROWS": self.rows, "ENTRIES": self.sparsity.nnz(), "BENDS": self.bends.nnz()}
+        places = {
+            "row_term": self.terms,
+            "entry_row": self.sparsity.row(),
+            "entry_column": self.sparsity.get_col(),
+            "bend_row": self.bends.row(),
+            "bend_column": self.bends.get_col(),
+        }
+        return tables_text(
+            {f"PAIR_{name}": size for name, size in sizes.items()},
+            {f"pair_{name}": place for name, place in places.items()},
         )
 
     @property
@@ -222,7 +220,3 @@ def pair_residual_of(
             f"{call.stage.name!r}"
         )
     return made
-
-
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
