@@ -8,7 +8,7 @@ contact_model.py. q (NQ) starts with one coefficient per term, then come the ref
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
@@ -146,7 +146,7 @@ def residuals_of(
     references = References.of(terms, setting)
     p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
     nodes, step = step_symbols(dynamics, p)
-    controls = control_symbols(dynamics)
+    controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state: list[ca.SX] = []
     own, between = [], {}
     bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
@@ -157,12 +157,11 @@ def residuals_of(
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-            first, called = sum(r.numel() for r in state), len(step.calls)
-            over_controls, value = residual_of(term, step, controls, view, between_controls)
-            if over_controls:
-                between[k] = value
+            if between_controls and isinstance(term, NeighbourCost):
+                between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
-            state.append(value)
+            first, called = sum(r.numel() for r in state), len(step.calls)
+            state.append(term.shaped(term.residual(step, view), view))
             if k in bent:
                 curved.add(k, term, view, first, step.calls[called:])
         own.append(k)
@@ -182,25 +181,6 @@ def residuals_of(
     return Residuals(
         references, inputs, state, own, controls, between, contact, calls, *exact_terms, pairs
     )
-
-
-def residual_of(
-    term: Cost,
-    step: StepSymbols,
-    controls: Sequence[ca.SX],
-    view: Mapping[str, ca.SX],
-    between_controls: bool,
-) -> tuple[bool, ca.SX]:
-    """Whether a term that is not over contacts is over ``controls`` rather than over the ``step``,
-    and its residual."""
-    if between_controls and isinstance(term, NeighbourCost):
-        return True, term.shaped(term.between(controls[0], controls[1], view), view)
-    return False, term.shaped(term.residual(step, view), view)
-
-
-def control_symbols(dynamics: Dynamics) -> list[ca.SX]:
-    """Two neighbouring Hermite controls, (2 nx,) each."""
-    return [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
 
 
 @postponed()

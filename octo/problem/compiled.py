@@ -165,8 +165,7 @@ class CompiledProblem:
         """What evaluates and derives the steps."""
         if self.library is None:
             return Interpreted(self.program, self.plan, self.data)
-        between = bool(self.functions.between)
-        return NativeSteps(self.library, between, self.plan, self.data, self.threads)
+        return NativeSteps(self.library, self.plan, self.data, self.threads)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""

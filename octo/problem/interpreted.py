@@ -16,7 +16,7 @@ from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.basis import scatter, slots_of
-from octo.problem.contact_model import BLOCKS
+from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
 from octo.problem.mapped import bends_over, rows_over, scattered, slopes_over, squares
@@ -59,11 +59,8 @@ class Interpreted:
         robot, made = dynamics.character, []
         poses = [symbolic.body_poses(robot, node) for node in self._inputs[:3]]
         for k, index in enumerate(functions.contact.spheres):
-            sphere = robot.contacts[index]
-            own = [pose[sphere.body] for pose in poses]
-            columns = [ca.vertcat(ca.vec(rotation.T), position) for rotation, position in own]
-            inputs = [*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q]
-            made.append((sphere.body, own, inputs, functions.contact.use[k].astype(float)))
+            body, own, inputs = contact_inputs(robot, index, poses)
+            made.append((body, own, [*inputs, p, q], functions.contact.use[k].astype(float)))
         return made
 
     @cached_property

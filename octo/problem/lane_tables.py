@@ -86,5 +86,5 @@ def contact_tables(functions: ContactFunctions, robot: Character) -> str:
         for k, rests in zip(functions.spheres, functions.resting, strict=True)
     ]
     start = np.searchsorted(of[order], range(len(links.first) + 1))
-    tables = {"order": order, "start": start, "resting": resting}
+    tables: dict[str, ArrayLike] = {"order": order, "start": start, "resting": resting}
     return tables_text({}, {f"cost_contact_{name}": table for name, table in tables.items()})

@@ -8,7 +8,7 @@ of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
@@ -177,8 +177,12 @@ def pair_residuals(
     """
     if not has_step_pairs(references.terms):
         return None
-    inputs, now, before = two_steps(nodes, step)
-    made = PairResiduals([*inputs, p, q], [], [], exact)
+    x_next, x, x_prev, u = nodes
+    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
+    now = replace(step, calls=[])
+    before = replace(step, x_next=x, x=x_prev, x_prev=x_older, u=u_before, calls=now.calls)
+    inputs = [x_next, x, x_prev, x_older, u, u_before, p, q]
+    made = PairResiduals(inputs, [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
             if term.kind != "square":
@@ -188,35 +192,11 @@ def pair_residuals(
                 )
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                made.rows.append(term.shaped(pair_residual_of(term, now, before, view), view))
+                made.rows.append(term.shaped(term.pair_residual(now, before, view), view))
+            if now.calls:
+                raise ProblemError(
+                    f"{term.label} looks at two steps in a row, which cannot call stages of code: "
+                    f"{now.calls[0].stage.name!r}"
+                )
             made.terms.append(k)
-    return made
-
-
-def two_steps(
-    nodes: list[ca.SX], step: StepSymbols
-) -> tuple[list[ca.SX], StepSymbols, StepSymbols]:
-    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of a step and of the one before
-    it."""
-    x_next, x, x_prev, u = nodes
-    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
-    before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
-    return [x_next, x, x_prev, x_older, u, u_before], replace(step, calls=[]), before
-
-
-def pair_residual_of(
-    term: StepPairCost, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
-) -> ca.SX:
-    """The residual of two steps in a row.
-
-    Raises
-    ------
-    ProblemError: it calls a stage of code.
-    """
-    made = term.pair_residual(step, before, p)
-    for call in (*step.calls, *before.calls):
-        raise ProblemError(
-            f"{term.label} looks at two steps in a row, which cannot call stages of code: "
-            f"{call.stage.name!r}"
-        )
     return made
