@@ -16,7 +16,6 @@ from test_solve import SETTINGS, batch_of
 from octo.errors import DeviceError
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.cuda import CudaDevice, CudaGraph
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import Linear
 from octo.gpu.problem import DeviceProblem
@@ -24,6 +23,7 @@ from octo.gpu.program import bytes_of
 from octo.gpu.sequence import NoGraph, Sequence, Sequenced
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from tests.emulator import EmulatedDevice
 
 TEXT = (
     'extern "C" __global__ void octo_add(double by, const double *x, double *y) { y[0] = '

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from octo import cache, native
 from octo.arrays import host
 from octo.errors import DeviceError
-from octo.gpu.device import source
 from octo.gpu.sequence import Sequenced
 
+WORDS = Path(__file__).with_name("cuda_on_cpu.h")  # CUDA's, for a C++ compiler
 FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
 LETTERS = {"d": np.dtype(np.float64), "f": np.dtype(np.float32), "i": np.dtype(np.int32)}
@@ -48,7 +48,7 @@ def compiler() -> str | None:
 def program(text: str) -> str:
     """The C++ text of a module: CUDA's words, the module, one entry for each kernel."""
     entries = [f"CUDA_ON_CPU_ENTRY({name})" for name in KERNEL.findall(text)]
-    return "\n".join([source("cuda_on_cpu.h"), text, *entries, ""])
+    return "\n".join([WORDS.read_text(encoding="utf-8"), text, *entries, ""])
 
 
 def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
