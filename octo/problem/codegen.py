@@ -135,17 +135,20 @@ def residuals_of(
     setting: Setting,
     between_controls: bool,
     exact: bool = False,
+    symbols: tuple[ca.SX, list[ca.SX], StepSymbols] | None = None,
 ) -> Residuals:
     """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
-    ``exact``: all have exact second derivatives, whatever their ``curvature``.
+    ``exact``: all have exact second derivatives, whatever their ``curvature``; ``symbols``: of
+    :func:`step_symbols`, of one who asks for one term after another.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
     references = References.of(terms, setting)
-    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    nodes, step = step_symbols(dynamics, p)
+    p, nodes, step = step_symbols(dynamics) if symbols is None else symbols
+    step.calls.clear()
+    q = ca.SX.sym("q", max(references.size, 1))
     controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state: list[ca.SX] = []
     own, between = [], {}
@@ -231,16 +234,15 @@ def cost_functions(
     return derived(residuals_of(dynamics, terms, setting, between_controls))
 
 
-def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
-    """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
-    n = dynamics.nx
+def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:
+    """The symbols p, and x_next, x, x_prev, u of a time step, and what a term sees of them."""
+    n, p = dynamics.nx, ca.SX.sym("p", dynamics.layout.size)
     x_next, x, x_prev, u = (
         ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu))
     )
     robot = dynamics if isinstance(dynamics, RobotDynamics) else None
-    return [x_next, x, x_prev, u], StepSymbols(
-        x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot
-    )
+    step = StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot)
+    return p, [x_next, x, x_prev, u], step
 
 
 @functools.lru_cache(maxsize=8)

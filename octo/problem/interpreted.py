@@ -19,7 +19,7 @@ from octo.problem.basis import scatter, slots_of
 from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
-from octo.problem.mapped import bends_over, rows_over, scattered, slopes_over, squares
+from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
@@ -154,7 +154,7 @@ class Interpreted:
             r = rows_over(value, self._arguments(k, nodes, fd), self.plan.steps)
             rows[k] = r[:, first : first + rows.shape[-1]]
             weighted = squares(self.data.q[k][:, terms] * mask, r)
-            out[k] = scattered(weighted, terms, out.shape[-1])
+            out[k] = by_term(weighted, terms, out.shape[-1])
 
     @property
     def _squares(self) -> int:

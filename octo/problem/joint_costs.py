@@ -31,6 +31,11 @@ def _each(field: str, values: Any, count: int) -> Array:
     return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
 
 
+def _inverse_limit(limit: Array) -> Array:
+    """Zero where there is none."""
+    return np.where(np.isfinite(limit), 1.0 / limit, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Posture(Cost):
     """Actuated joints (rad or m) against ``reference`` (nx,), by default the start; ``joints``
@@ -114,9 +119,8 @@ class TorqueLimit(Cost):
     margin: float = 1.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        limits = setting.torque_limit
         return {
-            "inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0),
+            "inverse_limit": _inverse_limit(setting.torque_limit),
             "margin": self._number("margin"),
         }
 
@@ -167,10 +171,7 @@ class JointSpeedLimit(Cost):
             else robot.velocity_limit[robot.actuated]
         )
         limit = np.where(np.isfinite(limit), limit, self.otherwise)
-        return {
-            "inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0),
-            "margin": self._number("margin"),
-        }
+        return {"inverse_limit": _inverse_limit(limit), "margin": self._number("margin")}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt

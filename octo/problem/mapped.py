@@ -43,6 +43,6 @@ def squares(coefficient: Array, r: Array) -> Array:
     return coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
 
 
-def scattered(matrix: Array, terms: NDArray[np.intp], count: int) -> Array:
+def by_term(matrix: Array, terms: NDArray[np.intp], count: int) -> Array:
     """(steps, count) sums of columns (steps, rows) by their ``terms``."""
     return np.stack([matrix[:, terms == t].sum(axis=1) for t in range(count)], axis=1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from octo.problem.basis import WINDOW, scatter, slots_of
 from octo.problem.data import Data
-from octo.problem.mapped import bends_over, rows_over, scattered, slopes_over, squares
+from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.plan import Plan
 from octo.problem.step_pairs import PairFunctions
 
@@ -57,7 +57,7 @@ class PairTerms:
         for member, arguments in enumerate(self._arguments(data, nodes, fd)):
             r = rows_over(self.functions.value, arguments, self.plan.steps - first)
             own = squares(data.q[member, first:][:, self.terms], r)
-            terms[member, first:] += scattered(own, self.terms, terms.shape[-1])
+            terms[member, first:] += by_term(own, self.terms, terms.shape[-1])
 
     def slopes(self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]) -> PairSlopes:
         """Residuals and their derivatives at an iterate; second ones of the members ``curved``."""

@@ -21,7 +21,7 @@ from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
 from octo.problem.basis import Hermite
-from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of
+from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of, step_symbols
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost
 from octo.problem.references import blamed, sizes
@@ -52,6 +52,12 @@ class Reader:
         self.problem, self.dynamics = problem, problem.dynamics
 
     @cached_property
+    @postponed()
+    def _symbols(self) -> Any:
+        """Of a step, with its poses as soon as a term has asked for them."""
+        return step_symbols(self.dynamics)
+
+    @cached_property
     def _feet(self) -> list[int]:
         assert isinstance(self.dynamics, RobotDynamics)
         return touching(self.dynamics.character, self.dynamics.terrain, self.problem.setting.x0)
@@ -63,7 +69,7 @@ class Reader:
         ------
         OctoError: the term's residual or its references cannot be formed.
         """
-        made = _residuals(self.problem, [term])
+        made = _residuals(self.problem, [term], symbols=self._symbols)
         with blamed(term, f"its residual cannot be built from {sizes(made.references, 0)}"):
             return Structure(made.structure, self.contacts(term))
 
@@ -80,10 +86,11 @@ class Reader:
         return [name for name, changed in new.items() if self.read(changed) != own]
 
 
-def _residuals(problem: Problem, terms: Sequence[Cost], exact: bool = False) -> Residuals:
-    """Of terms of a problem, which need not be those that it has."""
+def _residuals(problem: Problem, terms: Sequence[Cost], **more: Any) -> Residuals:
+    """Of terms of a problem, which need not be those that it has; ``more`` as of
+    ``residuals_of``."""
     between = isinstance(problem.basis_object, Hermite)
-    return residuals_of(problem.dynamics, terms, problem.setting, between, exact)
+    return residuals_of(problem.dynamics, terms, problem.setting, between, **more)
 
 
 KEPT = 8  # generated functions of as many problems
@@ -99,7 +106,7 @@ def functions_of(problem: Problem, exact: bool = False) -> CostFunctions:
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    made = _residuals(problem, problem.costs, exact)
+    made = _residuals(problem, problem.costs, exact=exact)
     key = (problem.dynamics, isinstance(problem.basis_object, Hermite), made.structure)
     found = _functions.pop(key, None)
     if found is None:
