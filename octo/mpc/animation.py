@@ -54,9 +54,8 @@ def animate(
         step.
     """
     _check(problem)
-    N, dt = int(problem.steps), float(problem.dt)
-    advance = min(whole("advance", advance), N)
-    total = round(positive("seconds", seconds, "s") / dt)
+    advance = min(whole("advance", advance), int(problem.steps))
+    total = round(positive("seconds", seconds, "s") / float(problem.dt))
     settings = options or SqpOptions(tolerance=TOLERANCE)
     began = time.perf_counter()
     compiled = CompiledProblem([problem])
@@ -70,8 +69,7 @@ def animate(
     began, processor = time.perf_counter(), time.process_time()
     for place in range(0, total, advance):
         compiled.constant[0, :2] = nodes[:2]
-        most = FIRST if place == 0 else iterations
-        limited = replace(settings, max_iterations=most)
+        limited = replace(settings, max_iterations=iterations if place else FIRST)
         result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, limited)
         plan, lam = result.at.nodes[0], result.lam.copy()
         violation = float(np.abs(result.at.C[0, :advance]).max(initial=0.0)) * problem.weight

@@ -12,7 +12,9 @@ three blocks a row.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from octo.checks import one_of
 from octo.errors import ProblemError, said
 
 Array = NDArray[np.float64]
+WINDOW = 4  # nodes that a step and the one before it look at
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
 
 
@@ -48,38 +51,50 @@ class Stencil:
 
 
 @dataclass(frozen=True)
-class Nodes:
-    """Every x_1 … x_N is an unknown (S is the identity); pairs of steps give SBT(2(2n−|u|))."""
+class Basis:
+    """What a trajectory is made of: by default of nodes that are unknowns themselves."""
 
-    name = "nodes"
+    name: ClassVar[str] = "nodes"
 
     def check(self, steps: int) -> None:
-        """Any number of steps is allowed."""
+        """Refuse a number of steps that it cannot have; by default none."""
 
     def units(self, steps: int) -> int:
+        """K."""
         return steps
 
     def stencil(self, steps: int) -> Stencil:
-        j = np.arange(-1, steps + 1, dtype=np.int32)
-        unit = np.where(j >= 1, j - 1, -1).astype(np.int32)[:, None]
-        ones = np.ones((steps + 2, 1))
-        row = np.arange(steps, dtype=np.int32)[:, None]
-        zero = np.zeros((steps + 2, 1), dtype=np.int32)
-        return Stencil(
-            steps, 1, unit, zero, ones * (unit >= 0), row, zero[:steps].copy(), np.ones((steps, 1))
-        )
+        """S and where the residuals are tested."""
+        raise NotImplementedError(type(self).__name__)
+
+    def dummies(self, steps: int) -> NDArray[np.bool_]:
+        """(K, parts) where no node is made of a part of a unit."""
+        stencil = self.stencil(steps)
+        unused, live = np.ones((stencil.units, stencil.parts), dtype=bool), stencil.unit >= 0
+        unused[stencil.unit[live], stencil.part[live]] = False
+        return unused
+
+    def idle(self, steps: int) -> list[tuple[int, int]]:
+        """(unit, part) that are no nodes, but for a unit that is none at all."""
+        unused = self.dummies(steps)
+        unused[unused.all(axis=1)] = False
+        return [(int(unit), int(part)) for unit, part in np.argwhere(unused)]
 
     def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
-        """(…, N+2, n) the part of the trajectory that no unknown moves."""
+        """(…, N+2, n) the part of the trajectory that no unknown moves; of a cycle what carries x_N
+        and x_{N−1} back by a stride, beside the matrix that it is done with."""
         constant = np.zeros((*x0.shape[:-1], steps + 2, x0.shape[-1]))
         constant[..., 0, :] = x_previous
         constant[..., 1, :] = x0
         return constant
 
-    def fit(self, nodes: Array, dt: float) -> Array:
+    def fit(self, nodes: Array) -> Array:
         """(…, K, nc) the unknowns of a trajectory (…, N+2, n)."""
-        del dt
-        return nodes[..., 2:, :].copy()
+        *batch, count, n = nodes.shape
+        s = self.stencil(count - 2)
+        unknowns = np.zeros((*batch, s.units, s.parts, n))
+        unknowns[..., s.unit[2:, 0], s.part[2:, 0], :] = nodes[..., 2:, :]
+        return unknowns.reshape(*batch, s.units, s.parts * n)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         """Units that a fixed last state (x_N, v_N) pins, with their values."""
@@ -91,7 +106,18 @@ class Nodes:
 
 
 @dataclass(frozen=True)
-class PairedNodes:
+class Nodes(Basis):
+    """Every x_1 … x_N is an unknown (S is the identity); pairs of steps give SBT(2(2n−|u|))."""
+
+    def stencil(self, steps: int) -> Stencil:
+        unit = np.maximum(np.arange(-2, steps, dtype=np.int32), -1)[:, None]
+        row, part = np.arange(steps, dtype=np.int32)[:, None], np.zeros_like(unit)
+        tests = row, part[:steps].copy(), np.ones((steps, 1))
+        return Stencil(steps, 1, unit, part, (unit >= 0).astype(float), *tests)
+
+
+@dataclass(frozen=True)
+class PairedNodes(Basis):
     """The nodes of problems with terms over two steps in a row: two neighbouring nodes a unit.
 
     Such a term looks at four nodes, x_{i−2} … x_{i+1}: they lie in three neighbouring units at
@@ -100,56 +126,24 @@ class PairedNodes:
     x_{N−1} and x_N, which a fixed end pins together.
     """
 
-    name = "nodes"
-
-    def check(self, steps: int) -> None:
-        """Any number of steps is allowed."""
-
     def units(self, steps: int) -> int:
         return (steps + 1) // 2
-
-    def idle(self, steps: int) -> list[tuple[int, int]]:
-        """(unit, part) that are no nodes."""
-        return [(0, 0)] if steps % 2 else []
 
     def stencil(self, steps: int) -> Stencil:
         place = np.arange(steps, dtype=np.int32) + steps % 2  # of x_1 … x_N
         unit = np.concatenate([np.full(2, -1, np.int32), place // 2])[:, None]
         part = np.concatenate([np.zeros(2, np.int32), place % 2])[:, None]
-        rows = unit[2:].copy(), part[2:].copy()
-        return Stencil(
-            self.units(steps),
-            2,
-            unit,
-            part,
-            (unit >= 0) * np.ones((steps + 2, 1)),
-            *rows,
-            np.ones((steps, 1)),
-        )
-
-    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
-        """(…, N+2, n) the part of the trajectory that no unknown moves."""
-        return Nodes().constant(steps, x0, x_previous)
-
-    def fit(self, nodes: Array, dt: float) -> Array:
-        """(…, K, nc) the unknowns of a trajectory (…, N+2, n)."""
-        del dt
-        *batch, count, n = nodes.shape
-        steps = count - 2
-        unknowns = np.zeros((*batch, 2 * self.units(steps), n))
-        unknowns[..., steps % 2 :, :] = nodes[..., 2:, :]
-        return unknowns.reshape(*batch, self.units(steps), 2 * n)
+        tests = unit[2:].copy(), part[2:].copy(), np.ones((steps, 1))
+        return Stencil(self.units(steps), 2, unit, part, (unit >= 0).astype(float), *tests)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
-        """Units that a fixed last state (x_N, v_N) pins, with their values."""
-        pinned = Nodes().fixed_end(steps, x_end, v_end, dt)
-        return {
-            self.units(steps) - 1: np.concatenate([pinned[steps - 2], pinned[steps - 1]], axis=-1)
-        }
+        pinned = super().fixed_end(steps, x_end, v_end, dt)
+        both = np.concatenate([pinned[steps - 2], pinned[steps - 1]], axis=-1)
+        return {self.units(steps) - 1: both}
 
 
 @dataclass(frozen=True)
-class Hermite:
+class Hermite(Basis):
     """Cubic Hermite segments: control c_k = (x_k, τ ẋ_k), τ = q·dt; pairs of controls give
     SBT(4(2n−|u|)).
 
@@ -162,7 +156,7 @@ class Hermite:
     """
 
     steps_per_segment: int = 10
-    name = "hermite"
+    name: ClassVar[str] = "hermite"
 
     def check(self, steps: int) -> None:
         q = self.steps_per_segment
@@ -209,16 +203,14 @@ class Hermite:
     def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
         q = self.steps_per_segment
         _, coefficient = self._node_table(steps)
-        constant = np.zeros((*x0.shape[:-1], steps + 2, x0.shape[-1]))
-        constant[..., 0, :] = x_previous
+        constant = super().constant(steps, x0, x_previous)
         tangent = q * (x0 - x_previous)  # τ v_0
         for j in range(q):
             constant[..., j + 1, :] = coefficient[j, 0] * x0 + coefficient[j, 1] * tangent
         return constant
 
-    def fit(self, nodes: Array, dt: float) -> Array:
+    def fit(self, nodes: Array) -> Array:
         """Controls through the knots of a trajectory, tangents by central differences."""
-        del dt
         q = self.steps_per_segment
         steps = nodes.shape[-2] - 2
         x = nodes[..., 1:, :]
@@ -242,7 +234,7 @@ class Hermite:
 
 
 @dataclass(frozen=True)
-class Folded:
+class Folded(Basis):
     """The nodes of a cycle: all of x_1 … x_N are unknown, and x_{-1}, x_0 are x_{N−1}, x_N carried
     back by one stride.
 
@@ -262,7 +254,6 @@ class Folded:
     """
 
     pairs: int = 1
-    name = "nodes"
 
     def check(self, steps: int) -> None:
         if steps < LEAST_CYCLE:
@@ -276,23 +267,11 @@ class Folded:
         unit, part = pair // self.pairs, 2 * (pair % self.pairs) + back
         return unit.astype(np.int32), part.astype(np.int32)
 
-    def _fold(self, steps: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Unit and part (N,) of x_1 … x_N."""
+    def stencil(self, steps: int) -> Stencil:
         k = np.arange(steps)
         back = k >= (steps + 1) // 2
-        return self._place(np.where(back, steps - 1 - k, k), back)
-
-    def idle(self, steps: int) -> list[tuple[int, int]]:
-        """(unit, part) that are no nodes, but for a unit that is none at all."""
-        unused = self.dummies(steps)
-        unused[unused.all(axis=1)] = False
-        return [(int(unit), int(part)) for unit, part in np.argwhere(unused)]
-
-    def stencil(self, steps: int) -> Stencil:
-        unit, part = self._fold(steps)
-        node = np.arange(-1, steps + 1) - 1
-        unit, part = unit[node % steps][:, None], part[node % steps][:, None]
-        k = np.arange(steps)
+        places = self._place(np.where(back, steps - 1 - k, k), back)  # of x_1 … x_N
+        unit, part = (place[np.arange(-2, steps) % steps][:, None] for place in places)
         back = k > (steps + 1) // 2
         row = np.where(back, steps + 1 - k, k)
         row[0], back[0] = 1, True  # FD_0 looks at x_1, x_N and x_{N−1}
@@ -301,38 +280,13 @@ class Folded:
         parts = 2 * self.pairs
         return Stencil(self.units(steps), parts, unit, part, ones, *tests, np.ones((steps, 1)))
 
-    def dummies(self, steps: int) -> NDArray[np.bool_]:
-        """(K, parts) where no node is made of a part of a unit."""
-        stencil = self.stencil(steps)
-        unused = np.ones((stencil.units, stencil.parts), dtype=bool)
-        unused[stencil.unit, stencil.part] = False
-        return unused
-
-    def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
-        """(…, N+2, n) what carries x_N and x_{N−1} back by a stride, beside the matrix that it is
-        done with."""
-        return Nodes().constant(steps, x0, x_previous)
-
-    def fit(self, nodes: Array, dt: float) -> Array:
-        del dt
-        steps = nodes.shape[-2] - 2
-        unit, part = self._fold(steps)
-        n = nodes.shape[-1]
-        parts = 2 * self.pairs
-        unknowns = np.zeros((*nodes.shape[:-2], self.units(steps), parts, n))
-        unknowns[..., unit, part, :] = nodes[..., 2:, :]
-        return unknowns.reshape(*nodes.shape[:-2], self.units(steps), parts * n)
-
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         raise ProblemError("a cycle has no end to fix: x_end cannot be given with cycle")
 
 
-Basis = Nodes | PairedNodes | Hermite | Folded
-
-
 def basis_named(name: str | Basis) -> Basis:
     """The basis a user named: "nodes", "hermite", or one of the two objects."""
-    if isinstance(name, (Nodes, PairedNodes, Hermite, Folded)):
+    if isinstance(name, Basis):
         return name
     table: dict[str, Basis] = {"nodes": Nodes(), "hermite": Hermite()}
     return table[one_of("basis", name, table)]
@@ -358,3 +312,28 @@ def node_values(
         first = nodes[..., :2, :] - constant[..., :2, :]
         nodes[..., :2, :] = constant[..., :2, :] + first @ np.swapaxes(carry, -1, -2)
     return nodes
+
+
+# a block of n numbers of a window of nodes, the unit and the block in it, and their coefficient
+Slot = tuple[slice, int, slice, float]
+
+
+def slots_of(stencil: Stencil, nodes: Iterable[int], n: int) -> list[Slot]:
+    """What the ``nodes`` of a window, by their places in the trajectory, are made of."""
+    s = stencil
+    blocks = [slice(k * n, (k + 1) * n) for k in range(max(WINDOW, s.parts))]
+    return [
+        (own, int(s.unit[at, k]), blocks[s.part[at, k]], float(s.coefficient[at, k]))
+        for own, at in zip(blocks, nodes, strict=False)
+        for k in np.flatnonzero(s.unit[at] >= 0)
+    ]
+
+
+def scatter(slots: Sequence[Slot], hess: Array, gradient: Array, H: Array, b: Array) -> None:
+    """Adds what a window of nodes has, (batch, w, w) and (batch, w), to H (batch, K, 3, nc, nc) and
+    b (batch, K, nc) of the units that it is made of."""
+    for own, unit, to, value in slots:
+        b[:, unit, to] += value * gradient[:, own]
+        for other, unit2, to2, value2 in slots:
+            if unit2 <= unit:
+                H[:, unit, unit - unit2, to, to2] += value * value2 * hess[:, own, other]

@@ -7,18 +7,20 @@ mathematics.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from octo.dynamics.emit import function_of_numbers
 from octo.interrupts import postponed
 from octo.problem.codegen import CostFunctions
+from octo.problem.curvature import nonzeros
+from octo.problem.lane_tables import tables_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,47 +84,35 @@ class BetweenCode:
     def text(self) -> str:
         """``octo_between(k, arg, res)``: the values of term k, or derivatives of term k −
         BETWEEN; sizes and tables; those of ``bends``."""
-        references = self.functions.references
-        made: list[list[ca.Function]] = [[], []]  # values, derivatives
-        for _, function in self.functions.between:
-            inputs = function.sx_in()
-            r, jac = function(*inputs)[:2]
-            slopes = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-            for kind, name, output in zip(made, ("value", "slope"), (r, slopes), strict=True):
-                named = f"octo_between_{name}{len(kind)}"
-                kind.append(ca.Function(named, inputs, [output], {"cse": True}))
+        values, slopes = [], []
+        for k, (_, function) in enumerate(self.functions.between):
+            r, jac = function(*function.sx_in())[:2]
+            values.append(_part(function, f"value{k}", r))
+            slopes.append(_part(function, f"slope{k}", nonzeros(jac)))
         sizes = {
             "BETWEEN": len(self.functions.between),
             "BR": self.rows,
             "BZ": self.entries,
             "BC": self.size,
-            "BTERM": len(references.terms),
+            "BTERM": len(self.functions.references.terms),
             "BQ": self.functions.numbers,
         }
-        functions = [*made[0], *made[1]]
-        cases = " ".join(
-            f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(functions)
-        )
-        return "\n".join(
-            [
-                *map(function_of_numbers, functions),
-                *self.bends.text(),
-                *(f"#define {name} {value}" for name, value in sizes.items()),
-                *self._tables(),
-                "static void octo_between(int k, const double **arg, double **res) {",
-                f"  switch (k) {{ {cases} }}\n}}",
-            ]
-        )
-
-    def _tables(self) -> list[str]:
-        tables: dict[str, Iterable[int]] = {
+        tables = {
             "term": [term for term, _ in self.functions.between],
             "first_row": self._first_row,
             "first_entry": _starts(pattern.nnz() for pattern in self._patterns),
             "entry_row": self._entry_rows,
             "entry_column": [column for p in self._patterns for column in p.get_col()],
         }
-        return [_table(name, values) for name, values in tables.items()]
+        made = [*values, *slopes]
+        return "\n".join(
+            [
+                *map(function_of_numbers, made),
+                *self.bends.text(),
+                tables_text(sizes, _named(tables)),
+                _choice("octo_between", made),
+            ]
+        )
 
     def c_text(self) -> str:
         """With between.c; stands after assemble.c."""
@@ -130,7 +120,8 @@ class BetweenCode:
         order = np.argsort(rows, kind="stable")
         start = np.searchsorted(rows[order], np.arange(self.rows + 1))
         own = (resources.files("octo.problem") / "between.c").read_text(encoding="utf-8")
-        return "\n".join([self.text, _table("row_start", start), _table("row_entry", order), own])
+        tables = tables_text({}, _named({"row_start": start, "row_entry": order}))
+        return "\n".join([self.text, tables, own])
 
 
 @dataclass(frozen=True)
@@ -151,12 +142,12 @@ class Bends:
     def of(cls, functions: CostFunctions) -> Bends:
         made = cls([], [], [0], [], [])
         for term, function in functions.between:
-            inputs = function.sx_in()
-            upper = ca.triu(function(*inputs)[2]) if function.n_out() > 2 else ca.SX(1, 1)
+            if function.n_out() == 2:
+                continue
+            upper = ca.triu(function(*function.sx_in())[2])
             if not upper.nnz():
                 continue
-            name, numbers = f"octo_between_bend_{term}", ca.vertcat(*upper.nonzeros())
-            made.functions.append(ca.Function(name, inputs, [numbers], {"cse": True}))
+            made.functions.append(_part(function, f"bend_{term}", nonzeros(upper)))
             made.terms.append(term)
             made.rows.extend(upper.sparsity().row())
             made.columns.extend(upper.sparsity().get_col())
@@ -178,16 +169,11 @@ class Bends:
             "bend_row": self.rows,
             "bend_column": self.columns,
         }
-        cases = " ".join(
-            f"case {k}: {function.name()}(arg, res); break;"
-            for k, function in enumerate(self.functions)
-        )
+        sizes = {"BENT": len(self.functions), "BS": self.size}
         return [
             *map(function_of_numbers, self.functions),
-            f"#define BENT {len(self.functions)}\n#define BS {self.size}",
-            *(_table(name, values) for name, values in tables.items()),
-            "static void octo_between_second(int k, const double **arg, double **res) {",
-            f"  switch (k) {{ {cases} }}\n}}",
+            tables_text(sizes, _named(tables)),
+            _choice("octo_between_second", self.functions),
         ]
 
 
@@ -195,6 +181,21 @@ def _starts(counts: Iterable[int]) -> list[int]:
     return [int(k) for k in np.cumsum([0, *counts])]
 
 
-def _table(name: str, values: Iterable[int]) -> str:
-    listed = ", ".join(str(int(value)) for value in values) or "0"
-    return f"static const int octo_between_{name}[] = {{{listed}}};"
+def _part(function: ca.Function, name: str, output: ca.SX) -> ca.Function:
+    """``output``, made of the symbols of a term's function, as a function of its own."""
+    return ca.Function(f"octo_between_{name}", function.sx_in(), [output], {"cse": True})
+
+
+def _named(tables: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+    return {f"between_{name}": values for name, values in tables.items()}
+
+
+def _choice(name: str, functions: Sequence[ca.Function]) -> str:
+    """C text of a function that calls the one of a number."""
+    cases = " ".join(
+        f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(functions)
+    )
+    return (
+        f"static void {name}(int k, const double **arg, double **res) {{\n"
+        f"  switch (k) {{ {cases} }}\n}}"
+    )

@@ -29,27 +29,18 @@ class BlockNLP(Protocol):
     functions: of the terms. problems: what the batch was made from.
     """
 
+    batch: int
+    K: int
+    nc: int
+    ma: int
+    steps: int
+    n: int
+    m: int
     weight: float
     threads: int
+    q: Array
+    functions: CostFunctions
 
-    @property
-    def q(self) -> Array: ...
-    @property
-    def batch(self) -> int: ...
-    @property
-    def K(self) -> int: ...
-    @property
-    def nc(self) -> int: ...
-    @property
-    def ma(self) -> int: ...
-    @property
-    def steps(self) -> int: ...
-    @property
-    def n(self) -> int: ...
-    @property
-    def m(self) -> int: ...
-    @property
-    def functions(self) -> CostFunctions: ...
     @property
     def problems(self) -> Sequence[Problem]: ...
 

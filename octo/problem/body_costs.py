@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import numbers, shares, vectors
+from octo.checks import numbers
 from octo.errors import ShapeError
 from octo.problem.asked import Asked, Motion
-from octo.problem.costs import FLOOR, Cost, Steps, last_row
+from octo.problem.costs import Cost, Steps, last_row, mean_square
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -31,15 +31,10 @@ class CenterOfMassVelocity(Cost):
     velocity: Any = (0.0, 0.0, 0.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"velocity": vectors(f"{self.label}.velocity", self.velocity, 3)}
+        return {"velocity": self._vector("velocity", 3)}
 
     def scale(self, setting: Setting) -> float:
-        return max(
-            float(
-                np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))
-            ),
-            FLOOR,
-        )
+        return mean_square(self.velocity)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com_velocity - p["velocity"]
@@ -63,10 +58,10 @@ class CenterOfMassPosition(Cost):
     steps: Steps = field(default="last", kw_only=True)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"target": vectors(f"{self.label}.target", self.target, 3)}
+        return {"target": self._vector("target", 3)}
 
     def scale(self, setting: Setting) -> float:
-        return max(float(np.sum((last_row(self.target) - setting.com) ** 2)), FLOOR)
+        return mean_square(last_row(self.target) - setting.com)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com - p["target"]
@@ -85,10 +80,10 @@ class CenterOfMassDisplacement(Cost):
     displacement: Any = (0.0, 0.0, 0.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"target": setting.com + vectors(f"{self.label}.displacement", self.displacement, 3)}
+        return {"target": setting.com + self._vector("displacement", 3)}
 
     def scale(self, setting: Setting) -> float:
-        return max(float(np.sum(last_row(self.displacement) ** 2)), FLOOR)
+        return mean_square(last_row(self.displacement))
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com - p["target"]
@@ -114,11 +109,7 @@ class BaseOrientation(Cost):
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        angles = vectors(f"{self.label}.roll_pitch_yaw", self.roll_pitch_yaw, 3)
-        return {
-            "roll_pitch_yaw": angles,
-            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
-        }
+        return {"roll_pitch_yaw": self._vector("roll_pitch_yaw", 3), "axes": self._roots("axes", 3)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
@@ -174,16 +165,10 @@ class BaseAngularVelocity(Cost):
     body: str | None = None
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        velocity = vectors(f"{self.label}.velocity", self.velocity, 3)
-        return {"velocity": velocity, "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3))}
+        return {"velocity": self._vector("velocity", 3), "axes": self._roots("axes", 3)}
 
     def scale(self, setting: Setting) -> float:
-        return max(
-            float(
-                np.mean(np.sum(np.atleast_2d(np.asarray(self.velocity, dtype=float)) ** 2, axis=-1))
-            ),
-            FLOOR,
-        )
+        return mean_square(self.velocity)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         turned = step.pose(self.body)[0] @ step.pose_before(self.body)[0].T
@@ -214,19 +199,13 @@ class PointPosition(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        point, target = (
-            vectors(f"{self.label}.{name}", getattr(self, name), 3) for name in ("point", "target")
-        )
-        return {
-            "point": point,
-            "target": target,
-            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
-        }
+        vectors = {name: self._vector(name, 3) for name in ("point", "target")}
+        return {**vectors, "axes": self._roots("axes", 3)}
 
     def scale(self, setting: Setting) -> float:
         start = setting.point(self.body, last_row(self.point))
         chosen = np.broadcast_to(last_row(self.axes), (3,)) > 0.0
-        return max(float(np.sum((last_row(self.target) - start)[chosen] ** 2)), FLOOR)
+        return mean_square((last_row(self.target) - start)[chosen])
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         rotation, position = step.pose(self.body)
@@ -253,15 +232,8 @@ class PointVelocity(Cost):
     axes: Any = (1.0, 1.0, 1.0)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        point, velocity = (
-            vectors(f"{self.label}.{name}", getattr(self, name), 3)
-            for name in ("point", "velocity")
-        )
-        return {
-            "point": point,
-            "velocity": velocity,
-            "axes": np.sqrt(shares(f"{self.label}.axes", self.axes, 3)),
-        }
+        vectors = {name: self._vector(name, 3) for name in ("point", "velocity")}
+        return {**vectors, "axes": self._roots("axes", 3)}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         rotation, position = step.pose(self.body)

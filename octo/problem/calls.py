@@ -182,10 +182,6 @@ class Calls:
         columns = ca.Sparsity(self.arguments[k].jac_sparsity(0, GIVEN)).get_col()
         return any(first <= column < last for column in columns)
 
-    def symbols(self) -> list[ca.SX]:
-        """v, where there are calls: what the functions of a step have as their last input."""
-        return [ca.SX.sym("v", self.size)] if self else []
-
     # -- derivatives -------------------------------------------------------------------------------
 
     def jacobian(self, expression: ca.SX, inputs: Sequence[ca.SX], over: ca.SX) -> ca.SX:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +35,17 @@ class Closure:
 
     forward: Array
     forward_constant: Array
-    matrix: Array
-    constant: Array
     held: Array  # (n,) 1 for the coordinates of x_N that say where the motion takes place
     mirror: Mirror | None  # of the robot, where it has one
     mirrored: bool
 
-    @classmethod
-    def of(
-        cls,
-        forward: Array,
-        forward_constant: Array,
-        held: Array,
-        mirror: Mirror | None,
-        mirrored: bool,
-    ) -> Closure:
-        matrix: Array = np.linalg.inv(forward).astype(float)
-        return cls(
-            forward, forward_constant, matrix, -matrix @ forward_constant, held, mirror, mirrored
-        )
+    @cached_property
+    def matrix(self) -> Array:
+        return np.asarray(np.linalg.inv(self.forward), dtype=float)
+
+    @cached_property
+    def constant(self) -> Array:
+        return -self.matrix @ self.forward_constant
 
     def along(self, start: Array, steps: int) -> Array:
         """x_{-1} … x_N (N+2, n) on the straight way from ``start`` to where the cycle carries
@@ -99,7 +91,7 @@ def closure_of(
     # the mirror's plane holds y and yaw; without it a sideways walk would turn and walk forward
     if not cycle.mirrored:
         held[first + 1] = held[first + 3] = 1.0
-    return Closure.of(forward, constant, held, mirror, cycle.mirrored)
+    return Closure(forward, constant, held, mirror, cycle.mirrored)
 
 
 def _walker(robot: Character | None) -> Character:

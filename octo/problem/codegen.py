@@ -8,7 +8,7 @@ contact_model.py. q (NQ) starts with one coefficient per term, then come the ref
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.dynamics.codegen import integers, lanes_text, numbers_table
+from octo.dynamics.codegen import lanes_text, numbers_table
 from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
@@ -30,8 +30,8 @@ from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
 from octo.problem.costs import Cost, NeighbourCost, StepPairCost
-from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature
-from octo.problem.lane_tables import contact_tables, row_tables
+from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature, nonzeros
+from octo.problem.lane_tables import contact_tables, row_tables, tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
@@ -135,18 +135,21 @@ def residuals_of(
     setting: Setting,
     between_controls: bool,
     exact: bool = False,
+    symbols: tuple[ca.SX, list[ca.SX], StepSymbols] | None = None,
 ) -> Residuals:
     """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
-    ``exact``: all have exact second derivatives, whatever their ``curvature``.
+    ``exact``: all have exact second derivatives, whatever their ``curvature``; ``symbols``: of
+    :func:`step_symbols`, of one who asks for one term after another.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
     references = References.of(terms, setting)
-    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", max(references.size, 1))
-    nodes, step = step_symbols(dynamics, p)
-    controls = control_symbols(dynamics)
+    p, nodes, step = step_symbols(dynamics) if symbols is None else symbols
+    step.calls.clear()
+    q = ca.SX.sym("q", max(references.size, 1))
+    controls = [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
     state: list[ca.SX] = []
     own, between = [], {}
     bent = tuple(k for k, term in enumerate(terms) if exact or term.curvature == "exact")
@@ -157,12 +160,12 @@ def residuals_of(
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-            first, called = sum(r.numel() for r in state), len(step.calls)
-            over_controls, value = residual_of(term, step, controls, view, between_controls)
-            if over_controls:
-                between[k] = value
+            if between_controls and isinstance(term, NeighbourCost):
+                term.check_square("is over Hermite controls")
+                between[k] = term.shaped(term.between(controls[0], controls[1], view), view)
                 continue
-            state.append(value)
+            first, called = sum(r.numel() for r in state), len(step.calls)
+            state.append(term.shaped(term.residual(step, view), view))
             if k in bent:
                 curved.add(k, term, view, first, step.calls[called:])
         own.append(k)
@@ -184,26 +187,6 @@ def residuals_of(
     )
 
 
-def residual_of(
-    term: Cost,
-    step: StepSymbols,
-    controls: Sequence[ca.SX],
-    view: Mapping[str, ca.SX],
-    between_controls: bool,
-) -> tuple[bool, ca.SX]:
-    """Whether a term that is not over contacts is over ``controls`` rather than over the ``step``,
-    and its residual."""
-    if between_controls and isinstance(term, NeighbourCost):
-        term.check_square("is over Hermite controls")
-        return True, term.shaped(term.between(controls[0], controls[1], view), view)
-    return False, term.shaped(term.residual(step, view), view)
-
-
-def control_symbols(dynamics: Dynamics) -> list[ca.SX]:
-    """Two neighbouring Hermite controls, (2 nx,) each."""
-    return [ca.SX.sym(name, 2 * dynamics.nx) for name in ("c", "c_next")]
-
-
 @postponed()
 def derived(made: Residuals) -> CostFunctions:
     """The functions of residuals and of their first derivatives, over contacts of their second ones
@@ -213,8 +196,7 @@ def derived(made: Residuals) -> CostFunctions:
     bounded = sum(made.references.terms[k].kind == "bounded" for k in terms)
     r = ca.densify(ca.vertcat(ca.SX(0, 1), *made.state))
     jac = made.calls.jacobian(r, inputs, ca.vertcat(*inputs[:4]))
-    nonzeros = ca.vertcat(*jac.nonzeros()) if jac.nnz() else ca.SX(0, 1)
-    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros], {"cse": True})
+    jacobian = ca.Function("octo_state_cost_jac", inputs, [r, nonzeros(jac)], {"cse": True})
     length = jacobian.n_instructions()
     if length >= COSTLY:
         sizes = [ca.Function("length", inputs, [one]).n_instructions() for one in made.state]
@@ -253,16 +235,15 @@ def cost_functions(
     return derived(residuals_of(dynamics, terms, setting, between_controls))
 
 
-def step_symbols(dynamics: Dynamics, p: ca.SX) -> tuple[list[ca.SX], StepSymbols]:
-    """The symbols x_next, x, x_prev, u of a time step, and what a term sees of them."""
-    n = dynamics.nx
+def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:
+    """The symbols p, and x_next, x, x_prev, u of a time step, and what a term sees of them."""
+    n, p = dynamics.nx, ca.SX.sym("p", dynamics.layout.size)
     x_next, x, x_prev, u = (
         ca.SX.sym(s, k) for s, k in (("x_next", n), ("x", n), ("x_prev", n), ("u", dynamics.nu))
     )
     robot = dynamics if isinstance(dynamics, RobotDynamics) else None
-    return [x_next, x, x_prev, u], StepSymbols(
-        x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot
-    )
+    step = StepSymbols(x_next, x, x_prev, u, dynamics.layout.view(p), dynamics.actuated, robot)
+    return p, [x_next, x, x_prev, u], step
 
 
 @functools.lru_cache(maxsize=8)
@@ -322,15 +303,17 @@ def residual_text(
 def _block_tables(functions: CostFunctions, dynamics: Dynamics, columns: NDArray[np.intp]) -> str:
     """For a block of threads: how many derivatives, the last ones, are with respect to u; what
     coordinates move each contact."""
-    size = 0 if functions.contact is None else functions.contact.factors.size
-    lines = [f"#define NZU {int((columns >= 3 * dynamics.nx).sum())}", f"#define NY {size}"]
+    own = functions.contact
+    sizes = {
+        "NZU": int((columns >= 3 * dynamics.nx).sum()),
+        "NY": 0 if own is None else own.factors.size,
+    }
+    moves: dict[str, Any] = {}
     if functions.contact_spheres and isinstance(dynamics, RobotDynamics):
         robot = dynamics.character
-        moves = np.zeros((len(functions.contact_spheres), robot.nx), dtype=int)
-        for k, sphere in enumerate(functions.contact_spheres):
-            moves[k, list(robot.path[robot.contacts[sphere].body])] = 1
-        lines.append(integers("cost_contact_moves", moves))
-    return "\n".join(lines)
+        paths = [robot.path[robot.contacts[k].body] for k in functions.contact_spheres]
+        moves["cost_contact_moves"] = [np.isin(np.arange(robot.nx), path) for path in paths]
+    return tables_text(sizes, moves)
 
 
 def _tables(
@@ -349,7 +332,6 @@ def _tables(
         "CR": len(own.terms) if own else 0,
         "NFC": len(functions.contact_spheres),
     }
-    lines = [f"#undef {name}\n#define {name} {value}" for name, value in sizes.items()]
     tables: dict[str, Any] = {
         "actuated": dynamics.actuated,
         "unactuated": dynamics.unactuated,
@@ -369,5 +351,5 @@ def _tables(
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]
-    lines += [integers(name, table) for name, table in tables.items()]
-    return "\n".join([*lines, *(numbers_table(name, table) for name, table in values.items())])
+    written = tables_text(sizes, tables, anew=True)
+    return "\n".join([written, *(numbers_table(name, table) for name, table in values.items())])

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.checks import doubles, numbers
-from octo.dynamics.evaluate import Dynamics
 from octo.errors import ProblemError, ValueRangeError
-from octo.problem.basis import Basis, Stencil, node_values
-from octo.problem.codegen import CostFunctions
+from octo.problem.basis import node_values
 from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
@@ -63,106 +61,31 @@ class CompiledProblem:
         first = problems[0]
         if like is None:
             check_alike(problems)
-            self.program = Program(first.dynamics, functions_of(first, exact))
+            program = Program(first.dynamics, functions_of(first, exact))
         else:
-            self.program = like.program
+            program = like.program
             if "library" in like.__dict__:
                 self.__dict__["library"] = like.library
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.weight = first.weight
-        self.plan, self.data = lowered(problems, self.program.functions)
+        self._hold(program, *lowered(problems, program.functions))
 
-    # -- what it is made of ------------------------------------------------------------------------
-
-    @property
-    def dynamics(self) -> Dynamics:
-        return self.program.dynamics
-
-    @property
-    def functions(self) -> CostFunctions:
-        return self.program.functions
+    def _hold(self, program: Program, plan: Plan, data: Data) -> None:
+        """Take over what it is made of, and what is often asked of it by name."""
+        self.program, self.plan, self.data = program, plan, data
+        self.dynamics, self.functions = program.dynamics, program.functions
+        self.basis, self.stencil = plan.basis, plan.stencil
+        self.fixed, self.idle = plan.fixed, plan.idle
+        self.batch, self.steps, self.n, self.m = len(data.p), plan.steps, plan.n, plan.m
+        self.K, self.nc, self.ma, self.nu = plan.K, plan.nc, plan.ma, program.dynamics.nu
+        self.p, self.q, self.row_scale = data.p, data.q, data.row_scale
+        self.start, self.constant = data.start, data.constant
+        self.ends, self.carry = data.ends, data.carry
 
     @property
     def kinematics(self) -> ca.Function:
         """Of one step, for reports (:attr:`Program.kinematics`)."""
         return self.program.kinematics
-
-    @property
-    def basis(self) -> Basis:
-        return self.plan.basis
-
-    @property
-    def stencil(self) -> Stencil:
-        return self.plan.stencil
-
-    @property
-    def fixed(self) -> NDArray[np.intp]:
-        """Units that are dummies of the KKT matrix."""
-        return self.plan.fixed
-
-    @property
-    def idle(self) -> list[tuple[int, int]]:
-        return self.plan.idle
-
-    @property
-    def batch(self) -> int:
-        return len(self.data.p)
-
-    @property
-    def steps(self) -> int:
-        return self.plan.steps
-
-    @property
-    def n(self) -> int:
-        return self.plan.n
-
-    @property
-    def nu(self) -> int:
-        return self.program.dynamics.nu
-
-    @property
-    def m(self) -> int:
-        return self.plan.m
-
-    @property
-    def K(self) -> int:
-        return self.plan.K
-
-    @property
-    def nc(self) -> int:
-        return self.plan.nc
-
-    @property
-    def ma(self) -> int:
-        return self.plan.ma
-
-    @property
-    def p(self) -> Array:
-        return self.data.p
-
-    @property
-    def q(self) -> Array:
-        return self.data.q
-
-    @property
-    def row_scale(self) -> Array:
-        return self.data.row_scale
-
-    @property
-    def start(self) -> Array:
-        return self.data.start
-
-    @property
-    def constant(self) -> Array:
-        return self.data.constant
-
-    @property
-    def ends(self) -> Array:
-        return self.data.ends
-
-    @property
-    def carry(self) -> Array | None:
-        return self.data.carry
 
     # -- others of the same structure --------------------------------------------------------------
 
@@ -177,7 +100,8 @@ class CompiledProblem:
     def with_data(self, plan: Plan, data: Data) -> CompiledProblem:
         """The same with another plan and other numbers; everything generated is shared."""
         part: CompiledProblem = object.__new__(CompiledProblem)
-        part.__dict__.update(self.__dict__, plan=plan, data=data)
+        part.__dict__.update(self.__dict__)
+        part._hold(self.program, plan, data)
         part.__dict__.pop("steps_code", None)
         return part
 
@@ -185,7 +109,7 @@ class CompiledProblem:
         """The same on CasADi's virtual machine, dynamics included, as where there is no
         compiler."""
         plain = self.with_data(self.plan, self.data)
-        plain.program = self.program.interpreted()
+        plain._hold(self.program.interpreted(), self.plan, self.data)
         plain.__dict__["library"] = None
         return plain
 
@@ -241,8 +165,7 @@ class CompiledProblem:
         """What evaluates and derives the steps."""
         if self.library is None:
             return Interpreted(self.program, self.plan, self.data)
-        between = bool(self.functions.between)
-        return NativeSteps(self.library, between, self.plan, self.data, self.threads)
+        return NativeSteps(self.library, self.plan, self.data, self.threads)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
@@ -256,7 +179,7 @@ class CompiledProblem:
 
     def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); the pinned ones are zero."""
-        return self.plan.unknowns(np.asarray(nodes, dtype=float), float(self.problems[0].dt))
+        return self.plan.unknowns(np.asarray(nodes, dtype=float))
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""

@@ -11,9 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import casadi as ca
-import numpy as np
 
-from octo.checks import number, positive
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.problem.costs import Cost
@@ -57,9 +55,7 @@ class Slip(ContactCost):
     length: float = 0.01  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {
-            "inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])
-        }
+        return {"inverse_length": self._inverse("length", "m")}
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         near = 2 / (1 + ca.exp(ca.fmin(contact.height * p["inverse_length"], 50.0)))
@@ -75,7 +71,7 @@ class FootLift(ContactCost):
     height: float = 0.02  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"height": np.array([number(f"{self.label}.height", self.height)])}
+        return {"height": self._number("height")}
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, contact.height - p["height"])
@@ -90,9 +86,7 @@ class Clearance(ContactCost):
     length: float = 0.02  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {
-            "inverse_length": np.array([1.0 / positive(f"{self.label}.length", self.length, "m")])
-        }
+        return {"inverse_length": self._inverse("length", "m")}
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return contact.velocity * ca.exp(ca.fmin(-0.5 * contact.height * p["inverse_length"], 2.0))
@@ -105,7 +99,7 @@ class FrictionCone(ContactCost):
     mu: float = 0.6
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"mu": np.array([number(f"{self.label}.mu", self.mu)])}
+        return {"mu": self._number("mu")}
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         tangential = ca.sqrt(ca.sumsqr(contact.tangential_force) + TINY_FORCE**2) - TINY_FORCE
@@ -163,9 +157,7 @@ class SwingClearance(ContactCost):
     height: float = 0.04  # m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {
-            "inverse_height": np.array([1.0 / positive(f"{self.label}.height", self.height, "m")])
-        }
+        return {"inverse_height": self._inverse("height", "m")}
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         low = ca.fmax(0, 1 - contact.height * p["inverse_height"])

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, one_of, owned
+from octo.checks import instance, number, one_of, owned, positive, shares, vectors
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
 from octo.problem.losses import Loss
@@ -114,6 +114,22 @@ class Cost:
         if self.kind != "square":
             raise ProblemError(f"{self.label} {why}: its kind is {self.kind!r}, must be 'square'")
 
+    def _vector(self, name: str, size: int) -> Array:
+        """A field as finite numbers, (size,) or (N, size)."""
+        return vectors(f"{self.label}.{name}", getattr(self, name), size)
+
+    def _roots(self, name: str, size: int) -> Array:
+        """The square roots of a field of weights, (size,) or (N, size)."""
+        return np.sqrt(shares(f"{self.label}.{name}", getattr(self, name), size))
+
+    def _number(self, name: str) -> Array:
+        """(1,) of a field that is a number."""
+        return np.array([number(f"{self.label}.{name}", getattr(self, name))])
+
+    def _inverse(self, name: str, unit: str = "") -> Array:
+        """(1,) one over a field that is a positive number in ``unit``."""
+        return np.array([1.0 / positive(f"{self.label}.{name}", getattr(self, name), unit)])
+
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         """What the term asks of a motion as a whole, and what came of it; None of a term that asks
         for nothing special."""
@@ -152,15 +168,18 @@ def last_row(values: Any) -> Array:
     return np.atleast_2d(np.asarray(values, dtype=float))[-1]
 
 
+def mean_square(values: Any) -> float:
+    """The mean of |row|² over rows (N, size), or of one row (size,), at least ``FLOOR``: a
+    scale."""
+    rows = np.atleast_2d(np.asarray(values, dtype=float))
+    return max(float(np.mean(np.sum(rows**2, axis=-1))), FLOOR)
+
+
 @dataclass(frozen=True, eq=False)
-class CustomCost(Cost):
-    """Any residual over (x_next, x, x_prev, u, p) written in CasADi.
+class FunctionCost(Cost):
+    """A term whose residual is a function that the user gives, with its references by name."""
 
-    ``function(step, p) -> SX`` gets a :class:`~octo.problem.symbols.StepSymbols` and the references
-    below by name.
-    """
-
-    function: Callable[[StepSymbols, Mapping[str, ca.SX]], ca.SX] | None = None
+    function: Callable[..., ca.SX] | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
     fixed_scale: float = 1.0
 
@@ -170,16 +189,29 @@ class CustomCost(Cost):
     def scale(self, setting: Setting) -> float:
         return self.fixed_scale
 
-    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+    def _given(self, arguments: str) -> Callable[..., ca.SX]:
+        """The function, whose ``arguments`` a message names."""
         if self.function is None:
             raise ProblemError(
-                f"{self.label}.function is missing: give function(step, p) -> casadi.SX"
+                f"{self.label}.function is missing: give function({arguments}) -> casadi.SX"
             )
-        return self.function(step, p)
+        return self.function
 
 
 @dataclass(frozen=True, eq=False)
-class NeighbourCost(Cost):
+class CustomCost(FunctionCost):
+    """Any residual over (x_next, x, x_prev, u, p) written in CasADi.
+
+    ``function(step, p) -> SX`` gets a :class:`~octo.problem.symbols.StepSymbols` and the references
+    below by name.
+    """
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return self._given("step, p")(step, p)
+
+
+@dataclass(frozen=True, eq=False)
+class NeighbourCost(FunctionCost):
     """A residual over neighbouring controls, ``function(c, c_next, p) -> SX`` (DESIGN: the pattern
     does not change).
 
@@ -187,27 +219,13 @@ class NeighbourCost(Cost):
     included.
     """
 
-    function: Callable[[ca.SX, ca.SX, Mapping[str, ca.SX]], ca.SX] | None = None
-    values: Mapping[str, Any] = field(default_factory=dict)
-    fixed_scale: float = 1.0
-
-    def references(self, setting: Setting) -> Mapping[str, Any]:
-        return self.values
-
-    def scale(self, setting: Setting) -> float:
-        return self.fixed_scale
-
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         """In the nodes basis the two controls are made of one step's three configurations."""
         before = ca.vertcat(step.x, step.x - step.x_prev)
         return self.between(before, ca.vertcat(step.x_next, step.x_next - step.x), p)
 
     def between(self, control: ca.SX, control_next: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
-        if self.function is None:
-            raise ProblemError(
-                f"{self.label}.function is missing: give function(c, c_next, p) -> casadi.SX"
-            )
-        return self.function(control, control_next, p)
+        return self._given("c, c_next, p")(control, control_next, p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics import slots, symbolic
-from octo.dynamics.codegen import check_curvature, integers
+from octo.dynamics.codegen import check_curvature
 from octo.dynamics.long import check_length
 from octo.model.character import Character
 from octo.problem.calls import Call, gradient, jacobian, with_numbers_of
 from octo.problem.costs import Cost
+from octo.problem.lane_tables import tables_text
 from octo.problem.symbols import StepSymbols
 
 NAME = "octo_state_curvature"
@@ -36,18 +37,26 @@ class StateCurvature:
 
     function: (x_next, x, x_prev, u, p, q, v if there are calls) -> the nonzeros (NS,) of the upper
         triangle of S.
-    rows, columns (NS,): their places, as indices into (x_next, x, x_prev, u).
+    sparsity: their places, as indices into (x_next, x, x_prev, u).
     """
 
     function: ca.Function
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
+    sparsity: ca.Sparsity
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """(NS,) of the nonzeros."""
+        return np.array(self.sparsity.row(), dtype=int)
+
+    @property
+    def columns(self) -> NDArray[np.intp]:
+        """(NS,) of the nonzeros."""
+        return np.array(self.sparsity.get_col(), dtype=int)
 
     def tables(self) -> str:
         """C text of their count and places, for curvature.c."""
         places = {"bend_row": self.rows, "bend_column": self.columns}
-        lines = [integers(name, values) for name, values in places.items()]
-        return "\n".join([f"#undef NS\n#define NS {len(self.rows)}", *lines])
+        return tables_text({"NS": len(self.rows)}, places, anew=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +153,7 @@ class CurvedTerms:
             what, slopes = f"second derivatives of {term.label}", gradient(term.calls, pulled, both)
             check_curvature(what, [both, held, p, q, *v], slopes, HINT)
             second, mixed, centered, slope = (
-                _gated(value, held, shift, weight)
+                gated(value, held, shift, weight)
                 for value in _second(pulled, term.calls, state, centers)
             )
             whole += second
@@ -172,10 +181,7 @@ class CurvedTerms:
             NAME, [*nodes, step.u, p, ca.vertcat(q, own), *v], [value], {"cse": True}
         )
         check_length("second derivatives of terms", function.n_instructions(), HINT)
-        sparsity = upper.sparsity()
-        return StateCurvature(
-            function, np.array(sparsity.row(), dtype=int), np.array(sparsity.get_col(), dtype=int)
-        )
+        return StateCurvature(function, upper.sparsity())
 
 
 def _second(pulled: ca.SX, calls: Sequence[Call], state: ca.SX, centers: ca.SX) -> Sequence[ca.SX]:
@@ -189,13 +195,16 @@ def _second(pulled: ca.SX, calls: Sequence[Call], state: ca.SX, centers: ca.SX) 
     return whole[:n, :n], whole[:n, n:], whole[n:, n:], gradient(calls, pulled, centers)
 
 
-def _gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
+def nonzeros(matrix: ca.SX) -> ca.SX:
+    """As a column, which may be empty."""
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+
+
+def gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
     """With ``shift`` for ``held``, and zero where the weight is: a step that a term leaves out may
     have no finite residual."""
     value = ca.sparsify(value)
-    if not value.nnz():
-        return ca.SX(*value.shape)
-    numbers = ca.substitute(ca.vertcat(*value.nonzeros()), held, shift)
+    numbers = ca.substitute(nonzeros(value), held, shift)
     return ca.SX(value.sparsity(), ca.if_else(weight != 0.0, numbers, 0.0))
 
 

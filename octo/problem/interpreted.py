@@ -7,7 +7,6 @@ The same formulas as assemble.c in slower words; it is also what the native code
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,9 +15,11 @@ from numpy.typing import NDArray
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-from octo.problem.contact_model import BLOCKS
+from octo.problem.basis import scatter, slots_of
+from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
+from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
@@ -42,35 +43,9 @@ class Interpreted:
         return made
 
     @cached_property
-    @postponed()
-    def _symbols(self) -> list[ca.SX]:
-        """z (3n,) of (x_next, x, x_prev), u, p, q of one step, and v where stages are called."""
-        dynamics = self.program.dynamics
-        sizes = {
-            "z": 3 * dynamics.nx,
-            "u": dynamics.nu,
-            "p": dynamics.layout.size,
-            "q": self._numbers,
-        }
-        if self.program.functions.calls:
-            sizes["v"] = self.program.functions.calls.size
-        return [ca.SX.sym(name, size) for name, size in sizes.items()]
-
-    @property
     def _inputs(self) -> list[ca.SX]:
-        """The same as the functions of a step have them: x_next, x, x_prev, u, …"""
-        return [*self._nodes, *self._symbols[1:]]
-
-    @property
-    def _numbers(self) -> int:
-        """Of q, that the terms see: all but weights and shifts of bounded rows."""
-        functions = self.program.functions
-        return functions.numbers - 2 * len(functions.bounded)
-
-    @property
-    def _nodes(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        z, n = self._symbols[0], self.plan.n
-        return z[:n], z[n : 2 * n], z[2 * n :]
+        """x_next, x, x_prev, u, p, q of one step, and v where stages are called."""
+        return list(self.program.functions.state.sx_in())
 
     @cached_property
     @postponed()
@@ -78,17 +53,14 @@ class Interpreted:
         """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
         functions, and ``use``."""
         dynamics, functions = self.program.dynamics, self.program.functions
-        p, q = self._symbols[2:4]
+        p, q = self._inputs[4:6]
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
             return []
         robot, made = dynamics.character, []
-        poses = [symbolic.body_poses(robot, node) for node in self._nodes]
+        poses = [symbolic.body_poses(robot, node) for node in self._inputs[:3]]
         for k, index in enumerate(functions.contact.spheres):
-            sphere = robot.contacts[index]
-            own = [pose[sphere.body] for pose in poses]
-            columns = [ca.vertcat(ca.vec(rotation.T), position) for rotation, position in own]
-            inputs = [*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q]
-            made.append((sphere.body, own, inputs, functions.contact.use[k].astype(float)))
+            body, own, inputs = contact_inputs(robot, index, poses)
+            made.append((body, own, [*inputs, p, q], functions.contact.use[k].astype(float)))
         return made
 
     @cached_property
@@ -105,40 +77,14 @@ class Interpreted:
             mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
         return (
-            ca.Function("residuals", self._symbols, [r], {"cse": True}),
+            ca.Function("residuals", self._inputs, [r], {"cse": True}),
             np.array(terms, dtype=np.intp),
             np.array(mask),
         )
 
-    @cached_property
-    @postponed()
-    def _slopes(self) -> ca.Function:
-        """Residuals over the state and their derivatives to (z, u)."""
-        functions, inputs = self.program.functions, self._inputs
-        r = functions.state(*inputs)
-        jac = functions.calls.jacobian(r, inputs, ca.vertcat(*self._symbols[:2]))
-        return ca.Function("slopes", self._symbols, [r, ca.densify(jac)], {"cse": True})
-
-    @cached_property
-    @postponed()
-    def _bend(self) -> ca.Function | None:
-        """(z, u, p, q) -> the second derivatives of exact terms over the state, to (z, u)."""
-        own = self.program.functions.curvature
-        if own is None:
-            return None
-        z, u, p, _, *v = self._symbols
-        q = ca.SX.sym("q", self.program.functions.numbers)
-        numbers = own.function(*self._nodes, u, p, q, *v)
-        size = z.numel() + u.numel()
-        upper = ca.SX(
-            ca.Sparsity.triplet(size, size, own.rows.tolist(), own.columns.tolist()), numbers
-        )
-        bend = ca.densify(ca.triu2symm(upper))
-        return ca.Function("bend", [z, u, p, q, *v], [bend], {"cse": True})
-
     @postponed()
     def _touch(self, exact: bool) -> ca.Function:
-        """(z, u, p, q) -> gradient (3n,) and second derivative (3n, 3n) of the terms over
+        """Of the inputs: gradient (3n,) and second derivative (3n, 3n) of the terms over
         contacts."""
         n, functions, dynamics = self.plan.n, self.program.functions, self.program.dynamics
         gradient, hess = ca.SX(3 * n, 1), ca.SX(3 * n, 3 * n)
@@ -148,7 +94,8 @@ class Interpreted:
             made = function(*inputs, ca.DM(use))
             path = [int(j) for j in dynamics.character.path[body]]
             twists = [
-                _twists(pose, node, path) for pose, node in zip(poses, self._nodes, strict=True)
+                _twists(pose, node, path)
+                for pose, node in zip(poses, self._inputs[:3], strict=True)
             ]
             places = [[node * n + j for j in path] for node in range(3)]
             for node in range(3):
@@ -163,7 +110,7 @@ class Interpreted:
                 if a != b:
                     hess[places[b], places[a]] += block.T
         return ca.Function(
-            "touch", self._symbols, [ca.densify(gradient), ca.densify(hess)], {"cse": True}
+            "touch", self._inputs, [ca.densify(gradient), ca.densify(hess)], {"cse": True}
         )
 
     @cached_property
@@ -176,21 +123,15 @@ class Interpreted:
         """By whether they are exact."""
         return {}
 
-    def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Any]:
-        z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T
-        p = np.repeat(self.data.p[k][:, None], self.plan.steps, axis=1)
-        q = self.data.q[k][:, : self._numbers]
-        given = [z, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
-        return [*given, *self.program.functions.calls.evaluate(self._called_with, given)]
-
-    @cached_property
-    @postponed()
-    def _called_with(self) -> list[ca.Function]:
-        """The argument of each call, of all steps."""
-        return [
-            ca.Function("argument", self._symbols, [argument(*self._inputs)]).map(self.plan.steps)
-            for argument in self.program.functions.calls.arguments
-        ]
+    def _arguments(self, k: int, nodes: Array, fd: Array) -> list[Array]:
+        """Of a member, for the functions of a step mapped over the steps."""
+        steps, calls = self.plan.steps, self.program.functions.calls
+        window = [nodes[k, first : first + steps].T for first in (2, 1, 0)]
+        p = np.repeat(self.data.p[k][:, None], steps, axis=1)
+        q = self.data.q[k][:, : self._inputs[5].numel()]
+        given = [*window, fd[k][:, self.program.dynamics.actuated].T, p, q.T]
+        arguments = [argument.map(steps) for argument in calls.arguments]
+        return [*given, *calls.evaluate(arguments, given)]
 
     def evaluate(
         self, unknowns: Array, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array
@@ -208,14 +149,12 @@ class Interpreted:
     def fill_terms(self, nodes: Array, fd: Array, out: Array, rows: Array) -> None:
         """coefficient·|r|² of each term, and r of the bounded rows."""
         value, terms, mask = self._values
-        steps, squares = self.plan.steps, self._squares
+        first = self._squares
         for k in range(len(nodes)):
-            r = np.asarray(value.map(steps)(*self._arguments(k, nodes, fd))).T.reshape(steps, -1)
-            rows[k] = r[:, squares : squares + rows.shape[-1]]
-            coefficient = self.data.q[k][:, terms] * mask
-            weighted = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
-            for t in range(out.shape[-1]):
-                out[k, :, t] = weighted[:, terms == t].sum(axis=1)
+            r = rows_over(value, self._arguments(k, nodes, fd), self.plan.steps)
+            rows[k] = r[:, first : first + rows.shape[-1]]
+            weighted = squares(self.data.q[k][:, terms] * mask, r)
+            out[k] = by_term(weighted, terms, out.shape[-1])
 
     @property
     def _squares(self) -> int:
@@ -254,7 +193,7 @@ class Interpreted:
         if hess is not None:
             step_hess += hess
         gradient = np.einsum("kir,kira->kia", shift, chained)
-        if self._bend is not None:
+        if self.program.functions.curvature is not None:
             self._add_bends(at, whole, fd_jac[:, :, dynamics.actuated], step_hess)
         if self._contacts:
             self._add_contacts(at, whole, gradient, step_hess)
@@ -275,22 +214,25 @@ class Interpreted:
     def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
         rows), 2c and 2cr of squares, and r' to (z, u)."""
-        terms = np.array(self.program.functions.state_terms, dtype=np.intp)
-        batch, steps, width = len(at.nodes), self.plan.steps, 3 * self.plan.n
-        width += self.program.dynamics.nu
-        r = np.empty((batch, steps, len(terms)))
-        jac = np.empty((batch, steps, len(terms), width))
-        for k in range(batch):
-            value, flat = self._slopes.map(steps)(*self._arguments(k, at.nodes, at.fd))
-            r[k] = np.asarray(value).T.reshape(steps, len(terms))
-            jac[k] = np.asarray(flat).reshape(len(terms), steps, width).transpose(1, 0, 2)
-        weight, squares = 2.0 * self.data.q[:, :, terms], self._squares
-        bounded = len(terms) - squares
-        own = self.data.q[:, :, self._numbers :]
-        weight[..., squares:] = own[..., :bounded]
+        functions, steps = self.program.functions, self.plan.steps
+        terms = np.array(functions.state_terms, dtype=np.intp)
+        made = [
+            slopes_over(
+                functions.state_jac,
+                functions.state_sparsity,
+                self._arguments(k, at.nodes, at.fd),
+                steps,
+            )
+            for k in range(len(at.nodes))
+        ]
+        r, jac = (np.stack(part) for part in zip(*made, strict=True))
+        weight, first = 2.0 * self.data.q[:, :, terms], self._squares
+        own = self.data.q[:, :, self._inputs[5].numel() :]
+        bounded = len(terms) - first
+        weight[..., first:] = own[..., :bounded]
         live = weight != 0.0  # a step that a term leaves out may have no finite residual
         shift = weight * np.where(live, r, 0.0)
-        shift[..., squares:] = np.where(live[..., squares:], own[..., bounded:], 0.0)
+        shift[..., first:] = np.where(live[..., first:], own[..., bounded:], 0.0)
         return weight, shift, np.where(live[..., None], jac, 0.0)
 
     def _add_bends(
@@ -298,13 +240,12 @@ class Interpreted:
     ) -> None:
         """Adds [I; U]ᵀ S [I; U] of exact terms to the members ``curved``; U: ``torque_jac``
         (batch, N, nu, 3n)."""
-        assert self._bend is not None
-        size, steps, width = 3 * self.plan.n, self.plan.steps, self._bend.size1_out(0)
+        own, size, steps = self.program.functions.curvature, 3 * self.plan.n, self.plan.steps
+        assert own is not None
         for k in np.flatnonzero(curved).tolist():
-            z, u, p, _, *v = self._arguments(k, at.nodes, at.fd)
-            given = [z, u, p, self.data.q[k].T, *v]
-            flat = np.asarray(self._bend.map(steps)(*given))
-            bend = flat.reshape(width, steps, width).transpose(1, 0, 2)
+            given = self._arguments(k, at.nodes, at.fd)
+            given[5] = self.data.q[k].T  # bounded rows have their weights in it
+            bend = bends_over(own.function, own.sparsity, given, steps)
             eye = np.broadcast_to(np.eye(size), (steps, size, size))
             chain = np.concatenate([eye, torque_jac[k]], axis=1)
             hess[k] += np.swapaxes(chain, 1, 2) @ bend @ chain
@@ -339,33 +280,17 @@ class Interpreted:
         s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(self.plan.steps):
-            slots = [
-                (
-                    node,
-                    int(s.unit[i + 2 - node, k]),
-                    int(s.part[i + 2 - node, k]) * n,
-                    s.coefficient[i + 2 - node, k],
+            slots = slots_of(s, (i + 2, i + 1, i), n)
+            scatter(slots, hess[:, i], gradient[:, i], H, b)
+            for k in np.flatnonzero(s.test_row[i] >= 0):
+                row, first, scale = (
+                    s.test_row[i, k],
+                    s.test_part[i, k] * m,
+                    s.test_coefficient[i, k],
                 )
-                for node in range(3)
-                for k in range(s.unit.shape[1])
-                if s.unit[i + 2 - node, k] >= 0
-            ]
-            for node, unit, at, value in slots:
-                b[:, unit, at : at + n] += value * gradient[:, i, node * n : (node + 1) * n]
-                for node2, unit2, at2, value2 in slots:
-                    if unit2 <= unit:
-                        block = hess[:, i, node * n : (node + 1) * n, node2 * n : (node2 + 1) * n]
-                        H[:, unit, unit - unit2, at : at + n, at2 : at2 + n] += (
-                            value * value2 * block
-                        )
-                for k in range(s.test_row.shape[1]):
-                    row = int(s.test_row[i, k])
-                    if row >= 0:
-                        to = int(s.test_part[i, k]) * m
-                        block = rows[:, i, :, node * n : (node + 1) * n]
-                        A[:, row, row - unit, to : to + m, at : at + n] += (
-                            s.test_coefficient[i, k] * value * block
-                        )
+                for own, unit, to, value in slots:
+                    block = scale * value * rows[:, i, :, own]
+                    A[:, row, row - unit, first : first + m, to] += block
 
 
 def _twists(pose: symbolic.Pose, x: ca.SX, path: list[int]) -> ca.SX:

@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import number, numbers, positive, shares, vectors
+from octo.checks import numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
-from octo.problem.costs import FLOOR, Cost, StepPairCost, Steps, last_row
+from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -31,8 +31,9 @@ def _each(field: str, values: Any, count: int) -> Array:
     return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
 
 
-def _margin(term: Cost, value: Any) -> dict[str, Array]:
-    return {"margin": np.array([number(f"{term.label}.margin", value)])}
+def _inverse_limit(limit: Array) -> Array:
+    """Zero where there is none."""
+    return np.where(np.isfinite(limit), 1.0 / limit, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +45,10 @@ class Posture(Cost):
     joints: Any = 1.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = (
-            setting.x0
-            if self.reference is None
-            else vectors(f"{self.label}.reference", self.reference, setting.nx)
-        )
-        weights = shares(f"{self.label}.joints", self.joints, len(setting.actuated))
-        return {"reference": reference[..., setting.actuated], "joints": np.sqrt(weights)}
+        given = self.reference is not None
+        reference = self._vector("reference", setting.nx) if given else setting.x0
+        joints = self._roots("joints", len(setting.actuated))
+        return {"reference": reference[..., setting.actuated], "joints": joints}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return p["joints"] * (step.joints(step.x_next) - p["reference"])
@@ -87,12 +85,9 @@ class Effort(Cost):
     reference: float | None = None  # N m
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = (
-            setting.torque_reference
-            if self.reference is None
-            else positive(f"{self.label}.reference", self.reference)
-        )
-        return {"inverse_reference": np.array([1.0 / reference])}
+        if self.reference is None:
+            return {"inverse_reference": np.array([1.0 / setting.torque_reference])}
+        return {"inverse_reference": self._inverse("reference")}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.u * p["inverse_reference"]
@@ -107,12 +102,9 @@ class TorqueRate(StepPairCost):
     reference: float | None = None  # N m/s
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        reference = (
-            setting.torque_reference / QUICK
-            if self.reference is None
-            else positive(f"{self.label}.reference", self.reference, "N m/s")
-        )
-        return {"inverse_reference": np.array([1.0 / reference])}
+        if self.reference is None:
+            return {"inverse_reference": np.array([QUICK / setting.torque_reference])}
+        return {"inverse_reference": self._inverse("reference", "N m/s")}
 
     def pair_residual(
         self, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
@@ -127,10 +119,9 @@ class TorqueLimit(Cost):
     margin: float = 1.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        limits = setting.torque_limit
         return {
-            "inverse_limit": np.where(np.isfinite(limits), 1.0 / limits, 0.0),
-            **_margin(self, self.margin),
+            "inverse_limit": _inverse_limit(setting.torque_limit),
+            "margin": self._number("margin"),
         }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -150,7 +141,7 @@ class JointLimit(Cost):
                 f"{self.label} is asked of user-written dynamics, which have no joint limits"
             )
         lower, upper = robot.lower[robot.actuated], robot.upper[robot.actuated]
-        margin = _margin(self, self.margin)["margin"]
+        margin = self._number("margin")
         inside = np.minimum(
             margin, 0.25 * np.where(np.isfinite(upper - lower), upper - lower, np.inf)
         )
@@ -180,10 +171,7 @@ class JointSpeedLimit(Cost):
             else robot.velocity_limit[robot.actuated]
         )
         limit = np.where(np.isfinite(limit), limit, self.otherwise)
-        return {
-            "inverse_limit": np.where(np.isfinite(limit), 1.0 / limit, 0.0),
-            **_margin(self, self.margin),
-        }
+        return {"inverse_limit": _inverse_limit(limit), "margin": self._number("margin")}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
@@ -203,14 +191,13 @@ class PoseTarget(Cost):
             raise ProblemError(
                 f"{self.label}.target is missing: give a configuration ({setting.nx},)"
             )
-        weights = np.sqrt(shares(f"{self.label}.coordinates", self.coordinates, setting.nx))
         return {
-            "target": vectors(f"{self.label}.target", self.target, setting.nx),
-            "coordinates": weights,
+            "target": self._vector("target", setting.nx),
+            "coordinates": self._roots("coordinates", setting.nx),
         }
 
     def scale(self, setting: Setting) -> float:
-        return max(float(np.sum((last_row(self.target) - setting.x0) ** 2)), FLOOR)
+        return mean_square(last_row(self.target) - setting.x0)
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return p["coordinates"] * (step.x_next - p["target"])

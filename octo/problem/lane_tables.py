@@ -1,6 +1,9 @@
-"""Tables of the costs that the lanes' C text alone works from (sparse_rows.c, contacts.c)."""
+"""Tables in C, and those of the costs that the lanes' C text alone works from (sparse_rows.c,
+contacts.c)."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +13,16 @@ from octo.model.character import Character
 from octo.problem.contact_model import ContactFunctions
 
 FEW = 6  # entries, above which a row written out costs less than its products
+
+
+def tables_text(
+    sizes: Mapping[str, int], tables: Mapping[str, ArrayLike], anew: bool = False
+) -> str:
+    """Sizes as macros, ``anew`` where others may have defined them, and index tables as constant
+    arrays."""
+    undef = "#undef {0}\n" if anew else ""
+    lines = [f"{undef.format(name)}#define {name} {value}" for name, value in sizes.items()]
+    return "\n".join([*lines, *(integers(name, table) for name, table in tables.items())])
 
 
 def row_tables(rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> str:
@@ -58,8 +71,7 @@ def row_tables(rows: NDArray[np.intp], columns: NDArray[np.intp], n: int) -> str
         "dense_row": [rows[entries[0]] for entries in dense],
         "dense_entry": [z for entries in dense for z in entries],
     }
-    lines = [f"#define {name} {value}" for name, value in sizes.items()]
-    return "\n".join([*lines, *(integers(name, table) for name, table in tables.items())])
+    return tables_text(sizes, tables)
 
 
 def contact_tables(functions: ContactFunctions, robot: Character) -> str:
@@ -73,10 +85,6 @@ def contact_tables(functions: ContactFunctions, robot: Character) -> str:
         known.index(k) if rests and k in known else -1
         for k, rests in zip(functions.spheres, functions.resting, strict=True)
     ]
-    return "\n".join(
-        [
-            integers("cost_contact_order", order),
-            integers("cost_contact_start", np.searchsorted(of[order], range(len(links.first) + 1))),
-            integers("cost_contact_resting", resting),
-        ]
-    )
+    start = np.searchsorted(of[order], range(len(links.first) + 1))
+    tables: dict[str, ArrayLike] = {"order": order, "start": start, "resting": resting}
+    return tables_text({}, {f"cost_contact_{name}": table for name, table in tables.items()})

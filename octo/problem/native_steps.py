@@ -21,18 +21,17 @@ Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
 
 
 class NativeSteps:
-    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads.
+    """``evaluate`` and ``linearize`` by a compiled library, on ``threads`` threads."""
 
-    between: whether there are terms over neighbouring controls.
-    """
-
-    def __init__(self, library: ctypes.CDLL, between: bool, plan: Plan, data: Data, threads: int):
-        self.library, self.between, self.plan, self.data = library, between, plan, data
-        self.threads = threads
+    def __init__(self, library: ctypes.CDLL, plan: Plan, data: Data, threads: int):
+        self.library, self.plan, self.data, self.threads = library, plan, data, threads
+        # terms over neighbouring controls, and over two steps in a row
+        self.between = hasattr(library, "octo_between_values")
+        self.pairs = hasattr(library, "octo_pair_room")
 
     def select(self, data: Data) -> NativeSteps:
         """For other numbers."""
-        return NativeSteps(self.library, self.between, self.plan, data, self.threads)
+        return NativeSteps(self.library, self.plan, data, self.threads)
 
     def evaluate(
         self, unknowns: Array, nodes: Array, fd: Array, terms: Array, rows: Array, C: Array
@@ -114,7 +113,7 @@ class NativeSteps:
         )
         task = task_of(sizes, tables, values, halo)
         kept = [*tables, *values, halo]
-        if hasattr(self.library, "octo_pair_room"):  # terms over two steps in a row
+        if self.pairs:
             kept.append(np.empty((len(data.p), plan.steps, self.library.octo_pair_room())))
             task.pairs = kept[-1].ctypes.data
         if data.carry is not None:

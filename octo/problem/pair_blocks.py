@@ -11,9 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.problem.basis import WINDOW, scatter, slots_of
 from octo.problem.data import Data
+from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.plan import Plan
-from octo.problem.step_pairs import WINDOW, PairFunctions
+from octo.problem.step_pairs import PairFunctions
 
 Array = NDArray[np.float64]
 
@@ -53,11 +55,9 @@ class PairTerms:
         """Adds each step's share of each term to ``terms`` (batch, N, terms)."""
         first = self._first(data)
         for member, arguments in enumerate(self._arguments(data, nodes, fd)):
-            r = np.asarray(self.functions.value.map(len(nodes[0]) - 2 - first)(*arguments)).T
-            coefficient = data.q[member, first:][:, self.terms]
-            squares = coefficient * np.where(coefficient != 0.0, r, 0.0) ** 2
-            for row, term in enumerate(self.terms):
-                terms[member, first:, term] += squares[:, row]
+            r = rows_over(self.functions.value, arguments, self.plan.steps - first)
+            own = squares(data.q[member, first:][:, self.terms], r)
+            terms[member, first:] += by_term(own, self.terms, terms.shape[-1])
 
     def slopes(self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]) -> PairSlopes:
         """Residuals and their derivatives at an iterate; second ones of the members ``curved``."""
@@ -66,14 +66,9 @@ class PairTerms:
         r, jac = np.zeros((batch, steps, own.rows)), np.zeros((batch, steps, own.rows, size))
         bends = None if own.bend is None else np.zeros((batch, steps, size, size))
         for member, arguments in enumerate(self._arguments(data, nodes, fd)):
-            value, numbers = own.slopes.map(steps)(*arguments)
-            r[member] = np.asarray(value).T
-            jac[member][:, own.sparsity.row(), own.sparsity.get_col()] = np.asarray(numbers).T
+            r[member], jac[member] = slopes_over(own.slopes, own.sparsity, arguments, steps)
             if bends is not None and own.bend is not None and curved[member]:
-                rows, columns = own.bends.row(), own.bends.get_col()
-                numbers = np.asarray(own.bend.map(steps)(*arguments)).T
-                bends[member][:, rows, columns] = numbers
-                bends[member][:, columns, rows] = numbers
+                bends[member] = bends_over(own.bend, own.bends, arguments, steps)
         coefficient = 2.0 * data.q[:, first:][:, :, self.terms]
         live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
         r, jac = np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0)
@@ -98,7 +93,7 @@ class PairTerms:
 
         fd_jac: (batch, N, n, 3n) slopes of FD.
         """
-        s, n, first = self.plan.stencil, self.plan.n, self._first(data)
+        first = self._first(data)
         chain = self._chain(data, fd_jac[:, :, self.actuated])
         chained = slopes.jac @ chain
         gradient = np.einsum("kir,kir,kira->kia", slopes.coefficient, slopes.r, chained)
@@ -106,21 +101,9 @@ class PairTerms:
         if slopes.bends is not None:
             hess += np.swapaxes(chain, 2, 3) @ slopes.bends @ chain
         for i in range(first, self.plan.steps):
-            places = [
-                i + 2 - node if node < i + 3 else self.plan.steps - 1 for node in range(WINDOW)
-            ]
-            slots = [
-                (slice(node * n, (node + 1) * n), int(s.unit[at, k]), int(s.part[at, k]) * n, at, k)
-                for node, at in enumerate(places)
-                for k in np.flatnonzero(s.unit[at] >= 0)
-            ]
-            for node, unit, to, at, k in slots:
-                value = s.coefficient[at, k]
-                b[:, unit, to : to + n] += value * gradient[:, i - first, node]
-                for node2, unit2, to2, at2, k2 in slots:
-                    if unit2 <= unit:
-                        block = value * s.coefficient[at2, k2] * hess[:, i - first, node, node2]
-                        H[:, unit, unit - unit2, to : to + n, to2 : to2 + n] += block
+            nodes = [i + 2, i + 1, i, i - 1 if i else self.plan.steps - 1]
+            slots = slots_of(self.plan.stencil, nodes, self.plan.n)
+            scatter(slots, hess[:, i - first], gradient[:, i - first], H, b)
 
     def _first(self, data: Data) -> int:
         """The first step with one before it."""

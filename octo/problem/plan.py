@@ -77,12 +77,10 @@ class Plan:
         """Rows of C of a unit."""
         return self.tested + self.extra_rows
 
-    @property
+    @cached_property
     def idle(self) -> list[tuple[int, int]]:
         """(unit, part) that no node is made of, beside the fixed units: where nodes share units,
         of some numbers of steps."""
-        if not isinstance(self.basis, (Folded, PairedNodes)):
-            return []
         return self.basis.idle(self.steps)
 
     @cached_property
@@ -96,10 +94,10 @@ class Plan:
             matrix[rows, live] += s.test_coefficient[live, k]
         return matrix
 
-    def unknowns(self, nodes: Array, dt: float) -> Array:
+    def unknowns(self, nodes: Array) -> Array:
         """(batch, K, nc) unknowns of a trajectory (batch, N+2, n); pinned and extra ones are
         zero."""
-        fitted = self.basis.fit(nodes, dt)
+        fitted = self.basis.fit(nodes)
         fitted[:, self.fixed] = 0.0
         return np.ascontiguousarray(_widened(fitted, self.extra))
 
@@ -130,7 +128,7 @@ class Plan:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
         size = self.nodal
         H[:, self.fixed, 0, :size, :size] = np.eye(size)
-        if _carries_rows(self.basis, self.steps):
+        if self.extra and _carries_rows(self.basis, self.steps):
             H[:, -1, 0, size:, size:] = np.eye(self.extra)
         for unit, part in self.idle:
             own = np.arange(part * self.n, (part + 1) * self.n)
@@ -139,8 +137,7 @@ class Plan:
 
 def _carries_rows(basis: Basis, steps: int) -> bool:
     """Whether the last unit is no unknown at all: it has the rows that are left over."""
-    folded = isinstance(basis, Folded) and bool(basis.dummies(steps)[-1].all())
-    return isinstance(basis, Hermite) or folded
+    return bool(basis.dummies(steps)[-1].all())
 
 
 def _widened(values: Array, extra: int) -> Array:

@@ -8,23 +8,23 @@ of FD of two steps, dr/dwindow = r_z + r_u U_i + r_ub U_{i−1}.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 
 import casadi as ca
 
-from octo.dynamics.codegen import check_curvature, integers, lanes_text
+from octo.dynamics.codegen import check_curvature, lanes_text
 from octo.dynamics.long import check_length
 from octo.errors import ProblemError
+from octo.problem.basis import WINDOW as WINDOW
 from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
 from octo.problem.costs import Cost, StepPairCost
-from octo.problem.curvature import HINT
+from octo.problem.curvature import HINT, gated, nonzeros
+from octo.problem.lane_tables import tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import StepSymbols
-
-WINDOW = 4  # nodes that two steps in a row look at
 
 
 def has_step_pairs(terms: Sequence[Cost]) -> bool:
@@ -86,11 +86,11 @@ class PairResiduals:
         terms = [k for k, r in zip(self.terms, self.rows, strict=True) for _ in range(r.numel())]
         r = ca.densify(ca.vertcat(*self.rows))
         jac = ca.jacobian(r, ca.vertcat(*self.inputs[: WINDOW + 2]))
-        slopes = self._function("octo_step_pair_jac", r, _nonzeros(jac))
+        slopes = self._function("octo_step_pair_jac", r, nonzeros(jac))
         what = "terms over two steps in a row"
         check_length(what, slopes.n_instructions(), "write them in fewer operations")
         second = self._second()
-        bend = self._function("octo_step_pair_bend", _nonzeros(second)) if second.nnz() else None
+        bend = self._function("octo_step_pair_bend", nonzeros(second)) if second.nnz() else None
         return PairFunctions(
             self.value, slopes, jac.sparsity(), tuple(terms), bend, second.sparsity()
         )
@@ -106,9 +106,7 @@ class PairResiduals:
                 pulled, c = ca.dot(held, r), q[k]
                 what = "second derivatives of terms over two steps in a row"
                 check_curvature(what, [over, held, p, q], ca.gradient(pulled, over), HINT)
-                own = ca.sparsify(ca.triu(ca.hessian(pulled, over)[0]))
-                numbers = ca.substitute(_nonzeros(own), held, 2.0 * c * r)
-                whole += ca.SX(own.sparsity(), ca.if_else(c != 0.0, numbers, 0.0))
+                whole += gated(ca.triu(ca.hessian(pulled, over)[0]), held, 2.0 * c * r, c)
         return whole
 
     def _function(self, name: str, *out: ca.SX) -> ca.Function:
@@ -140,17 +138,17 @@ class PairFunctions:
     @property
     def tables(self) -> str:
         """Sizes as macros and index tables, in C that is CUDA too."""
-        return "\n".join(
-            [
-                f"#define PAIR_ROWS {self.rows}",
-                f"#define PAIR_ENTRIES {self.sparsity.nnz()}",
-                f"#define PAIR_BENDS {self.bends.nnz()}",
-                integers("pair_row_term", self.terms),
-                integers("pair_entry_row", self.sparsity.row()),
-                integers("pair_entry_column", self.sparsity.get_col()),
-                integers("pair_bend_row", self.bends.row()),
-                integers("pair_bend_column", self.bends.get_col()),
-            ]
+        sizes = {"ROWS": self.rows, "ENTRIES": self.sparsity.nnz(), "BENDS": self.bends.nnz()}
+        places = {
+            "row_term": self.terms,
+            "entry_row": self.sparsity.row(),
+            "entry_column": self.sparsity.get_col(),
+            "bend_row": self.bends.row(),
+            "bend_column": self.bends.get_col(),
+        }
+        return tables_text(
+            {f"PAIR_{name}": size for name, size in sizes.items()},
+            {f"pair_{name}": place for name, place in places.items()},
         )
 
     @property
@@ -179,46 +177,22 @@ def pair_residuals(
     """
     if not has_step_pairs(references.terms):
         return None
-    inputs, now, before = two_steps(nodes, step)
-    made = PairResiduals([*inputs, p, q], [], [], exact)
+    x_next, x, x_prev, u = nodes
+    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
+    now = replace(step, calls=[])
+    before = replace(step, x_next=x, x=x_prev, x_prev=x_older, u=u_before, calls=now.calls)
+    inputs = [x_next, x, x_prev, x_older, u, u_before, p, q]
+    made = PairResiduals(inputs, [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
             term.check_square("looks at two steps in a row")
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
-                made.rows.append(term.shaped(pair_residual_of(term, now, before, view), view))
+                made.rows.append(term.shaped(term.pair_residual(now, before, view), view))
+            if now.calls:
+                raise ProblemError(
+                    f"{term.label} looks at two steps in a row, which cannot call stages of code: "
+                    f"{now.calls[0].stage.name!r}"
+                )
             made.terms.append(k)
     return made
-
-
-def two_steps(
-    nodes: list[ca.SX], step: StepSymbols
-) -> tuple[list[ca.SX], StepSymbols, StepSymbols]:
-    """x_next, x, x_prev, x_older, u, u_before, and what a term sees of a step and of the one before
-    it."""
-    x_next, x, x_prev, u = nodes
-    x_older, u_before = ca.SX.sym("x_older", x.numel()), ca.SX.sym("u_before", u.numel())
-    before = StepSymbols(x, x_prev, x_older, u_before, step.dynamics, step.actuated, step.robot)
-    return [x_next, x, x_prev, x_older, u, u_before], replace(step, calls=[]), before
-
-
-def pair_residual_of(
-    term: StepPairCost, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]
-) -> ca.SX:
-    """The residual of two steps in a row.
-
-    Raises
-    ------
-    ProblemError: it calls a stage of code.
-    """
-    made = term.pair_residual(step, before, p)
-    for call in (*step.calls, *before.calls):
-        raise ProblemError(
-            f"{term.label} looks at two steps in a row, which cannot call stages of code: "
-            f"{call.stage.name!r}"
-        )
-    return made
-
-
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
@@ -22,20 +21,10 @@ from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
 from octo.problem.basis import Hermite
-from octo.problem.calls import Call
-from octo.problem.codegen import (
-    CostFunctions,
-    control_symbols,
-    derived,
-    residual_of,
-    residuals_of,
-    step_symbols,
-)
+from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of, step_symbols
 from octo.problem.contact_costs import ContactCost
-from octo.problem.contact_model import contact_symbols
-from octo.problem.costs import Cost, StepPairCost
-from octo.problem.references import References, blamed, sizes
-from octo.problem.step_pairs import pair_residual_of, two_steps
+from octo.problem.costs import Cost
+from octo.problem.references import blamed, sizes
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -47,11 +36,8 @@ AT_THE_START = "contacts (those on the ground at the start)"
 class Structure(NamedTuple):
     """Of one term."""
 
-    kind: tuple[type, str, str, str]  # class, label, steps, curvature
-    references: tuple[tuple[str, int], ...]  # names and sizes
-    residual: str  # the expression, serialised
+    residual: tuple[Any, ...]  # class, label, references and expressions (Residuals.structure)
     contacts: frozenset[int]  # that it acts on
-    stages: tuple[Any, ...] = ()  # of code that it calls
 
 
 class Reader:
@@ -64,28 +50,18 @@ class Reader:
 
     def __init__(self, problem: Problem):
         self.problem, self.dynamics = problem, problem.dynamics
-        self.between = isinstance(problem.basis_object, Hermite)
 
     @cached_property
-    def _p(self) -> ca.SX:
-        return ca.SX.sym("p", self.dynamics.layout.size)
-
-    @cached_property
-    def _step(self) -> Any:
-        return step_symbols(self.dynamics, self._p)
-
-    @cached_property
-    def _contact(self) -> Any:
-        if not isinstance(self.dynamics, RobotDynamics):
-            raise ProblemError("user-written dynamics have no contacts")
-        return contact_symbols(self.dynamics, self._p)
+    @postponed()
+    def _symbols(self) -> Any:
+        """Of a step, with its poses as soon as a term has asked for them."""
+        return step_symbols(self.dynamics)
 
     @cached_property
     def _feet(self) -> list[int]:
         assert isinstance(self.dynamics, RobotDynamics)
         return touching(self.dynamics.character, self.dynamics.terrain, self.problem.setting.x0)
 
-    @postponed()
     def read(self, term: Cost) -> Structure:
         """The structure of a term.
 
@@ -93,30 +69,9 @@ class Reader:
         ------
         OctoError: the term's residual or its references cannot be formed.
         """
-        table = References.of([term], self.problem.setting)
-        q = ca.SX.sym("q", max(table.size, 1))
-        view = table.view(q, 0)
-        calls: list[Call] = []
-        with blamed(term, f"its residual cannot be built from {sizes(table, 0)}"):
-            if isinstance(term, ContactCost):
-                inputs, symbols = self._contact
-                value = term.shaped(term.contact_residual(symbols, view), view)
-            elif isinstance(term, StepPairCost):
-                inputs, now, before = two_steps(*self._step)
-                value = term.shaped(pair_residual_of(term, now, before, view), view)
-            else:
-                nodes, step = self._step
-                step.calls.clear()
-                controls = control_symbols(self.dynamics)
-                over_controls, value = residual_of(term, step, controls, view, self.between)
-                inputs, calls = controls if over_controls else nodes, list(step.calls)
-            whole = [value, *(call.argument for call in calls)]
-            given = [call.given for call in calls]
-            function = ca.Function("residual", [*inputs, self._p, q, *given], whole)
-        named = tuple((name, place.stop - place.start) for name, place in table.places[0].items())
-        kind = (type(term), term.label, term.steps, term.curvature)
-        stages = tuple(call.stage.structure for call in calls)
-        return Structure(kind, named, function.serialize(), self.contacts(term), stages)
+        made = _residuals(self.problem, [term], symbols=self._symbols)
+        with blamed(term, f"its residual cannot be built from {sizes(made.references, 0)}"):
+            return Structure(made.structure, self.contacts(term))
 
     def contacts(self, term: Cost) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""
@@ -129,6 +84,13 @@ class Reader:
         own = self.read(term)
         new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
         return [name for name, changed in new.items() if self.read(changed) != own]
+
+
+def _residuals(problem: Problem, terms: Sequence[Cost], **more: Any) -> Residuals:
+    """Of terms of a problem, which need not be those that it has; ``more`` as of
+    ``residuals_of``."""
+    between = isinstance(problem.basis_object, Hermite)
+    return residuals_of(problem.dynamics, terms, problem.setting, between, **more)
 
 
 KEPT = 8  # generated functions of as many problems
@@ -144,9 +106,8 @@ def functions_of(problem: Problem, exact: bool = False) -> CostFunctions:
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    between = isinstance(problem.basis_object, Hermite)
-    made = residuals_of(problem.dynamics, problem.costs, problem.setting, between, exact)
-    key = (problem.dynamics, between, made.structure)
+    made = _residuals(problem, problem.costs, exact=exact)
+    key = (problem.dynamics, isinstance(problem.basis_object, Hermite), made.structure)
     found = _functions.pop(key, None)
     if found is None:
         found = derived(made)

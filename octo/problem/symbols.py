@@ -15,9 +15,8 @@ from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
-from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.kinematics import body_poses
+from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.terrain import Plane, Terrain
 from octo.problem.calls import Call
 from octo.problem.code_stage import CodeStage
@@ -41,24 +40,15 @@ class Setting:
     character: Character | None  # None for user-written dynamics
 
     @cached_property
-    @postponed()
     def com(self) -> Array:
         """(3,) m, centre of mass at the start."""
-        robot = self._robot("the centre of mass")
-        x = ca.SX.sym("x", self.nx)
-        return np.asarray(
-            ca.Function("com", [x], [symbolic.center_of_mass(robot, x)])(self.x0)
-        ).ravel()
+        return center_of_mass(self._robot("the centre of mass"), self.x0)
 
-    @postponed()
     def point(self, body: str | None, local: Array) -> Array:
         """(3,) m, world position at the start of a point of a body."""
         robot = self._robot("a point of a body")
-        x = ca.SX.sym("x", self.nx)
-        rotation, position = symbolic.body_poses(robot, x)[_body(robot, body)]
-        return np.asarray(
-            ca.Function("point", [x], [rotation @ ca.DM(local) + position])(self.x0)
-        ).ravel()
+        rotation, position = (part[_body(robot, body)] for part in body_poses(robot, self.x0))
+        return np.asarray(rotation @ local + position)
 
     def up(self, body: str | None, pose: Array) -> Array:
         """(3,) the world's up in the axes of a body, in a pose (nx,)."""

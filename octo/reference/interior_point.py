@@ -26,17 +26,7 @@ from octo.reference.program import (
     start_nodes,
     unknowns_of,
 )
-from octo.reference.run import (
-    OPTIONS,
-    Run,
-    history,
-    interruptible,
-    one_core,
-    one_solve,
-    prepare,
-    settled,
-    solution_of,
-)
+from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -98,12 +88,7 @@ class Ipopt:
         """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
         given."""
         settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
-        options = {
-            "ipopt": settings,
-            "print_time": False,
-            "calc_lam_p": False,
-            "error_on_fail": False,
-        }
+        options = {"ipopt": settings, **QUIET}
         if self.library is not None:
             options["iteration_callback"] = self.library.function("octo_watch")
         return ca.nlpsol("reference", "ipopt", source, options)
@@ -120,38 +105,30 @@ class Ipopt:
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
         solver = self.solvers[multipliers is not None]
-        with one_solve(), one_core():
-            began, began_processor = time.perf_counter(), time.process_time()
-            if self.library is not None:
-                self.library.activate()
-                self.library.begin(o.tolerance, o.plateau_change, o.plateau)
-            with interruptible(self.library) as told:
-                found = solver(**arguments)
-            seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
+        made = timed(solver, self.library, o, arguments)
         stats = solver.stats()
         said = str(stats["return_status"])
         status = WORDS.get(said, Status.STALLED)
         if said == "User_Requested_Stop" and self.library is not None and self.library.settled:
             said, status = "stopped by octo's rule of an acceptable point", Status.ACCEPTABLE
-        columns = self._history(stats, seconds)
-        if told.caught:
+        columns = self._history(stats, made.seconds)
+        if made.caught:
             said, status = "stopped by Ctrl-C", Status.INTERRUPTED
         elif not status.converged and settled(
             columns["energy"], columns["violation"] / compiled.weight, o
         ):
             status = Status.ACCEPTABLE
-        multipliers = multipliers_of(compiled, found["lam_g"])
+        multipliers = multipliers_of(compiled, made.found["lam_g"])
         solution = solution_of(
             compiled,
-            unknowns_of(compiled, found["x"]),
+            unknowns_of(compiled, made.found["x"]),
             multipliers,
             status,
+            made,
             iterations=int(stats["iter_count"]),
             history=columns,
-            seconds=seconds,
             setup_seconds=self.setup_seconds,
             seed=seed,
-            processor_seconds=processor,
         )
         return Run("ipopt", solution, said, self.compiled, dict(self.settings))
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from octo.problem.compiled import CompiledProblem
-from octo.reference.pair_rows import pair_rows
-from octo.reference.patterns import patterns
+from octo.reference.patterns import pair_rows, patterns
 from octo.reference.program import free_places, live_places, node_variables
 
 Array = NDArray[np.float64]

@@ -168,7 +168,7 @@ class _Tables:
         data = replace(
             c.data, p=parts[1][None], q=parts[2].reshape(c.q.shape), row_scale=parts[3][None]
         )
-        steps = NativeSteps(c.library, c.program.between is not None, c.plan, data, 1)
+        steps = NativeSteps(c.library, c.plan, data, 1)
         beside = {name: np.empty_like(kept[name]) for name in ("A", "b", "C")}
         fd = np.zeros((c.steps, c.n))
         for name in TASKS:

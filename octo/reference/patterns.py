@@ -1,13 +1,16 @@
-"""What may be nonzero in the derivatives of one step, for optimisers that pay for every nonzero."""
+"""What may be nonzero in the derivatives of a step, and of two in a row, for optimisers that pay
+for every nonzero."""
 
 from __future__ import annotations
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.interrupts import postponed
+from octo.problem.basis import WINDOW
 from octo.problem.compiled import CompiledProblem
 
 Pattern = NDArray[np.bool_]
@@ -37,12 +40,43 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     return hessian | hessian.T, rows[dynamics.unactuated]
 
 
+def pair_rows(
+    c: CompiledProblem, nodes: sparse.csr_array, windows: sparse.csr_array
+) -> sparse.csr_array:
+    """(rows of all steps, x) pattern: their squares couple what stands in one row, and their
+    curvature no more.
+
+    nodes: ((N+2)·n, x) what x_{-1} … x_N are made of. windows: (N·3n, x) the same of each step's
+    x_next, x, x_prev.
+    """
+    assert c.functions.pairs is not None
+    slopes, n, first = pattern_of(c.functions.pairs.sparsity), c.n, int(c.carry is None)
+    torques, nu = _slopes(c.dynamics)[c.dynamics.actuated], c.nu
+    own, before = slopes[:, WINDOW * n : -nu] @ torques, slopes[:, -nu:] @ torques
+    each, size = np.arange(n), 3 * n
+    if c.carry is not None:
+        oldest = sparse.csr_array(c.carry[0] != 0.0) @ nodes[(c.steps - 1) * n : c.steps * n]
+        nodes = sparse.vstack([oldest, nodes]).tocsr()
+    steps = np.arange(c.steps - first)
+    window = steps[:, None, None] + np.arange(WINDOW - 1, -1, -1)[:, None]
+    earlier = [sparse.csr_array(before)] * (c.steps - 1)
+    if c.carry is not None:  # before the first step comes the last one, carried back
+        motors = np.ix_(c.dynamics.actuated, c.dynamics.actuated)
+        seam = slopes[:, -nu:] @ (c.carry[0][motors] != 0.0) @ torques
+        earlier.insert(0, sparse.csr_array(seam))
+        windows_before = sparse.vstack([windows[-size:], windows[:-size]])
+    else:
+        windows_before = windows[:-size]
+    made = [
+        sparse.kron(sparse.eye(len(steps)), slopes[:, : WINDOW * n])
+        @ nodes[(window * n + each).ravel()],
+        sparse.kron(sparse.eye(len(steps)), own) @ windows[first * size :],
+        sparse.block_diag(earlier) @ windows_before,
+    ]
+    return sparse.csr_array(made[0] + made[1] + made[2])
+
+
 @postponed()
-def torque_pattern(dynamics: Dynamics) -> Pattern:
-    """(nu, 3n) of the torques of a step, to (x_next, x, x_prev)."""
-    return _slopes(dynamics)[dynamics.actuated]
-
-
 def _slopes(dynamics: Dynamics) -> Pattern:
     """(n, 3n) of FD."""
     n = dynamics.nx

@@ -24,6 +24,7 @@ from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
+from octo.problem.contact_model import contact_inputs
 from octo.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -236,11 +237,9 @@ def node_matrix(compiled: CompiledProblem) -> ca.DM:
 def step_function(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
     FD, its torques."""
-    dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
-    calls = functions.calls
-    given = calls.symbols()
-    nodes = [ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")]
-    p, q = ca.SX.sym("p", dynamics.layout.size), ca.SX.sym("q", compiled.q.shape[2])
+    dynamics, functions, calls = compiled.dynamics, compiled.functions, compiled.functions.calls
+    *nodes, _, p, q = functions.state.sx_in()[:6]
+    given = functions.state.sx_in()[6:]
     scale = ca.SX.sym("scale", compiled.m)
     fd = dynamics.symbolic(*nodes, p)
     u = fd[[int(j) for j in dynamics.actuated]]
@@ -252,11 +251,7 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
         own = functions.contact
         poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
         for index, use in zip(own.spheres, own.use.astype(float), strict=True):
-            sphere = dynamics.character.contacts[index]
-            columns = [
-                ca.vertcat(ca.vec(pose[sphere.body][0].T), pose[sphere.body][1]) for pose in poses
-            ]
-            r = own.value(*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius), p, q)
+            r = own.value(*contact_inputs(dynamics.character, index, poses)[2], p, q)
             energy += ca.dot(
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )

@@ -7,10 +7,12 @@ import contextlib
 import functools
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +26,9 @@ from octo.solver.status import HISTORY, Status
 
 Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
-_ALONE = threading.RLock()
+_ALONE = threading.RLock()  # a compiled reference keeps the point that it evaluated last
+# of ca.nlpsol, whoever solves
+QUIET = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
 
 
@@ -58,12 +62,6 @@ def _know_casadi_blas() -> None:
         filename_prefixes = ("libcasadi-tp-openblas",)
 
     threadpoolctl.register(CasadiBlas)
-
-
-def one_solve() -> threading.RLock:
-    """``with one_solve():`` no other thread is in a compiled reference, which keeps the point it
-    evaluated last."""
-    return _ALONE
 
 
 @contextlib.contextmanager
@@ -122,6 +120,33 @@ def interruptible(library: Library | None) -> Iterator[Interruption]:
             library.stop(False)
 
 
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """What CasADi's solver found, s of it by the clock and of the process, and whether it was
+    interrupted."""
+
+    found: dict[str, Any]
+    seconds: float
+    processor: float
+    caught: bool
+
+
+def timed(
+    solver: ca.Function, library: Library | None, options: SqpOptions, given: dict[str, Any]
+) -> Timed:
+    """One solve on one core, from arguments by name, with the compiled functions of ``library``, if
+    any."""
+    with _ALONE, one_core():
+        began, began_processor = time.perf_counter(), time.process_time()
+        if library is not None:
+            library.activate()
+            library.begin(options.tolerance, options.plateau_change, options.plateau)
+        with interruptible(library) as told:
+            found = solver(**given)
+        seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
+    return Timed(found, seconds, processor, told.caught)
+
+
 def prepare(compiled: CompiledProblem) -> None:
     """Have octo's own functions compiled, which measure every result: a missing compiler or folder
     is said before a solve."""
@@ -155,7 +180,12 @@ def history(energies: Array, violations: Array, seconds: Array, **more: Array) -
 
 
 def solution_of(
-    compiled: CompiledProblem, unknowns: Array, multipliers: Array, status: Status, **own: Any
+    compiled: CompiledProblem,
+    unknowns: Array,
+    multipliers: Array,
+    status: Status,
+    of: Timed,
+    **own: Any,
 ) -> Solution:
     """A Solution from octo's unknowns (1, K, nc) and multipliers (K, ma), evaluated by octo's own
     functions."""
@@ -168,5 +198,7 @@ def solution_of(
         status=status,
         factorizations=0,
         device="cpu",
+        seconds=of.seconds,
+        processor_seconds=of.processor,
         **own,
     )

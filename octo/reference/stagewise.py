@@ -19,17 +19,7 @@ from octo.problem.step_pairs import refuse_step_pairs
 from octo.reference.layout import stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
-from octo.reference.run import (
-    OPTIONS,
-    Run,
-    history,
-    interruptible,
-    one_core,
-    one_solve,
-    prepare,
-    settled,
-    solution_of,
-)
+from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -89,13 +79,8 @@ class Fatrop:
             "ng": [m] * steps,
             "equality": [True] * self.layout.rows,
         }
-        own = {
-            "fatrop": self.settings,
-            "print_time": False,
-            "calc_lam_p": False,
-            "error_on_fail": False,
-        }
-        self.solver = ca.nlpsol("reference", "fatrop", self.library.path, {**structure, **own})
+        own = {"fatrop": self.settings, **structure, **QUIET}
+        self.solver = ca.nlpsol("reference", "fatrop", self.library.path, own)
         self.setup_seconds = time.perf_counter() - began
         prepare(self.compiled)
 
@@ -121,48 +106,36 @@ class Fatrop:
         nodes[:2] = c.constant[0, :2]
         first = np.stack([nodes[1:-1], nodes[:-2], nodes[2:]], axis=1)
         lower, upper = self._bounds()
-        rows = np.zeros(self.layout.rows)
-        with one_solve(), one_core():
-            began, began_processor = time.perf_counter(), time.process_time()
-            self.library.activate()
-            self.library.begin(o.tolerance, o.plateau_change, o.plateau)
-            with interruptible(self.library) as told:
-                found = self.solver(
-                    x0=np.clip(first.ravel(), lower, upper),
-                    p=parameter_vector(c),
-                    lbx=lower,
-                    ubx=upper,
-                    lbg=rows,
-                    ubg=rows,
-                )
-            seconds, processor = time.perf_counter() - began, time.process_time() - began_processor
+        rows, p = np.zeros(self.layout.rows), parameter_vector(c)
+        bounds = {"lbx": lower, "ubx": upper, "lbg": rows, "ubg": rows}
+        given = {"x0": np.clip(first.ravel(), lower, upper), "p": p, **bounds}
+        made = timed(self.solver, self.library, o, given)
         stats = self.solver.stats()
         iterations, log = int(stats["iter_count"]), self.library.log()
         columns = history(log[:, 1], log[:, 2] * c.weight, log[:, 0])
         status = Status.CONVERGED if stats["success"] else Status.STALLED
         if not stats["success"] and iterations >= o.max_iterations:
             status = Status.ITERATION_LIMIT
-        if told.caught:
+        if made.caught:
             status = Status.INTERRUPTED
         elif not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
             status = Status.ACCEPTABLE
-        x = np.asarray(found["x"]).reshape(c.steps, 3, c.n)
+        x = np.asarray(made.found["x"]).reshape(c.steps, 3, c.n)
         unknowns = x[None, :, 2].copy()
         unknowns[:, c.fixed] = 0.0
         solution = solution_of(
             c,
             unknowns,
-            np.asarray(found["lam_g"]).ravel()[self.layout.row_place >= 0].reshape(c.K, c.ma),
+            np.asarray(made.found["lam_g"]).ravel()[self.layout.row_place >= 0].reshape(c.K, c.ma),
             status,
+            made,
             iterations=iterations,
             history=columns,
-            seconds=seconds,
             setup_seconds=self.setup_seconds,
             seed=seed,
-            processor_seconds=processor,
         )
         said = (
-            "stopped by Ctrl-C" if told.caught else f"return flag {stats['fatrop']['return_flag']}"
+            "stopped by Ctrl-C" if made.caught else f"return flag {stats['fatrop']['return_flag']}"
         )
         return Run("fatrop", solution, said, True, dict(self.settings))
 

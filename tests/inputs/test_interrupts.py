@@ -437,11 +437,10 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
     [
         lambda problem: functions_of(problem),
         lambda problem: problem.dynamics.lanes_text(),
-        lambda problem: problem.setting.com,
         lambda problem: nlp(problem),
         lambda problem: CompiledProblem([problem]).kinematics,
     ],
-    ids=["terms", "dynamics", "centre of mass", "reference", "contacts"],
+    ids=["terms", "dynamics", "reference", "contacts"],
 )
 def test_ctrl_c_is_not_lost_while_symbols_are_built(
     monkeypatch: pytest.MonkeyPatch, build: Callable[[octo.Problem], object]

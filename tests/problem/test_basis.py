@@ -23,7 +23,7 @@ def test_nodes_are_their_own_unknowns():
     np.testing.assert_array_equal(
         nodes, np.concatenate([before[:, None], x0[:, None], unknowns], axis=1)
     )
-    np.testing.assert_array_equal(basis.fit(nodes, 0.1), unknowns)
+    np.testing.assert_array_equal(basis.fit(nodes), unknowns)
 
 
 def test_hermite_nodes_lie_on_the_cubics():
@@ -44,7 +44,7 @@ def test_hermite_fit_keeps_a_straight_motion():
     basis = Hermite(4)
     nodes = (random(1, 1, N) * np.arange(-1, STEPS + 1)[:, None]) + 0.3
     fitted = node_values(
-        basis.stencil(STEPS), basis.fit(nodes, 0.1), basis.constant(STEPS, nodes[:, 1], nodes[:, 0])
+        basis.stencil(STEPS), basis.fit(nodes), basis.constant(STEPS, nodes[:, 1], nodes[:, 0])
     )
     np.testing.assert_allclose(fitted, nodes, atol=1e-13)
 

@@ -107,7 +107,7 @@ def test_two_nodes_a_unit(steps):
     nodes = random.standard_normal((2, steps + 2, 3))
     constant = basis.constant(steps, nodes[:, 1], nodes[:, 0])
     stencil = basis.stencil(steps)
-    unknowns = basis.fit(nodes, DT)
+    unknowns = basis.fit(nodes)
     assert unknowns.shape == (2, basis.units(steps), 6)
     np.testing.assert_array_equal(node_values(stencil, unknowns, constant), nodes)
     assert (not basis.idle(steps)) == (steps % 2 == 0)
@@ -131,7 +131,7 @@ def test_two_pairs_a_unit(steps):
     nodes = np.random.default_rng(0).standard_normal((steps + 2, 3))
     nodes[:2] = nodes[-2:]  # carried back by nothing
     stencil, constant = basis.stencil(steps), np.zeros_like(nodes)
-    np.testing.assert_array_equal(node_values(stencil, basis.fit(nodes, DT), constant), nodes)
+    np.testing.assert_array_equal(node_values(stencil, basis.fit(nodes), constant), nodes)
     unit = np.concatenate([stencil.unit[steps - 1 : steps], stencil.unit])[:, 0]  # x_{−2} …
     for i in range(steps):
         window, row = unit[i : i + 4], stencil.test_row[i, 0]
