@@ -22,7 +22,6 @@ import numpy as np
 import octo
 from octo.arrays import host
 from octo.gpu.device import source
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.linear import Reduction, sizes
 from octo.problem.compiled import CompiledProblem, Model
 from octo.solver import sqp
@@ -352,6 +351,8 @@ def main() -> None:
         robot, steps=arguments.steps, dt=0.025, costs=octo.costs.paper(), basis=basis
     )
     names = ("octo", "octo_float32", "inverses_float32")
+    from tests.emulator import EmulatedDevice  # with PYTHONPATH=. alone
+
     rows = along(
         EmulatedDevice(), systems(problem, arguments.iterations)[:: arguments.every], names
     )

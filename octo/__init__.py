@@ -34,11 +34,10 @@ _NAMES = {  # by the module that defines them
     "octo.jump": "jump",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
-    "octo.model.element": "Element",
+    "octo.model.element": "Element SpringDamper",
     "octo.model.export_mjcf": "export_mjcf",
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
-    "octo.model.spring": "SpringDamper",
     "octo.model.terrain": "Plane Terrain",
     "octo.motions": "stride turn walk",
     "octo.picture": "filmstrip",
@@ -120,10 +119,10 @@ if TYPE_CHECKING:
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
     from octo.model.element import Element as Element
+    from octo.model.element import SpringDamper as SpringDamper
     from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
-    from octo.model.spring import SpringDamper as SpringDamper
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.motions import stride as stride

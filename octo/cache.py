@@ -41,12 +41,7 @@ class Unsafe(Exception):
 
 def path_of(name: str, make: Maker) -> Path:
     """The file ``name`` of the cache, made by ``make(path)`` where it is not there or not as it was
-    made.
-
-    Raises
-    ------
-    DeviceError: there is no folder to make it in. And what ``make`` raises in the temporary folder
-        too.
+    made. DeviceError: no folder to make it in; and what ``make`` raises in the temporary one too.
     """
     with _locks[name]:
         folder = lasting()
@@ -73,9 +68,8 @@ def path_in_temporary(name: str, make: Maker) -> Path:
         if not whole(path):
             _make(path, make)
     except OSError as error:
-        raise DeviceError(
-            f"no compiled code can be written to {path.parent}: {reason(error)}"
-        ) from error
+        why = f"no compiled code can be written to {path.parent}: {reason(error)}"
+        raise DeviceError(why) from error
     return path
 
 
@@ -191,12 +185,7 @@ def _check(folder: Path) -> None:
 
 
 def temporary() -> Path:
-    """The temporary folder of this process, removed at its end.
-
-    Raises
-    ------
-    DeviceError: there is no place for one.
-    """
+    """The temporary folder of this process, removed at its end; DeviceError without a place."""
     with _locks[TEMPORARY]:
         return _temporary_of(os.getpid())
 

@@ -23,7 +23,7 @@ from octo.errors import (
     said,
 )
 
-Array = NDArray[np.float64]
+Array = NDArray[np.float64]  # of NumPy, as everything a user gives and gets
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
@@ -36,13 +36,7 @@ TEXTS = (str, bytes, bytearray, memoryview)
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """``function`` of the package octo, with a call that does not fit its signature refused in
-    octo's own words.
-
-    Raises
-    ------
-    UnknownNameError: no such option; says the nearest. UsageError: an argument is missing, or given
-        twice.
-    """
+    octo's own words."""
     signature = inspect.signature(function)
     name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
     named = [key for key in signature.parameters if key != "self"]
@@ -62,14 +56,8 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 
 def floats(field: str, value: Any) -> Array:
-    """``value`` as an array of numbers, finite or not; itself where it is one.
-
-    Raises
-    ------
-    ValueRangeError: not numbers. NumPy would make some of texts and dates, and real ones of complex
-        ones.
-    """
-    try:
+    """``value`` as an array of numbers, finite or not; itself where it is one."""
+    try:  # NumPy would make some of texts and dates, and real ones of complex ones
         found = np.asarray(value)
         kind = found.dtype.kind
         if kind not in "biufO" or (kind == "O" and any(isinstance(v, TEXTS) for v in found.flat)):
@@ -80,12 +68,7 @@ def floats(field: str, value: Any) -> Array:
 
 
 def numbers(field: str, value: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """``value`` as a finite array, of ``shape`` where one is given.
-
-    Raises
-    ------
-    ValueRangeError: not numbers, or not finite. ShapeError: another shape.
-    """
+    """``value`` as a finite array, of ``shape`` where one is given."""
     array = floats(field, value)
     if shape is not None and array.shape != shape:
         raise ShapeError(field, array.shape, shape)
@@ -115,18 +98,11 @@ def positive(field: str, value: Any, unit: str = "") -> float:
 
 
 def time_step(value: Any) -> float:
-    """dt (s) of a robot's motion.
-
-    Raises
-    ------
-    ValueRangeError: not positive, or so long that a robot falls metres within it.
-    """
+    """dt (s) of a robot's motion."""
     dt = positive("dt", value, "s")
     if dt < SHORTEST_STEP:
-        raise ValueRangeError(
-            f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: velocities are "
-            "differences over it"
-        )
+        why = "velocities are differences over it"
+        raise ValueRangeError(f"dt is {said(value)} s, must be at least {SHORTEST_STEP:g} s: {why}")
     if dt > LONGEST_STEP:
         why = "within one step a robot falls over unseen"
         raise ValueRangeError(f"dt is {said(value)} s, must be at most {LONGEST_STEP:g} s: {why}")
@@ -149,19 +125,13 @@ def shares(field: str, value: Any, size: int) -> Array:
     if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
         raise ShapeError(field, array.shape, f"(), ({size},) or (N, {size})")
     if (array < 0.0).any():
-        raise ValueRangeError(
-            f"{field} has the negative weight {array.min():g}, must not be negative"
-        )
+        least = f"{array.min():g}"
+        raise ValueRangeError(f"{field} has the negative weight {least}, must not be negative")
     return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
 
 
 def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
-    """A file's path with one of the endings that say what will be in it.
-
-    Raises
-    ------
-    OutputError: another ending, or none.
-    """
+    """A file's path with one of the endings that say what will be in it."""
     try:
         found = Path(path)
     except TypeError:
@@ -175,9 +145,8 @@ def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
 
 def whole(field: str, value: Any, least: int = 1, most: int = MOST) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueRangeError(
-            f"{field} is {said(value)}, must be a whole number of at least {least}"
-        )
+        allowed = f"a whole number of at least {least}"
+        raise ValueRangeError(f"{field} is {said(value)}, must be {allowed}")
     if value > most:
         raise ValueRangeError(f"{field} is {said(value)}, must be at most {most}")
     return int(value)
@@ -190,12 +159,7 @@ def flag(field: str, value: Any) -> bool:
 
 
 def one_of(kind: str, name: Any, valid: Iterable[str], hint: str = "") -> str:
-    """``name``, which must be one of the valid ones.
-
-    Raises
-    ------
-    UnknownNameError: says the nearest, or ``hint``.
-    """
+    """``name``, which must be one of the valid ones; else the nearest is said, or ``hint``."""
     names = tuple(valid)
     if not isinstance(name, str) or name not in names:
         raise UnknownNameError(kind, name, names, hint)
@@ -203,12 +167,7 @@ def one_of(kind: str, name: Any, valid: Iterable[str], hint: str = "") -> str:
 
 
 def instance(field: str, value: Any, kind: Any, words: str) -> Any:
-    """``value``, which must be of a kind; ``words`` say which.
-
-    Raises
-    ------
-    ProblemError: it is something else.
-    """
+    """``value``, which must be of a kind; ``words`` say which."""
     if not isinstance(value, kind):
         raise ProblemError(f"{field} is {said(value)}, must be {words}")
     return value
@@ -216,12 +175,7 @@ def instance(field: str, value: Any, kind: Any, words: str) -> Any:
 
 def room(what: str, doubles: float) -> None:
     """Refuse what does not fit into this machine's memory: the system would end the process in the
-    middle.
-
-    Raises
-    ------
-    ProblemError: says how much it would be.
-    """
+    middle."""
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if 8.0 * doubles > there:
         raise ProblemError(
@@ -230,27 +184,16 @@ def room(what: str, doubles: float) -> None:
 
 
 def steps_in(seconds: float, dt: float) -> int:
-    """The number of steps of ``dt`` s nearest to ``seconds``, which may be 0.
-
-    Raises
-    ------
-    ValueRangeError: more than fit into memory and a lifetime.
-    """
+    """The number of steps of ``dt`` s nearest to ``seconds``, which may be 0."""
     if not seconds / dt <= MOST_STEPS:
-        raise ValueRangeError(
-            f"seconds is {seconds:g}, must be at most {MOST_STEPS} steps of {dt:g} s"
-        )
+        most = f"{MOST_STEPS} steps of {dt:g} s"
+        raise ValueRangeError(f"seconds is {seconds:g}, must be at most {most}")
     return round(seconds / dt)
 
 
 def doubles(field: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """``value`` as native code reads it: float64 in C order, of ``shape``; itself where it is that
-    already.
-
-    Raises
-    ------
-    ShapeError: another shape, of which native code would read what is not there.
-    """
+    """``value`` as native code reads it: float64 in C order, itself where it is that already, and
+    of ``shape``: of another one native code would read what is not there."""
     array: Array = np.ascontiguousarray(value, dtype=np.float64)
     if array.shape != shape:
         raise ShapeError(field, array.shape, shape)

@@ -38,23 +38,13 @@ def say_cpu(reason: str) -> None:
 
 
 def check_device_name(device: object) -> None:
-    """Refuse what is no device. The nearest name would be a bad guess: that of "gpu" is "cpu".
-
-    Raises
-    ------
-    UnknownNameError: says which there are.
-    """
+    """Refuse what is no device. The nearest name would be a bad guess: that of "gpu" is "cpu"."""
     hint = "valid: cpu, cuda (an NVIDIA GPU), auto (a GPU if there is one)"
     one_of("device", device, DEVICES, hint)
 
 
 def resolve_device(device: str) -> str:
-    """ "cuda", or "cpu"; for "auto" the log says why.
-
-    Raises
-    ------
-    DeviceError: "cuda" was asked for and cannot be used. UnknownNameError: no such device.
-    """
+    """ "cuda", or "cpu"; for "auto" the log says why. DeviceError: "cuda" cannot be used."""
     check_device_name(device)
     if device == "cpu":
         return "cpu"
@@ -68,12 +58,7 @@ def resolve_device(device: str) -> str:
 
 
 def backend_of(device: str) -> Backend:
-    """Where the arrays of a solve live.
-
-    Raises
-    ------
-    DeviceError, UnknownNameError: as ``resolve_device``.
-    """
+    """Where the arrays of a solve live."""
     return CPU if resolve_device(device) == "cpu" else _cuda_backend()
 
 

@@ -21,10 +21,10 @@ LONGEST_NAME = 80
 
 
 @contextlib.contextmanager
-def scratch(folder: Path, prefix: str = SCRATCH) -> Iterator[Path]:
+def scratch(folder: Path) -> Iterator[Path]:
     """A new folder in ``folder``, removed at the end; those that dead processes left there are
     removed first."""
-    path, lock = locked(folder, prefix)
+    path, lock = locked(folder, SCRATCH)
     try:
         yield path
     finally:
@@ -88,12 +88,7 @@ def place(made: Path, target: Path) -> None:
 @contextlib.contextmanager
 def replacing(target: str | os.PathLike[str]) -> Iterator[Path]:
     """A path to write ``target``'s new contents to, which takes its place at the end, if all went
-    well.
-
-    Raises
-    ------
-    OutputError: naming the file and the system's reason.
-    """
+    well; else OutputError names the file and the system's reason."""
     path = Path(target)
     try:
         with scratch(path.parent) as folder:

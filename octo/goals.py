@@ -63,14 +63,11 @@ class Goal:
         ProblemError: no actuator, or no floating base to move.
         """
         if robot.nu == 0:
-            raise ProblemError(
-                f"robot {robot.name!r} has no actuator: at least one joint must be actuated"
-            )
+            allowed = "at least one joint must be actuated"
+            raise ProblemError(f"robot {robot.name!r} has no actuator: {allowed}")
         if robot.base != "floating":
-            raise ProblemError(
-                f"goal {self.kind!r} needs a floating base, robot {robot.name!r} is fixed: try "
-                "base='floating'"
-            )
+            fixed = f"robot {robot.name!r} is fixed: try base='floating'"
+            raise ProblemError(f"goal {self.kind!r} needs a floating base, {fixed}")
 
     def costs(self, length: float = 0.3, times: Array | None = None) -> list[Cost]:
         """The terms of E, of a problem that no cycle and no fixed end tells how far to go.
@@ -84,9 +81,8 @@ class Goal:
         ProblemError: a jump, whose terms go with its steps.
         """
         if self.kind == "jump":
-            raise ProblemError(
-                "the terms of a jump go with its steps: jump_problem of octo.jump describes one"
-            )
+            how = "jump_problem of octo.jump describes one"
+            raise ProblemError(f"the terms of a jump go with its steps: {how}")
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "natural":

@@ -29,10 +29,6 @@ def postponed() -> Iterator[None]:
     """Inside, the first of these signals waits for the end; a second one is not made to wait.
 
     A decorator too: ``@postponed()``.
-
-    Raises
-    ------
-    KeyboardInterrupt: at the end, where one came.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

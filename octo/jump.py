@@ -127,16 +127,14 @@ def jump_problem(
     instance("robot", robot, Character, "a Character: what octo.load gives")
     height = positive("height", height, "m")
     distance = number("distance", distance)
+    cannot = f"robot {robot.name!r} cannot jump:"
     if robot.base != "floating" or robot.nu == 0:
-        raise ProblemError(
-            f"robot {robot.name!r} cannot jump: its base must be floating, and a joint actuated"
-        )
+        raise ProblemError(f"{cannot} its base must be floating, and a joint actuated")
     plain = Problem(robot, steps=3, dt=dt, costs=[Effort()], terrain=terrain, law=law, pose=pose)
     assert isinstance(plain.dynamics, RobotDynamics)
     feet = touching(robot, plain.dynamics.terrain, plain.setting.x0)
     if not feet:
-        why = "none of its contacts is on the ground"
-        raise ProblemError(f"robot {robot.name!r} cannot jump: {why}")
+        raise ProblemError(f"{cannot} none of its contacts is on the ground")
     moved = plain.start.copy()
     moved[slide(robot, 0)] += distance
     landed = static_pose(plain.dynamics, plain.p, moved)

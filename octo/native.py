@@ -31,16 +31,8 @@ from octo.files import reason
 # costs nothing measurable. -fno-semantic-interposition lets it inline functions of a shared
 # library: 15 % of FD, 5 % of its Jacobian.
 FLAGS = (
-    "-std=gnu11",
-    "-O3",
-    "-march=native",
-    "-fno-math-errno",
-    "-fno-trapping-math",
-    "-fno-strict-aliasing",
-    "-fno-semantic-interposition",
-    "-fPIC",
-    "-shared",
-    "-w",
+    *("-std=gnu11", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math"),
+    *("-fno-strict-aliasing", "-fno-semantic-interposition", "-fPIC", "-shared", "-w"),
 )
 LOG = logging.getLogger("octo")
 LIBRARIES = ("-lm", "-lpthread")
@@ -51,24 +43,17 @@ _opened: dict[str, ctypes.CDLL] = {}  # by key: a library is read and checked on
 
 @functools.cache
 def compiler() -> tuple[str, ...] | None:
-    """Command words of the C compiler, or None when there is none (which is logged once).
-
-    Raises
-    ------
-    DeviceError: ``CC`` is no command line.
-    """
+    """Command words of the C compiler, or None when there is none (which is logged once)."""
     if os.environ.get("OCTO_NO_COMPILER", "0") not in ("", "0"):
-        LOG.warning(
-            "OCTO_NO_COMPILER is set: CasADi's virtual machine evaluates the dynamics, slowly"
-        )
+        what = "CasADi's virtual machine evaluates the dynamics, slowly"
+        LOG.warning("OCTO_NO_COMPILER is set: %s", what)
         return None
     named = os.environ.get("CC", "")
     try:
         wanted = shlex.split(named)
     except ValueError as error:
-        raise DeviceError(
-            f"CC is {named!r}, must be a compiler and its options: {error}"
-        ) from error
+        allowed = "a compiler and its options"
+        raise DeviceError(f"CC is {named!r}, must be {allowed}: {error}") from error
     for words in ([wanted] if wanted else []) + [["gcc"], ["cc"], ["clang"]]:
         path = shutil.which(words[0])
         if path and wanted and words is not wanted:
@@ -92,12 +77,8 @@ def threads() -> str:
 
 
 def run_compiler(command: list[str], scratch: Path, seconds: float | None = None) -> str:
-    """Run a compiler, its own temporary files in ``scratch`` too; what it said.
-
-    Raises
-    ------
-    DeviceError: it cannot be run, or fails; one line.
-    """
+    """Run a compiler, its own temporary files in ``scratch`` too; what it said. DeviceError: it
+    cannot be run, or fails."""
     try:
         done = subprocess.run(
             command,
@@ -143,12 +124,7 @@ def machine() -> str:
 
 def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     """The C ``text`` as a loaded library, compiled when it is not in the cache; None when there is
-    no compiler.
-
-    Raises
-    ------
-    DeviceError: the compiler fails, or what it makes cannot be loaded; one line.
-    """
+    no compiler. DeviceError: it fails, or what it makes cannot be loaded."""
     words = compiler()
     if words is None:
         return None

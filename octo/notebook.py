@@ -16,6 +16,7 @@ from octo.problem.problem import Problem
 from octo.result.solution import Solution, recorded
 
 DPI, TALLEST = 60, 240  # of a picture: dots an inch, and dots
+MOST = 12  # names that a row lists
 Row = tuple[str, str]
 Known = Character | Problem | Solution | Log
 
@@ -38,18 +39,16 @@ def _facts(value: Known) -> tuple[str, list[Row]]:
     if isinstance(value, Solution):
         return _of_solution(value)
     if isinstance(value, Character):
-        counts = f"{value.nx}, of which {value.nu} are actuated"
         rows = [
             ("base", value.base),
-            ("coordinates", counts),
+            ("coordinates", f"{value.nx}, of which {value.nu} are actuated"),
             ("bodies", str(len(value.bodies))),
             ("mass", f"{value.mass:.4g} kg"),
             ("contacts", _few([contact.name for contact in value.contacts])),
             ("poses", _few(list(value.poses))),
         ]
-        return value.name, rows + (
-            [("not modelled", _few(list(value.dropped)))] if value.dropped else []
-        )
+        missing = [("not modelled", _few(list(value.dropped)))] if value.dropped else []
+        return value.name, rows + missing
     title, *lines = repr(value).splitlines()
     return title, [("", line.strip()) for line in lines]
 
@@ -71,15 +70,13 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
         ]
     if solution.gait is not None:
         rows.append(("gait", str(solution.gait)))
-    return (
-        f"{solution.name}, {solution.steps} steps of {solution.dt:.6g} s ({solution.basis})",
-        rows,
-    )
+    sampled = f"{solution.steps} steps of {solution.dt:.6g} s ({solution.basis})"
+    return f"{solution.name}, {sampled}", rows
 
 
-def _few(names: list[str], most: int = 12) -> str:
-    more = f", … ({len(names)})" if len(names) > most else ""
-    return ", ".join(names[:most]) + more if names else "none"
+def _few(names: list[str]) -> str:
+    more = f", … ({len(names)})" if len(names) > MOST else ""
+    return ", ".join(names[:MOST]) + more if names else "none"
 
 
 def _picture(value: Known) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import STILLS, ending, numbers, whole
+from octo.checks import STILLS, Array, ending, numbers, whole
 from octo.errors import MissingExtraError, ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
@@ -20,7 +20,6 @@ from octo.saved import Motion, motion_of
 if TYPE_CHECKING:
     from octo.figure import Figure
 
-Array = NDArray[np.float64]
 # rad, between the direction of travel and the width of the picture: seen a little from the front
 TURN = 0.42
 ELEVATION = 0.34  # rad, of the camera over the horizon
@@ -77,10 +76,8 @@ class Ground:
         i, s = _place(self.x, points[..., 0])
         j, t = _place(self.y, points[..., 1])
         z = self.z
-        return np.asarray(
-            (1 - s) * ((1 - t) * z[i, j] + t * z[i, j + 1])
-            + s * ((1 - t) * z[i + 1, j] + t * z[i + 1, j + 1])
-        )
+        low, high = ((1 - t) * z[k, j] + t * z[k, j + 1] for k in (i, i + 1))
+        return np.asarray((1 - s) * low + s * high)
 
     @property
     def flat(self) -> bool:
@@ -131,7 +128,8 @@ def filmstrip(
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
     if not shift.any():
-        scene.footprints(solution, frames)
+        steps = slice(max(frames[0] - 1, 0), max(frames[-1], 1))
+        scene.prints = solution.contact_point[steps][solution.loaded[steps]]
     for number, frame in enumerate(frames):
         scene.character(solution, int(frame), number / max(len(frames) - 1, 1), number * shift)
     figure = scene.figure(Figure, None if shift.any() else path_of_com)
@@ -203,10 +201,6 @@ class Scene:
                     points = np.column_stack([corners, self.terrain.height(corners)])
                     self.tiles.append((points, 1.0 - fade * (1.0 - TILES[(i + j) % 2])))
 
-    def footprints(self, solution: Solution, frames: NDArray[np.intp]) -> None:
-        steps = slice(max(frames[0] - 1, 0), max(frames[-1], 1))
-        self.prints = solution.contact_point[steps][solution.loaded[steps]]
-
     def figure(self, make: type[Figure], path: Array | None) -> Figure:
         """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the
         bodies."""
@@ -255,9 +249,8 @@ def _chosen(
     end = solution.steps * solution.dt
     start, stop = (0.0, end) if between is None else numbers("between", between, (2,)).tolist()
     if not 0.0 <= start <= stop <= end + 1e-9:
-        raise ValueRangeError(
-            f"between is {between}, must be two times from 0 to {end:g} s, in order"
-        )
+        allowed = f"two times from 0 to {end:g} s, in order"
+        raise ValueRangeError(f"between is {between}, must be {allowed}")
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
 
 
@@ -270,10 +263,8 @@ def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array
         if not cut.any():
             break
         first = np.argmax(edge[cut], axis=1)[:, None]
-        a, b, c = (
-            np.take_along_axis(corners[cut], ((first + k) % 3)[..., None], axis=1)[:, 0]
-            for k in range(3)
-        )
+        places = (((first + k) % 3)[..., None] for k in range(3))
+        a, b, c = (np.take_along_axis(corners[cut], k, axis=1)[:, 0] for k in places)
         middle = 0.5 * (a + b)
         halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
         corners = np.concatenate([corners[~cut], *halves])

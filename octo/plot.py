@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import STILLS, ending
+from octo.checks import STILLS, Array, ending
 from octo.errors import MissingExtraError
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
     from octo.figure import Figure
 
-Array = NDArray[np.float64]
 COLORS = ("#2f6db2", "#d0703c", "#4f9a57", "#8c6aaa", "#b0892f", "#6b7785")
 STYLE = {
     "font.size": 9.0,
@@ -38,6 +38,10 @@ STYLE = {
     "legend.frameon": False,
     "legend.fontsize": 8.5,
 }
+HISTORIES = (
+    ("energy", "E (objective)"),
+    ("violation", "‖C‖∞ (N), largest violation of a constraint"),
+)
 MOST_ROWS = 32  # contacts or joints in one panel; those that carry least are left out
 MOST_LINES = 6  # with more joints than these the torques are an image
 Panel = Callable[[Solution, "Axes"], None]
@@ -73,7 +77,7 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
         nu = solution.u.shape[1]
         rows.append((_height(nu) if nu > MOST_LINES else 2.4, [_torques]))
     if len(solution.history.get("energy", ())):
-        rows.append((2.2, [_energy, _violation]))
+        rows.append((2.2, [partial(_convergence, shown=k) for k in (0, 1)]))
     with matplotlib.rc_context(STYLE):
         heights = [height for height, _ in rows]
         figure = Figure(figsize=(11.0, sum(heights) + 0.65 * len(rows) + 0.7), layout="constrained")
@@ -211,18 +215,9 @@ def _chosen_rows(
     return values[:, columns], tuple(names[k] for k in columns), note
 
 
-def _energy(solution: Solution, axes: Axes) -> None:
-    _convergence(solution, axes, "energy", COLORS[0])
-    axes.set_title("E (objective)")
-
-
-def _violation(solution: Solution, axes: Axes) -> None:
-    _convergence(solution, axes, "violation", COLORS[1])
-    axes.set_title("‖C‖∞ (N), largest violation of a constraint")
-
-
-def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
+def _convergence(solution: Solution, axes: Axes, shown: int) -> None:
     """One column of the history over all iterations, passes as bands."""
+    (name, title), color = HISTORIES[shown], COLORS[shown]
     values = np.asarray(solution.history[name], dtype=float)
     number = np.asarray(solution.history["pass"])
     count = np.arange(len(values))
@@ -240,5 +235,5 @@ def _convergence(solution: Solution, axes: Axes, name: str, color: Any) -> None:
     if (values > 0.0).any():
         axes.set_yscale("log", nonpositive="mask")
     passes = ", passes in bands" if len(starts) > 1 else ""
-    axes.set_xlabel(f"iteration{passes}")
+    axes.set(title=title, xlabel=f"iteration{passes}")
     axes.margins(x=0.01)

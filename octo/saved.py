@@ -12,12 +12,7 @@ Motion = Solution | Log | str | os.PathLike[str]
 
 
 def opened(path: str | os.PathLike[str]) -> Solution | Log:
-    """The solution or the log that a file or a folder holds; of a folder with both the solution.
-
-    Raises
-    ------
-    RobotFileError: there is neither.
-    """
+    """The solution or the log that a file or a folder holds; of a folder with both the solution."""
     given = Path(path)
     log = given / Log.FILE if os.path.isdir(given) else given
     if log.name == Log.FILE and os.path.isfile(log) and not os.path.isfile(given / Solution.FILE):
@@ -26,11 +21,6 @@ def opened(path: str | os.PathLike[str]) -> Solution | Log:
 
 
 def motion_of(given: Motion) -> Solution:
-    """A Solution as it is, a Log's motion, or either by its path.
-
-    Raises
-    ------
-    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
-    """
+    """A Solution as it is, a Log's motion, or either by its path."""
     found = opened(given) if isinstance(given, (str, os.PathLike)) else given
     return found.solution() if isinstance(found, Log) else solution_of(found)

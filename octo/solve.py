@@ -194,9 +194,8 @@ def _problems(given: Any) -> list[Problem]:
             "costs=[octo.Effort()]), or call octo.walk(robot)"
         )
     if not isinstance(given, (list, tuple)) or not all(isinstance(one, Problem) for one in given):
-        raise ProblemError(
-            f"octo.solve was given {said(given)}, must be an octo.Problem or a list of them"
-        )
+        kinds = "an octo.Problem or a list of them"
+        raise ProblemError(f"octo.solve was given {said(given)}, must be {kinds}")
     if not given:
         raise ValueRangeError("the list of problems is empty")
     return list(given)
@@ -265,8 +264,8 @@ def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: A
     chosen = SqpOptions()
     if options is not None:
         chosen = instance("options", options, SqpOptions, "an octo.SqpOptions")
-    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit": time_limit}
-    given["tolerance"] = tolerance
+    names = ("max_iterations", "time_limit", "tolerance")
+    given = dict(zip(names, (max_iterations, time_limit, tolerance), strict=True))
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 

@@ -32,14 +32,13 @@ def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> 
     or what the user gave."""
     if problem.closure is not None:
         return _first_cycle(problem, problem.closure, seed, start)
-    before = problem.start - problem.dt * problem.start_velocity
     if start is None:
         nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
         nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
     else:
         nodes = _given_nodes(problem, start)
         nodes[1] = problem.start
-    nodes[0] = before
+    nodes[0] = problem.start - problem.dt * problem.start_velocity
     return nodes
 
 
@@ -57,9 +56,8 @@ def _first_cycle(
         if closure.mirror is not None:  # left and right do the same, half a period apart
             a, b = (0.5 * (wave - closure.mirror.matrix @ wave) for wave in (a, b))
         joints = problem.dynamics.actuated
-        nodes[:, joints] = (
-            problem.start[joints] + (np.cos(angle) * a + np.sin(angle) * b)[:, joints]
-        )
+        swings = np.cos(angle) * a + np.sin(angle) * b
+        nodes[:, joints] = problem.start[joints] + swings[:, joints]
     else:
         nodes = _given_nodes(problem, start)
     nodes[:2] = nodes[-2:] @ closure.matrix.T + closure.constant
@@ -77,24 +75,21 @@ def fore_and_aft(problem: Problem) -> Array:
     signs = np.zeros(problem.dynamics.nx)
     if not isinstance(problem.dynamics, RobotDynamics):
         return signs
-    robot = problem.dynamics.character
-    x = problem.start
+    robot, x = problem.dynamics.character, problem.start
     feet = touching(robot, problem.dynamics.terrain, problem.setting.x0)
     centers, twists = sphere_centers(robot, x), joint_twists(robot, x)
     heading = body_poses(robot, x)[0][robot.base_body]
     place = (centers[feet] - centers[feet].mean(axis=0)) @ heading  # fore, left, up
     for side in (1.0, -1.0):
-        row = sorted(
-            (k for k in range(len(feet)) if side * place[k, 1] > 0.0), key=lambda k: place[k, 0]
-        )
+        beside = [k for k in range(len(feet)) if side * place[k, 1] > 0.0]
+        row = sorted(beside, key=lambda k: place[k, 0])
         bodies = feet_of(robot, (feet[k] for k in row))
         for k in row:
             body = robot.contacts[feet[k]].body
             step = side * (-1.0) ** bodies.index(body)
             for j in set(robot.path[body]).intersection(robot.actuated.tolist()):
-                forward = (twists[j, 3:] + np.cross(twists[j, :3], centers[feet[k]])) @ heading[
-                    :, 0
-                ]
+                moved = twists[j, 3:] + np.cross(twists[j, :3], centers[feet[k]])
+                forward = moved @ heading[:, 0]
                 signs[j] = step * np.sign(forward) if abs(forward) > SWINGS else signs[j]
     return signs
 
@@ -103,11 +98,8 @@ def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
     """x_0 (twice) … x_N (N+2, nx) that the user gave."""
     given = numbers("start", start.x[1:] if isinstance(start, Solution) else start)
     if given.ndim != 2 or given.shape[1] != problem.dynamics.nx or len(given) < 2:
-        raise ShapeError(
-            "start",
-            given.shape,
-            f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more",
-        )
+        rows = f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more"
+        raise ShapeError("start", given.shape, rows)
     given = resampled(given, problem.steps)
     return np.concatenate([given[:1], given])
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import octo
 from octo.bench import plan
 from octo.bench.timing import Records, processor, read
-from octo.checks import ending
 from octo.cli.arguments import add_options
-from octo.cli.output import OutputFolder, Writer, say_left_out
+from octo.cli.output import OutputFolder, Writer, records_of, say_left_out
 from octo.errors import UnknownNameError, UsageError
 
 # of a clone; a wheel has none
@@ -34,9 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     chosen = plan.QUICK if arguments.quick else plan.FULL
     groups = groups_of(arguments.only)
-    path = None if arguments.json is None else ending("json", arguments.json, (".json",))
-    if path is not None:
-        OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
+    path = records_of(arguments.json)
     known = COMMITTED if arguments.baseline is None else Path(arguments.baseline)
     baseline = read(known, chosen) if known != COMMITTED or known.exists() else {}
     # after the checks: it takes longer to import than they take

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from octo.checks import ending, whole
+from octo.checks import whole
 from octo.cli.arguments import LIMITS, add_options, number, positive, robot_of
-from octo.cli.output import OutputFolder, Writer, say_left_out
+from octo.cli.output import OutputFolder, Writer, records_of, say_left_out
 from octo.cli.solve import (
     add_goal_arguments,
     asked_steps,
@@ -67,9 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         goal = goal_of(arguments)
         steps = asked_steps(goal, arguments)
     others = solvers_of(arguments.others, arguments.basis, cycle is not None)
-    path = None if arguments.json is None else ending("json", arguments.json, (".json",))
-    if path is not None:
-        OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
+    path = records_of(arguments.json)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     if goal is not None:

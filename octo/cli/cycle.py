@@ -7,7 +7,6 @@ import math
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 from octo.cli.arguments import (
     add_base_arguments,
@@ -19,7 +18,7 @@ from octo.cli.arguments import (
     solver_options,
     whole,
 )
-from octo.cli.output import OutputFolder, default_folder
+from octo.cli.output import folder_of
 from octo.cli.solve import FILES, surroundings, write
 from octo.errors import MirrorError
 from octo.model.character import Character
@@ -84,8 +83,7 @@ def period(word: str) -> Period:
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
-    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "cycle"))
-    folder.check(FILES)
+    folder = folder_of(arguments.out, arguments.robot, "cycle", FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     # after the checks: it takes longer to import than they take

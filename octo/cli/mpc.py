@@ -21,7 +21,7 @@ from octo.cli.arguments import (
     terrain_of,
     whole,
 )
-from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.errors import UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
@@ -79,8 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     goal = Goal(arguments.goal, arguments.speed)
     push = _push(arguments.push)
     _check_words(arguments)
-    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "mpc"))
-    folder.check(FILES)
+    folder = folder_of(arguments.out, arguments.robot, "mpc", FILES)
     robot = robot_of(arguments)
     goal.check(robot)
     terrain = terrain_of(arguments.terrain)

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from octo.checks import ending
 from octo.errors import MissingExtraError, OctoError, OutputError
 from octo.files import file_name, place, reason, scratch
 from octo.interrupts import postponed
@@ -130,6 +131,21 @@ class OutputFolder:
                     raise
                 return f"{found}; {_listed(writers)} are in {folder} instead"
         return found
+
+
+def folder_of(out: str | None, robot: str, what: str, names: tuple[str, ...]) -> OutputFolder:
+    """``--out``, by default "octo-ROBOT-WHAT"; refused where the files cannot be written."""
+    folder = OutputFolder(out or default_folder(Path(robot).stem, what))
+    folder.check(names)
+    return folder
+
+
+def records_of(word: str | None) -> Path | None:
+    """``--json``; refused where it, or the picture beside it, cannot be written."""
+    path = None if word is None else ending("json", word, (".json",))
+    if path is not None:
+        OutputFolder(path.parent).check((path.name, f"{path.stem}.png"))
+    return path
 
 
 def _elsewhere() -> Iterable[str]:

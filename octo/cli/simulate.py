@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from octo.cli.arguments import (
     steps_of,
     terrain_of,
 )
-from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
@@ -53,8 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     steps = steps_of(arguments.seconds, arguments.dt)
-    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, "simulate"))
-    folder.check(FILES)
+    folder = folder_of(arguments.out, arguments.robot, "simulate", FILES)
     robot = robot_of(arguments)
     pose = pose_of(robot, arguments.pose)
     began = time.perf_counter()

@@ -26,7 +26,7 @@ from octo.cli.arguments import (
     steps_of,
     terrain_of,
 )
-from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
+from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -87,8 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
-    folder = OutputFolder(arguments.out or default_folder(Path(arguments.robot).stem, goal.kind))
-    folder.check(FILES)
+    folder = folder_of(arguments.out, arguments.robot, goal.kind, FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     goal.check(robot)

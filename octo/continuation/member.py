@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.result.measure import measured
 from octo.result.solution import Solution
@@ -15,7 +15,6 @@ from octo.result.trajectory import Trajectory
 from octo.solver import sqp
 from octo.solver.status import HISTORY, Status
 
-Array = NDArray[np.float64]
 # of a motion, that reports keep of each pass
 FIGURES = (
     "energy violation pointwise_residual penetration penetration_max slip friction_use "
@@ -26,23 +25,16 @@ CONTACT = ("contact.w_perp", "contact.w_par", "contact.onset")
 
 @dataclass(eq=False)
 class Member:
-    """What is known of one member of the batch after some passes.
-
-    Attributes
-    ----------
-    seed: its number. device: where it is solved.
-    motion: fields of a Solution, of the last pass that converged, or of the first.
-    passes, history: a record, and the columns of HISTORY, of each pass.
-    stages: seconds by stage, iterations, factorizations, seconds, processor_seconds: of all passes.
-    """
+    """What is known of one member of the batch after some passes."""
 
     seed: int
     device: str
+    # fields of a Solution, of the last pass that converged, or of the first
     motion: dict[str, Any] = field(default_factory=dict)
     status: Status = Status.STALLED
-    passes: list[dict[str, object]] = field(default_factory=list)
-    history: list[dict[str, Array]] = field(default_factory=list)
-    stages: dict[str, float] = field(default_factory=dict)
+    passes: list[dict[str, object]] = field(default_factory=list)  # a record of each
+    history: list[dict[str, Array]] = field(default_factory=list)  # of each, the columns of HISTORY
+    stages: dict[str, float] = field(default_factory=dict)  # s by stage; these are of all passes
     iterations: int = 0
     factorizations: int = 0
     seconds: float = 0.0
@@ -58,31 +50,22 @@ class Member:
         number, status = len(self.passes) + 1, result.status[place]
         found = measured(compiled, result.at, place)
         iterations = int(result.iterations[place])
-        factorizations = int(result.factorizations[place])
-        self.passes.append(
-            record(
-                number,
-                Trajectory(**found),
-                status,
-                iterations=iterations,
-                factorizations=factorizations,
-                seconds=float(result.seconds),
-            )
-        )
+        factorizations, seconds = int(result.factorizations[place]), float(result.seconds)
+        figures = (Trajectory(**found), status, iterations, factorizations, seconds)
+        self.passes.append(record(number, *figures))
         columns = result.history[place]
         self.history.append(columns | {"pass": np.full(len(columns["pass"]), float(number))})
-        for name, seconds in result.stages.items():
-            self.stages[name] = self.stages.get(name, 0.0) + seconds
+        for name, spent in result.stages.items():
+            self.stages[name] = self.stages.get(name, 0.0) + spent
         self.iterations += iterations
         self.factorizations += factorizations
-        self.seconds += float(result.seconds)
+        self.seconds += seconds
         self.processor_seconds += float(result.processor_seconds)
         if status.converged or number == 1:
             own = {"multipliers": result.lam[place].copy(), "setup_seconds": setup_seconds}
             self.motion, self.status = found | own, status
         else:
-            interrupted = status is Status.INTERRUPTED
-            self.status = Status.INTERRUPTED if interrupted else Status.ACCEPTABLE
+            self.status = status if status is Status.INTERRUPTED else Status.ACCEPTABLE
         return status.converged
 
     def solution(self) -> Solution:
@@ -97,7 +80,6 @@ def record(
     number: int,
     motion: Trajectory,
     status: Status,
-    *,
     iterations: int = 0,
     factorizations: int = 0,
     seconds: float = 0.0,

@@ -31,25 +31,16 @@ Schedule = list[Pass | None]
 
 @dataclass(eq=False)
 class Continuation:
-    """The passes of one batch.
+    """The passes of one batch."""
 
-    Attributes
-    ----------
-    compiled: the members that are still at work, with the contact laws of their pass.
-    nodes: (batch, N+2, nx) x_{-1} … x_N, where the next solve starts.
-    lam: (batch, K, ma) multipliers of that start; None for zeros.
-    options: of every pass; ``time_limit`` is of all of them.
-    setup_seconds: so far.
-    """
-
-    compiled: CompiledProblem
-    nodes: Array
-    lam: Array | None
-    options: SqpOptions
+    compiled: CompiledProblem  # the members that are still at work, with the laws of their pass
+    nodes: Array  # (batch, N+2, nx) x_{-1} … x_N, where the next solve starts
+    lam: Array | None  # (batch, K, ma) multipliers of that start; None for zeros
+    options: SqpOptions  # of every pass; ``time_limit`` is of all of them
     threads: int
     backend: Backend
     monitor: sqp.Monitor
-    setup_seconds: float
+    setup_seconds: float  # so far
     seconds: float = 0.0  # of the solves so far
 
     def run(self, schedules: Sequence[Schedule], seeds: Sequence[int]) -> list[Solution]:

@@ -7,7 +7,8 @@ four feet sink that carry the weight, and by the ratio w_par/w_perp.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -64,20 +65,13 @@ INTERMEDIATE_ITERATIONS = 3
 
 def intermediate(first: Pass, last: Pass) -> list[Pass]:
     """The stiffnesses on the way from one pass to the next, without the two."""
+
+    def between(name: str, part: float) -> Any:
+        a, b = getattr(first, name), getattr(last, name)
+        return None if a is None or b is None else a * (b / a) ** part
+
     parts = [k / FACTORS for k in range(1, FACTORS)]
-
-    def value(a: float, b: float, part: float) -> float:
-        return a * (b / a) ** part
-
-    def ratio(part: float) -> float | None:
-        if first.ratio is None or last.ratio is None:
-            return None
-        return value(first.ratio, last.ratio, part)
-
-    return [
-        Pass(value(first.depth, last.depth, f), ratio(f), value(first.onset, last.onset, f))
-        for f in parts
-    ]
+    return [Pass(*(between(f.name, part) for f in fields(Pass))) for part in parts]
 
 
 def growable(problem: Problem) -> bool:
@@ -108,20 +102,13 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     By default four in the nodes basis, one in the Hermite basis: a spline of ten steps a segment
     cannot follow the forces of a stiff contact (its pointwise residual grows to several times the
     weight).
-
-    Raises
-    ------
-    ValueRangeError: no pass. ProblemError: several passes for a contact law whose stiffness the
-        caller fixed.
     """
     if count is not None:
         whole("passes", count, most=100)
     if not growable(problem):
         if count is not None and count > 1:
-            raise ProblemError(
-                f"passes is {count}: the stiffness of this contact law is fixed by the caller, "
-                "must be 1"
-            )
+            why = "the stiffness of this contact law is fixed by the caller"
+            raise ProblemError(f"passes is {count}: {why}, must be 1")
         return [None]
     last = len(DEPTHS) - 1
     usual = 1 if isinstance(problem.basis_object, Hermite) else len(DEPTHS)

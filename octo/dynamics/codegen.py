@@ -8,7 +8,7 @@ kinematics and of a step's work area), CURVATURE (blocks of the curvature, see H
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from itertools import pairwise
 
@@ -82,13 +82,13 @@ def robot_text(
             brisk(function_of_numbers(function), function.n_instructions())
             for function in functions
         )
-        return "\n".join([HEAD, plain, _macros(sizes), *tables, *common, source("phases.c")])
+        return "\n".join([HEAD, plain, macros(sizes), *tables, *common, source("phases.c")])
     made = [lanes_text(function, _shared(function.name())) for function in functions]
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
-    return "\n".join([HEAD, source("lanes.c"), *made, _macros(sizes), *tables, *common, *steps])
+    return "\n".join([HEAD, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
 
 
 def _shared(name: str) -> Collection[int]:
@@ -110,7 +110,7 @@ def function_text(fd: ca.Function, lanes: bool = False) -> str:
     inputs = [*(ca.SX.sym(name, n) for name in ("x_next", "x", "x_prev")), p, lam]
     jac = ca.jacobian(value, z)
     gradient = ca.mtimes(jac.T, lam)
-    _check_length(z, p, lam, gradient)
+    check_curvature("these user-written dynamics", [z, p, lam], gradient, HINT)
     hess = ca.triu2symm(ca.triu(ca.jacobian(gradient, z)))
     length = ca.Function("curvature", [z, p, lam], [hess]).n_instructions()
     check_length("these user-written dynamics", length, HINT)
@@ -125,11 +125,11 @@ def function_text(fd: ca.Function, lanes: bool = False) -> str:
     sizes = {"NX": n, "NB": 0, "NC": 0, "NP": size, "KIN": 0}
     sizes |= {"WORK": max(f.sz_w() for f in functions), "CURVATURE": len(blocks)}
     if not lanes:
-        return "\n".join([HEAD, _generated(functions), _macros(sizes), source("custom.c")])
+        return "\n".join([HEAD, _generated(functions), macros(sizes), source("custom.c")])
     made = "\n".join(lanes_text(function, (3,)) for function in functions)
     dense = [np.arange(1, 1 + count) for count in (3 * n * n, len(blocks) * n * n)]
     steps = [source("custom_lanes.c"), source("lanes_group.c")]
-    return "\n".join([HEAD, source("lanes.c"), made, _macros(sizes), slots.table(*dense), *steps])
+    return "\n".join([HEAD, source("lanes.c"), made, macros(sizes), slots.table(*dense), *steps])
 
 
 def _generated(functions: Sequence[ca.Function]) -> str:
@@ -139,10 +139,6 @@ def _generated(functions: Sequence[ca.Function]) -> str:
     for function in functions:
         generator.add(function)
     return brisk(str(generator.dump()), max(function.n_instructions() for function in functions))
-
-
-def _check_length(z: ca.SX, p: ca.SX, lam: ca.SX, gradient: ca.SX) -> None:
-    check_curvature("these user-written dynamics", [z, p, lam], gradient, HINT)
 
 
 def check_curvature(what: str, inputs: Sequence[ca.SX], gradient: ca.SX, hint: str) -> None:
@@ -166,7 +162,8 @@ def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
     return brisk(function_in_lanes(function, shared), function.n_instructions())
 
 
-def _macros(sizes: dict[str, int]) -> str:
+def macros(sizes: Mapping[str, int]) -> str:
+    """Numbers by name, for the preprocessor."""
     return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
 
 

@@ -9,7 +9,7 @@ text.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -119,6 +119,16 @@ def function_of_numbers(function: ca.Function) -> str:
             operation, operands = ca.OP_MUL, [operands[0], inverse[operands[1]]]
         lines.append(f"  {target} = {_number(function, operation, operands)};")
     return "\n".join([*lines, "}"])
+
+
+def switch(name: str, functions: Sequence[ca.Function]) -> str:
+    """C text ``static void name(int k, const double **arg, double **res)``: a call of the k-th of
+    the functions, which stand before it."""
+    cases = " ".join(
+        f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(functions)
+    )
+    head = f"static void {name}(int k, const double **arg, double **res) {{"
+    return f"{head}\n  switch (k) {{ {cases} }}\n}}"
 
 
 def _number(function: ca.Function, operation: int, operands: list[str]) -> str:

@@ -75,13 +75,16 @@ class Dynamics:
         place of octo_step."""
         return self._lanes_text
 
+    def _written(self, lanes: bool) -> str:
+        return codegen.function_text(self.symbolic, lanes)
+
     @cached_property
     def _text(self) -> str:
-        return codegen.function_text(self.symbolic)
+        return self._written(lanes=False)
 
     @cached_property
     def _lanes_text(self) -> str:
-        return codegen.function_text(self.symbolic, lanes=True)
+        return self._written(lanes=True)
 
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
@@ -220,13 +223,8 @@ class RobotDynamics(Dynamics):
         """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
 
-    @cached_property
-    def _text(self) -> str:
-        return codegen.robot_text(self.character, self.law, self.terrain, self.layout)
-
-    @cached_property
-    def _lanes_text(self) -> str:
-        return codegen.robot_text(self.character, self.law, self.terrain, self.layout, lanes=True)
+    def _written(self, lanes: bool) -> str:
+        return codegen.robot_text(self.character, self.law, self.terrain, self.layout, lanes)
 
 
 class CustomDynamics(Dynamics):

@@ -7,9 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from octo.checks import numbers
 from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import ShapeError, StaticPoseError, ValueRangeError
+from octo.errors import StaticPoseError
 from octo.model.character import Array, Character
 from octo.model.describe import lost_shapes
 from octo.model.feet import low_contacts
@@ -37,14 +38,7 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     """
     robot = dynamics.character
     if pose is not None:
-        array = np.asarray(pose, dtype=float)
-        if array.shape != (robot.nx,):
-            raise ShapeError("pose", array.shape, (robot.nx,))
-        if not np.isfinite(array).all():
-            raise ValueRangeError(
-                f"pose is not finite at index {int(np.flatnonzero(~np.isfinite(array))[0])}"
-            )
-        candidates = iter([("the given pose", array)])
+        candidates = iter([("the given pose", numbers("pose", pose, (robot.nx,)))])
     else:
         candidates = _own_choice(robot)
     reasons, leaning = [], []
@@ -75,8 +69,7 @@ def balanced_pose(robot: Character) -> Array:
     Many files' default pose stands with the centre of mass over two of four feet: a stride that
     begins there hops on two.
     """
-    default = robot.start_pose
-    pose = over_the_feet(robot, inside_limits(robot, default))
+    pose = over_the_feet(robot, inside_limits(robot, robot.start_pose))
     pose.setflags(write=False)  # every pass of every start of a cycle asks for it
     return pose
 
@@ -85,10 +78,8 @@ def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
     """The poses that are tried when none is given."""
     default = robot.start_pose
     middle = _middle(robot, default)
-    for name, candidate in (
-        ("the default pose", default),
-        ("the middle of the joints' ranges", middle),
-    ):
+    named = {"the default pose": default, "the middle of the joints' ranges": middle}
+    for name, candidate in named.items():
         yield name, candidate
         yield f"{name}, feet moved below", over_the_feet(robot, inside_limits(robot, candidate))
 

@@ -55,35 +55,33 @@ def _compose(left: Pose, right: Pose) -> Pose:
 
 def body_poses(character: Character, x: ca.SX) -> list[Pose]:
     """World pose (R, t) of every body at the configuration x (n,)."""
-    poses: list[Pose] = []
-    index = 0
-    for body in character.bodies:
-        pose = (ca.SX(ca.DM(body.rotation)), ca.SX(ca.DM(body.position)))
-        if body.parent >= 0:
-            pose = _compose(poses[body.parent], pose)
-        for joint in body.joints:
-            pose = _compose(pose, _joint_pose(joint, x[index] - joint.reference))
-            index += 1
-        poses.append(pose)
-    return poses
+    return _poses_and_twists(character, x)[0]
 
 
 def joint_twists(character: Character, x: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """(ω, v of the point at the world's origin) of every degree of freedom, (3,) each, in world
     axes."""
-    poses, twists = body_poses(character, x), []
+    return _poses_and_twists(character, x)[1]
+
+
+def _poses_and_twists(
+    character: Character, x: ca.SX
+) -> tuple[list[Pose], list[tuple[ca.SX, ca.SX]]]:
+    poses: list[Pose] = []
+    twists: list[tuple[ca.SX, ca.SX]] = []
     for body in character.bodies:
         pose = (ca.SX(ca.DM(body.rotation)), ca.SX(ca.DM(body.position)))
         if body.parent >= 0:
             pose = _compose(poses[body.parent], pose)
         for joint in body.joints:
-            axis = pose[0] @ ca.SX(joint.axis)
+            axis, displacement = pose[0] @ ca.SX(joint.axis), x[len(twists)] - joint.reference
             if joint.kind == "slide":
                 twists.append((ca.SX(3, 1), axis))
             else:
                 twists.append((axis, ca.cross(pose[0] @ ca.SX(joint.anchor) + pose[1], axis)))
-            pose = _compose(pose, _joint_pose(joint, x[len(twists) - 1] - joint.reference))
-    return twists
+            pose = _compose(pose, _joint_pose(joint, displacement))
+        poses.append(pose)
+    return poses, twists
 
 
 def center_of_mass(character: Character, x: ca.SX) -> ca.SX:
@@ -276,17 +274,15 @@ def forward_dynamics(
         radii = character.contacts[a].radius + character.contacts[b].radius
         potential += pair_potential(ca.dot(first - second, first - second), radii, view)
     work, held, values = ca.SX(0), [], []
-    for k in character.terrain_contacts:
+    states = contact_states(character, x_next, x, law, terrain, view)
+    for k, state in zip(character.terrain_contacts, states, strict=True):
         sphere = character.contacts[k]
         R, t = poses[sphere.body]
-        local, radius = ca.SX(sphere.position), sphere.radius
-        places = contact_places(local, radius, (R, t), now[sphere.body], terrain, view)
-        state = contact_state(*places, radius, law, terrain, view)
         # virtual work f·∂P at a fixed force and material point
         force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)
         work += ca.dot(force, R @ material + t)
         held += [force, material]
-        values += [state.force, local - radius * (R.T @ state.normal)]
+        values += [state.force, ca.SX(sphere.position) - sphere.radius * (R.T @ state.normal)]
     for k in range(len(character.elements)):
         law_force, way = element_force(character, k, poses, now, view)
         force = ca.SX.sym("f", 3)

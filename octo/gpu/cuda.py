@@ -6,8 +6,7 @@ import functools
 import hashlib
 import importlib
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from octo import cache
 from octo.arrays import host
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import nvrtc
-from octo.gpu.device import Array
-from octo.gpu.sequence import SWITCH, NoGraph, Sequenced
+from octo.gpu.device import Array, Device, Module
+from octo.gpu.sequence import SWITCH, NoGraph
 
 INSTALL = "pip install 'octo-trajopt[cuda13]' or '[cuda12]'"
 UNASKED = 48 * 1024  # bytes of shared memory that a kernel may have without asking
@@ -81,17 +80,6 @@ def _argument(value: Any) -> Any:
     return value
 
 
-class CudaModule:
-    """A compiled text on the current GPU."""
-
-    def __init__(self, device: CudaDevice, path: Path):
-        self._device, self._module = device, device.xp.RawModule(path=str(path))
-        self.kernel = functools.cache(self._kernel)
-
-    def _kernel(self, name: str) -> CudaKernel:
-        return CudaKernel(self._device, self._module.get_function(name))
-
-
 class CudaGraph:
     """A captured sequence of ``size`` kernels; it runs on the current stream."""
 
@@ -103,7 +91,7 @@ class CudaGraph:
         self._device.counts.replayed += self._size
 
 
-class CudaDevice(Sequenced):
+class CudaDevice(Device):
     """The GPU that CuPy calls current.
 
     Raises
@@ -121,14 +109,13 @@ class CudaDevice(Sequenced):
         self.architecture = f"sm_{gpu.compute_capability}"
         self.shared_limit = int(gpu.attributes["MaxSharedMemoryPerBlockOptin"])
         self.name: str = self.xp.cuda.runtime.getDeviceProperties(gpu.id)["name"].decode()
-        self.module = functools.cache(self._module)
 
-    def _module(self, text: str) -> CudaModule:
-        return CudaModule(self, cubin(text, self.architecture, self.xp.__version__))
+    def binary(self, text: str) -> Path:
+        return cubin(text, self.architecture, self.xp.__version__)
 
-    def compile(self, texts: Sequence[str]) -> None:
-        with ThreadPoolExecutor() as pool:
-            list(pool.map(lambda text: cubin(text, self.architecture, self.xp.__version__), texts))
+    def load(self, text: str) -> Module:
+        module = self.xp.RawModule(path=str(self.binary(text)))
+        return Module(lambda name: CudaKernel(self, module.get_function(name)))
 
     def threads(self, wanted: int) -> int:
         return wanted
@@ -145,8 +132,7 @@ class CudaDevice(Sequenced):
         # with a stream it is asynchronous in every CuPy
         array.set(values, stream=self.xp.cuda.get_current_stream())
 
-    def copy(self, source: Array, target: Array) -> None:
-        self.check_copy(source, target)
+    def move(self, source: Array, target: Array) -> None:
         target.data.copy_from_device_async(source.data, source.nbytes)
 
     def host(self, array: Array) -> NDArray[Any]:

@@ -7,10 +7,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.dynamics.codegen import integers
-from octo.dynamics.emit import function_of_numbers
+from octo.dynamics.codegen import integers, macros
+from octo.dynamics.emit import function_of_numbers, switch
 from octo.dynamics.evaluate import Dynamics
-from octo.gpu.device import Array, Device, source
+from octo.gpu.device import Array, Device, Kernels, source
 from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import StateCurvature
 
@@ -18,15 +18,14 @@ WARP, SMALL = 32, 128  # threads of a block for 32 steps, and for one
 SIZES = ("NX", "NU", "NP", "NQ")
 
 
-class Bends:
+class Bends(Kernels):
     """The compiled text of S (octo.problem.curvature) and what adds it to the Hessians of steps.
 
     size: numbers of a step's S.
     """
 
     def __init__(self, functions: CostFunctions, dynamics: Dynamics, device: Device):
-        self.device, n = device, dynamics.nx
-        made, calls = functions.curvature, functions.calls
+        made, calls, n = functions.curvature, functions.calls, dynamics.nx
         assert made is not None
         inputs = made.function.sx_in()
         values, order = made.function(*inputs), _groups(made, n)
@@ -55,20 +54,17 @@ class Bends:
             "first": straight + np.cumsum([0, *counts]),
             "actuated": dynamics.actuated,
         }
-        cases = " ".join(f"case {k}: {f.name()}(arg, res); break;" for k, f in enumerate(pieces))
         text = [
             calls.stages_text,
             source("common.cuh"),
             calls.numbers_text,
             *map(function_of_numbers, pieces),
-            *(f"#define {name} {value}" for name, value in sizes.items()),
+            macros(sizes),
             *(integers(f"bend_{name}", values) for name, values in tables.items()),
-            "static void octo_bend_piece(int k, const double **arg, double **res) {",
-            f"  switch (k) {{ {cases} }}\n}}",
+            switch("octo_bend_piece", pieces),
             source("curvature.cu"),
         ]
-        self.text = "\n".join(text)
-        self.kernel = device.module(self.text).kernel
+        super().__init__(device, "\n".join(text))
 
     def add(
         self,
@@ -83,21 +79,10 @@ class Bends:
         ``second`` (batch, N, size) is written on the way.
         """
         batch, steps = hess.shape[:2]
-        nodes, p, q, fd = numbers
-        threads = self.device.threads(WARP)
-        grid = (-(-steps // threads), self.pieces, batch)
-        self.kernel("octo_second")(grid, threads, steps, curved, nodes, p, q, fd, second)
-        shared = 8 * self.torques * self.width
-        self.kernel("octo_bend")(
-            (steps, batch),
-            self.device.threads(SMALL),
-            steps,
-            curved,
-            second,
-            jac,
-            hess,
-            shared=shared,
-        )
+        grid = (-(-steps // self.device.threads(WARP)), self.pieces, batch)
+        self.each("octo_second", grid, steps, curved, *numbers, second, threads=WARP)
+        own, room = (steps, curved, second, jac, hess), 8 * self.torques * self.width
+        self.each("octo_bend", (steps, batch), *own, threads=SMALL, shared=room)
 
 
 def _groups(made: StateCurvature, n: int) -> list[NDArray[np.intp]]:

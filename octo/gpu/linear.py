@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from octo.gpu.device import Array, Device, source
+from octo.dynamics.codegen import macros
+from octo.gpu.device import WIDE, Array, Device, Kernels, source
 from octo.solver.blocks import KKTBlocks
 
-WIDE, PARTS = 256, 128
+PARTS = 128
 # entries and threads along the edge of a tile of a product; threads that share a sum
 TILE, EDGE, SLICES = 48, 16, 4
 
@@ -19,8 +20,7 @@ def sizes(nc: int, ma: int, shared: int) -> str:
     """What the kernels know of units of nc variables and ma constraint rows, and of a GPU whose
     blocks have ``shared`` bytes."""
     known = {"NCV": nc, "MAV": ma, "SHARED_BYTES": shared}
-    known |= {"WIDE": WIDE, "TILE": TILE, "EDGE": EDGE, "SLICES": SLICES}
-    return "\n".join(f"#define {name} {value}" for name, value in known.items())
+    return macros(known | {"WIDE": WIDE, "TILE": TILE, "EDGE": EDGE, "SLICES": SLICES})
 
 
 def text(nc: int, ma: int, shared: int) -> str:
@@ -47,24 +47,12 @@ def pivot_room(B: int, shared: int) -> int:
     return scratch + 8 * B * B if scratch + 8 * B * B <= shared else scratch
 
 
-class Linear:
+class Linear(Kernels):
     """The kernels for units of nc variables and ma constraint rows."""
 
     def __init__(self, device: Device, nc: int, ma: int):
-        self.device, self.nc, self.ma = device, nc, ma
-        self.text = text(nc, ma, device.shared_limit)
-        self.module = device.module(self.text)
-        self.kernel = self.module.kernel
-
-    def each(
-        self,
-        name: str,
-        grid: tuple[int, ...],
-        *arguments: Any,
-        threads: int = WIDE,
-        shared: int = 0,
-    ) -> None:
-        self.kernel(name)(grid, self.device.threads(threads), *arguments, shared=shared)
+        super().__init__(device, text(nc, ma, device.shared_limit))
+        self.nc, self.ma = nc, ma
 
     def hessian_times(self, H: Array, v: Array) -> Array:
         """H v for v (batch, K, nc[, count])."""
@@ -115,11 +103,6 @@ class Linear:
     def unit_sizes(self, C: Array, sizes: Array) -> None:
         """sizes (batch, K) = ‖C‖₁ of each unit."""
         self.flat("octo_unit_sizes", sizes.size, C, sizes)
-
-    def flat(self, name: str, count: int, *arguments: Any) -> None:
-        """A kernel over ``count`` things, one a thread."""
-        threads = self.device.threads(WIDE)
-        self.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
 
 
 def columns_of(v: Array) -> int:

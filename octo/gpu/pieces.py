@@ -16,6 +16,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.dynamics.codegen import integers, macros
+from octo.dynamics.emit import switch
 from octo.problem.codegen import CostFunctions
 from octo.problem.contact_model import BLOCKS, ContactFunctions
 
@@ -67,7 +69,7 @@ class Pieces:
         made = _Rewritten(inputs, [piece for piece, _ in whole])
         columns = [(output, at) for output, (_, at) in zip(made.outputs, whole, strict=True)]
         given = [*inputs[:6], made.sines, *inputs[6:]]
-        state = _Cut.of("octo_piece", given, [columns[:values], columns[values:]], LIVE)
+        state = _Cut.of("piece", given, [columns[:values], columns[values:]], LIVE)
         places = np.array(entry_rows, dtype=int), np.array(entry_columns, dtype=int)
         return cls(state, _contact_pieces(functions.contact), made.angles, *places)
 
@@ -121,7 +123,7 @@ class _Cut:
         return made
 
     def _add(self, inputs: list[ca.SX], output: ca.SX, place: int, live: int) -> None:
-        name = f"{self.name}_{len(self.functions)}"
+        name = f"octo_{self.name}_{len(self.functions)}"
         function = ca.Function(name, inputs, [output], {"cse": True})
         half = output.numel() // 2
         if function.sz_w() > live and half:
@@ -133,24 +135,16 @@ class _Cut:
 
     def text(self, *ends: str) -> str:
         """C text of a call of piece k, and of ``ends`` as macros."""
-        cases = " ".join(
-            f"case {k}: {function.name()}(arg, res); break;"
-            for k, function in enumerate(self.functions)
-        )
-        lines = [f"#define {name} {end}" for name, end in zip(ends, self.ends, strict=True)]
-        lines += [
-            f"static const int {self.name}_at[] = {{{', '.join(map(str, self.at)) or '0'}}};",
-            f"static void {self.name}(int k, const double **arg, double **res) {{",
-            f"  switch (k) {{ {cases} }}\n}}\n",
-        ]
-        return "\n".join(lines)
+        sizes = macros(dict(zip(ends, self.ends, strict=True)))
+        name = f"octo_{self.name}"
+        return f"{sizes}\n{integers(f'{self.name}_at', self.at)}\n{switch(name, self.functions)}\n"
 
 
 def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
     """Values; y'; what is left of Gauss and Newton's model; what is left of the exact one. Places:
     model.cu's TOUCHED."""
     if contact is None:
-        return _Cut("octo_contact_piece", [], [], [0, 0, 0, 0])
+        return _Cut("contact_piece", [], [], [0, 0, 0, 0])
     own = contact.factors
     slopes, bend = ca.vec(ca.densify(own.slopes).T), 18 * own.size
     square = bend + own.bend.numel()
@@ -161,7 +155,7 @@ def _contact_pieces(contact: ContactFunctions | None) -> _Cut:
         [(own.model, square)],
         [*blocks, (own.exact, square)],
     ]
-    return _Cut.of("octo_contact_piece", own.inputs, kinds, LIVE_OF_CONTACT)
+    return _Cut.of("contact_piece", own.inputs, kinds, LIVE_OF_CONTACT)
 
 
 class _Rewritten:

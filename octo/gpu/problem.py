@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from octo.gpu.device import Array, Device
-from octo.gpu.program import FLAT, NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
+from octo.gpu.program import NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
 from octo.gpu.step_pairs import Numbers, gathers
 from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
@@ -35,14 +35,11 @@ class DeviceProblem:
         self._tables: dict[str, Array] = (
             like._tables if like is not None and like._fits(problem) else self._upload()
         )
-        self._share()
-
-    def _share(self) -> None:
-        host = self.host
-        self.problems, self.functions, self.dynamics = host.problems, host.functions, host.dynamics
-        self.batch, self.steps, self.n, self.K = len(self.p), host.steps, host.n, host.K
-        self.nc, self.ma, self.m = host.nc, host.ma, host.m
-        self.weight, self.threads = host.weight, host.threads
+        own = problem
+        self.problems, self.functions, self.dynamics = own.problems, own.functions, own.dynamics
+        self.batch, self.steps, self.n, self.K = len(self.p), own.steps, own.n, own.K
+        self.nc, self.ma, self.m = own.nc, own.ma, own.m
+        self.weight, self.threads = own.weight, own.threads
 
     def _fits(self, problem: CompiledProblem) -> bool:
         same = problem.basis == self.host.basis and problem.steps == self.host.steps
@@ -127,11 +124,11 @@ class DeviceProblem:
 
     def evaluate_into(self, at: Evaluation) -> None:
         """Everything of ``at`` from its unknowns."""
-        device, program, tables = self.device, self.program, self._tables
+        program, tables = self.program, self._tables
         sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
         slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
         given = (self.constant, self.carry, at.unknowns, at.nodes)
-        self._flat("octo_nodes", at.nodes.size, *sizes, *slots, *given)
+        program.flat("octo_nodes", at.nodes.size, *sizes, *slots, *given)
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
@@ -141,11 +138,12 @@ class DeviceProblem:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         if program.pairs is not None:
             program.pairs.values(self._pair_numbers(at), at.terms)
-        self._reduce(at.fd, at.C)
+        if self.ma:
+            sums = [tables[f"tests_{part}"] for part in ("first", "source", "value")]
+            rows = (self.steps, self.K * self.host.stencil.parts, *sums, self.row_scale, at.fd)
+            program.flat("octo_constraints", at.C.size, *rows, at.C)
         own = (self.steps, self.K * self.ma, at.terms, at.C, at.summary)
-        program.kernel("octo_summary")(
-            (self.batch,), device.threads(PARTS), *own, shared=32 * PARTS
-        )
+        program.each("octo_summary", (self.batch,), *own, threads=PARTS, shared=32 * PARTS)
 
     def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
         """As :meth:`CompiledProblem.linearize`; ``curved`` are integers on the device."""
@@ -177,10 +175,9 @@ class DeviceProblem:
         if pairs is not None:
             pairs.chain(scratch["jac"], lam is not None, curved)
         if self.carry is not None:
-            carried = (self.steps, self.carry, scratch["jac"], *squares)
-            program.kernel("octo_carry_back")(
-                (2, 10, self.batch), self.device.threads(SMALL), *carried, shared=8 * self.n**2
-            )
+            grid, carried = (2, 10, self.batch), (self.steps, self.carry, scratch["jac"], *squares)
+            room = 8 * self.n**2
+            program.each("octo_carry_back", grid, *carried, threads=SMALL, shared=room)
         model = self._gather(at, lam is not None, curved)
         if pairs is not None:
             pairs.add(self._tables, model.H, model.b)
@@ -215,7 +212,7 @@ class DeviceProblem:
 
     def _gather(self, at: Evaluation, exact: bool, curved: Array | None) -> Model:
         device, tables, scratch = self.device, self._tables, self.scratch
-        shape, parts, threads = (self.batch, self.K), self.host.stencil.parts, device.threads(SMALL)
+        shape, sizes = (self.batch, self.K), (self.steps, self.host.stencil.parts)
         H = device.empty((*shape, 3, self.nc, self.nc))
         A = device.empty((*shape, 3, self.ma, self.nc))
         b = device.empty((*shape, self.nc))
@@ -226,49 +223,32 @@ class DeviceProblem:
         groups = -(-self.n * (self.n + 1) // SMALL)
         own = (tables["dummy"], scratch["hess"], scratch["gradient"], H, b)
         grid = (self.K * groups, 3, self.batch)
-        self.program.kernel("octo_gather_hessian")(
-            grid, threads, self.steps, parts, groups, *hessian, *gradient, *own
-        )
+        gathered = (*sizes, groups, *hessian, *gradient, *own)
+        self.program.each("octo_gather_hessian", grid, *gathered, threads=SMALL)
         if self.program.between is not None:
             between = (self.anchor, at.unknowns, self.q, tables["dummy"])
             self.program.between.add(*between, H, b)
             if exact:
                 self.program.between.bend(*between, curved, H)
         if self.ma:
-            rows = (*jacobian, self.row_scale, scratch["jac"], A)
-            self.program.kernel("octo_gather_constraints")(
-                (self.K, 3, self.batch), threads, self.steps, parts, *rows
-            )
+            rows, grid = (*jacobian, self.row_scale, scratch["jac"], A), (self.K, 3, self.batch)
+            self.program.each("octo_gather_constraints", grid, *sizes, *rows, threads=SMALL)
         return Model(H, A, b, at.C)
 
     def _kin(self, nodes: Array) -> Array:
         program, grid = self.program, (self.steps + 2, self.batch)
         kin = self.device.empty((*nodes.shape[:2], max(program.kin, 1)))
-        program.kernel("octo_kin_of_nodes")(
-            grid, self.device.threads(WARP), nodes, kin, shared=8 * (2 * self.n + program.kin)
-        )
+        room = 8 * (2 * self.n + program.kin)
+        program.each("octo_kin_of_nodes", grid, nodes, kin, threads=WARP, shared=room)
         return kin
-
-    def _reduce(self, fd: Array, C: Array) -> None:
-        if not self.ma:
-            return
-        tables = [self._tables[f"tests_{part}"] for part in ("first", "source", "value")]
-        sizes = (self.steps, self.K * self.host.stencil.parts)
-        self._flat("octo_constraints", C.size, *sizes, *tables, self.row_scale, fd, C)
-
-    def _flat(self, name: str, count: int, *arguments: Any) -> None:
-        """A kernel over ``count`` things, one a thread."""
-        threads = self.device.threads(FLAT)
-        self.program.kernel(name)((min(-(-count // threads), 65535),), threads, count, *arguments)
 
     def _each_step(
         self, name: str, threads: int, shared: int, *arguments: Any, together: int = 1
     ) -> None:
         """A kernel with a block for ``together`` steps of each problem; ``shared`` bytes a step."""
         grid = (-(-self.steps // together), self.batch)
-        self.program.kernel(name)(
-            grid, self.device.threads(threads), self.steps, *arguments, shared=together * shared
-        )
+        room = together * shared
+        self.program.each(name, grid, self.steps, *arguments, threads=threads, shared=room)
 
     @cached_property
     def scratch(self) -> dict[str, Array]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from octo.dynamics.codegen import macros
 from octo.errors import DeviceError
 from octo.gpu.between import Between
 from octo.gpu.curvature import Bends
-from octo.gpu.device import Device, Kernel, source
+from octo.gpu.device import WIDE, Device, Kernel, Kernels, source
 from octo.gpu.pieces import Pieces
 from octo.gpu.step_pairs import StepPairs
 from octo.problem import codegen
@@ -22,19 +23,18 @@ NARROW = 64
 SMALL = 128  # for a step
 # for the products of a step's rows: a thread for each pair of tiles of 18 degrees of freedom
 TILED = 192
-FLAT = 256  # for one thing a thread
 PARTS = 128  # of common.cuh
 # columns that a thread multiplies with as many; steps that a block evaluates the costs of
 TILE, TOGETHER = 3, 2
 # for the kernels
-DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": FLAT}
+DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": WIDE}
 DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
 
 
-class Program:
+class Program(Kernels):
     """The compiled text of one model and one list of terms, and the sizes that launches need."""
 
     def __init__(self, problem: CompiledProblem, device: Device):
@@ -45,7 +45,7 @@ class Program:
         pieces, stages = Pieces.of(functions), functions.calls.stages_text
         own = (pieces.functions, pieces.rows, pieces.columns)
         costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
-        defined = [f"#define {name} {value}" for name, value in DEFINED.items()]
+        defined = [macros(DEFINED)]
         if functions.pairs is not None:
             defined.append("#define FOUR_PARTS")  # of the units of a cycle
         common = [*defined, source("common.cuh")]
@@ -53,7 +53,8 @@ class Program:
         parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
-        self.dynamics, self.model = map(device.module, self.texts)
+        self._dynamics = device.module(self.texts[0])
+        super().__init__(device, self.texts[1])
         between = problem.program.between
         self.between = None if between is None else Between(between, device)
         bent = functions.curvature is not None
@@ -83,7 +84,7 @@ class Program:
             )
 
     def kernel(self, name: str) -> Kernel:
-        return (self.dynamics if name in DYNAMICS else self.model).kernel(name)
+        return self._dynamics.kernel(name) if name in DYNAMICS else super().kernel(name)
 
 
 def contact_numbers(functions: CostFunctions) -> int:

@@ -8,20 +8,15 @@ every later one (``Workspace``).
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
-
-import numpy as np
 
 from octo.errors import DeviceError
 
 T = TypeVar("T")
-LOG = logging.getLogger("octo")
 SWITCH = "OCTO_GPU_GRAPH"  # "0" in the environment: every kernel is launched on its own
 
 
@@ -56,66 +51,10 @@ class Here(threading.local):
         self.captured = 0  # kernels of the sequence that is being captured
 
 
-class Sequenced:
-    """The part of a device that runs sequences. graphs: whether they are captured."""
-
-    def __init__(self, graphs: bool):
-        self.graphs, self.counts, self.here = graphs, Counts(), Here()
-
-    def launched(self) -> None:
-        """Count one kernel."""
-        if self.here.capturing:
-            self.here.captured += 1
-        else:
-            self.counts.launches += 1
-
-    def fresh(self, shape: tuple[int, ...], dtype: Any) -> Any:
-        """Uninitialised memory of its own."""
-        raise NotImplementedError
-
-    def capture(self, launches: Callable[[], Any]) -> Graph:
-        """What ``launches`` launches, recorded and not run; raises NoGraph where that is
-        refused."""
-        raise NotImplementedError
-
-    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
-        """Uninitialised memory; within a sequence, what it had there the time before."""
-        workspace = self.here.workspace
-        return self.fresh(shape, dtype) if workspace is None else workspace.empty(shape, dtype)
-
-    @contextmanager
-    def within(self, workspace: Workspace) -> Iterator[None]:
-        """``empty`` takes from ``workspace``."""
-        before, self.here.workspace = self.here.workspace, workspace
-        workspace.begin()
-        try:
-            yield
-        finally:
-            self.here.workspace = before
-
-    def illegal(self, what: str) -> None:
-        """Refuse what a capture cannot hold."""
-        if self.here.capturing:
-            raise DeviceError(f"{what} while a sequence is captured: it would not be in the graph")
-
-    def check_copy(self, source: Any, target: Any) -> None:
-        """Refuse to copy what is not the same piece of memory for both."""
-        self.illegal("a copy")
-        same = source.shape == target.shape and source.dtype == target.dtype
-        if not (same and source.flags.c_contiguous and target.flags.c_contiguous):
-            what = f"{source.dtype} {source.shape}", f"{target.dtype} {target.shape}"
-            raise TypeError(f"{what[0]} cannot be copied to {what[1]} as it lies in memory")
-
-    def without_graphs(self, why: NoGraph) -> None:
-        """Launch one by one from now on, and say so."""
-        self.graphs = False
-        LOG.warning("no CUDA graphs, kernels are launched one by one: %s", why)
-
-
 class Workspace:
     """Arrays in the order in which a sequence asks for them: the same ones in every run."""
 
-    def __init__(self, device: Sequenced):
+    def __init__(self, device: Any):
         self._device, self._arrays, self._next = device, list[Any](), 0
 
     def begin(self) -> None:

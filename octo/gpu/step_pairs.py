@@ -7,9 +7,9 @@ from typing import Any
 
 import casadi as ca
 
-from octo.dynamics.codegen import integers
+from octo.dynamics.codegen import integers, macros
 from octo.dynamics.emit import function_of_numbers
-from octo.gpu.device import Array, Device, source
+from octo.gpu.device import Array, Device, Kernels, source
 from octo.gpu.tables import Gather, slots_of
 from octo.problem.basis import Stencil
 from octo.problem.compiled import CompiledProblem
@@ -17,19 +17,20 @@ from octo.problem.step_pairs import WINDOW, PairFunctions
 
 Numbers = tuple[Array, Array, Array, Array, Array | None]  # nodes, FD, p, q, carry
 
-FLAT, WIDE = 64, 256  # threads of a block for residuals, a thread each, and for a block of H
+FLAT = 64  # threads of a block for residuals, a thread each
 
 
-class StepPairs:
+class StepPairs(Kernels):
     """The compiled text of a list of terms over two steps in a row."""
 
     def __init__(self, problem: CompiledProblem, functions: PairFunctions, device: Device):
-        self.device, self.functions, self.nu = device, functions, problem.nu
+        self.functions, self.nu = functions, problem.nu
         dynamics = problem.dynamics
         inputs = functions.slopes.sx_in()
         slopes = ca.Function(
             functions.slopes.name(), inputs, [functions.slopes(*inputs)[1]], {"cse": True}
         )
+        own = (functions.value, slopes, functions.bend)
         sizes = {
             "NX": problem.n,
             "NU": problem.nu,
@@ -39,18 +40,17 @@ class StepPairs:
         }
         text = [
             source("common.cuh"),
-            *map(function_of_numbers, [functions.value, slopes]),
-            *([] if functions.bend is None else [function_of_numbers(functions.bend)]),
-            *(f"#define {name} {size}" for name, size in sizes.items()),
+            *(function_of_numbers(f) for f in own if f is not None),
+            macros(sizes),
             functions.tables,
             integers("pair_actuated", dynamics.actuated),
             source("step_pairs.cu"),
         ]
-        self.kernel = device.module("\n".join(text)).kernel
+        super().__init__(device, "\n".join(text))
 
     def values(self, numbers: Numbers, terms: Array) -> None:
         """Adds their share of E to ``terms`` (batch, N, terms)."""
-        self.flat("octo_pair_values", terms.shape, 1, *numbers, terms)
+        self.each_step("octo_pair_values", terms.shape, 1, *numbers, terms)
 
     def derived(self, numbers: Numbers) -> Derived:
         """Their derivatives at an iterate."""
@@ -58,14 +58,12 @@ class StepPairs:
         r, jac = (
             self.device.empty((*shape[:2], max(k, 1))) for k in (own.rows, own.sparsity.nnz())
         )
-        self.flat("octo_pair_slopes", shape, 1, *numbers, r, jac)
+        self.each_step("octo_pair_slopes", shape, 1, *numbers, r, jac)
         return Derived(self, numbers, (r, jac))
 
-    def flat(self, name: str, shape: tuple[int, ...], each: int, *arguments: Any) -> None:
+    def each_step(self, name: str, shape: tuple[int, ...], each: int, *arguments: Any) -> None:
         """A kernel over the steps of a batch (batch, N, …), ``each`` things of one."""
-        threads, count = self.device.threads(FLAT), shape[0] * shape[1] * each
-        grid = (min(-(-count // threads), 65535),)
-        self.kernel(name)(grid, threads, count, shape[1], *arguments)
+        self.flat(name, shape[0] * shape[1] * each, shape[1], *arguments, threads=FLAT)
 
 
 class Derived:
@@ -82,9 +80,8 @@ class Derived:
 
     def pull(self, lam: Array) -> None:
         """Adds dE/du to the multipliers ``lam`` (batch, N, n) of FD."""
-        self.pairs.flat(
-            "octo_pair_pull", lam.shape, self.pairs.nu, *self.numbers[3:], *self.slopes, lam
-        )
+        own = (*self.numbers[3:], *self.slopes, lam)
+        self.pairs.each_step("octo_pair_pull", lam.shape, self.pairs.nu, *own)
 
     def chain(self, fd_jac: Array, exact: bool, curved: Array | None) -> None:
         """The rows dr/dwindow and r, scaled, and with ``exact`` what exact terms have beside them,
@@ -108,19 +105,16 @@ class Derived:
         names = [f"{n}_{k}" for n in ("pairs", "pairs_b") for k in ("first", "source", "value")]
         out = (*(tables[name] for name in names), self.rows, self.bends, H, b)
         steps, width = self.rows.shape[1], self.rows.shape[3] - 1
-        grid, threads = (H.shape[1], 3, H.shape[0]), self.pairs.device.threads(WIDE)
-        self.pairs.kernel("octo_pair_add")(
-            grid, threads, steps, WINDOW * H.shape[-1] // width, *out
-        )
+        grid, parts = (H.shape[1], 3, H.shape[0]), WINDOW * H.shape[-1] // width
+        self.pairs.each("octo_pair_add", grid, steps, parts, *out)
 
     def _each_window(self, name: str, shape: tuple[int, ...], shared: int, *arguments: Any) -> None:
         """A kernel with a block of ``shared`` doubles for each step with one before it."""
         batch, steps = shape[:2]
-        first, threads = int(self.numbers[-1] is None), self.pairs.device.threads(WIDE)
+        first = int(self.numbers[-1] is None)
         if steps > first:
-            self.pairs.kernel(name)(
-                (steps - first, batch), threads, steps, first, *arguments, shared=8 * shared
-            )
+            grid = (steps - first, batch)
+            self.pairs.each(name, grid, steps, first, *arguments, shared=8 * shared)
 
 
 def gathers(stencil: Stencil, steps: int, cycle: bool) -> dict[str, Gather]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,16 +43,24 @@ class BallMotors:
 def joint_motor(source: RobotFile, j: int) -> Motor:
     """Of MuJoCo's hinge or slide ``j``: only the first number of an actuator's gear acts on it."""
     model = source.model
-    if source.effort is not None:
-        return Motor(True, source.effort[model.joint(j).name])
+    if source.limits is not None:
+        return Motor(True, source.limits[model.joint(j).name].effort)
     actuators = actuators_of(model, j)
-    if not actuators:
+    motor = _motor(model, actuators, model.actuator_gear[actuators, 0])
+    if motor.actuated and model.jnt_actfrclimited[j]:
+        most = float(np.abs(model.jnt_actfrcrange[j]).max())
+        return replace(motor, limit=min(motor.limit, most))
+    return motor
+
+
+def _motor(model: Any, actuators: Sequence[int], gear: Array) -> Motor:
+    """Of one coordinate that ``actuators`` drive by the numbers ``gear``: with the sum of their
+    limits."""
+    if not len(actuators):
         return Motor()
-    limit = sum(force_limit(model, a) * abs(float(model.actuator_gear[a, 0])) for a in actuators)
-    if model.jnt_actfrclimited[j]:
-        limit = min(limit, float(np.abs(model.jnt_actfrcrange[j]).max()))
-    first = actuators[0]
-    return Motor(True, limit, float(model.actuator_gear[first, 0]) * strength(model, first))
+    by = gear.tolist()
+    limit = sum(force_limit(model, a) * abs(g) for a, g in zip(actuators, by, strict=True))
+    return Motor(True, limit, by[0] * strength(model, actuators[0]))
 
 
 def ball_motors(model: Any, j: int) -> BallMotors:
@@ -67,16 +76,10 @@ def ball_motors(model: Any, j: int) -> BallMotors:
     axes, apart = _hinge_axes(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
     parts = vectors @ axes.T  # (actuators, hinges)
     driving = np.abs(parts) > PARALLEL * np.linalg.norm(vectors, axis=1, keepdims=True)
-    motors = []
-    for hinge in range(3):
-        mine = np.flatnonzero(driving[:, hinge])
-        if not len(mine):
-            motors.append(Motor())
-            continue
-        limit = sum(force_limit(model, actuators[k]) * abs(float(parts[k, hinge])) for k in mine)
-        first = int(mine[0])
-        gear = float(parts[first, hinge]) * strength(model, actuators[first])
-        motors.append(Motor(True, limit, gear))
+    motors = [
+        _motor(model, [a for a, drives in zip(actuators, on, strict=True) if drives], gear[on])
+        for on, gear in zip(driving.T, parts.T, strict=True)
+    ]
     notes = [
         "its motors act about the hinges, which is about their own axes where it is not turned"
     ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from octo.errors import ModelError, said
-from octo.model.quantities import Array, array, quantity, text, vector3
+from octo.model.quantities import Array, array, choice, quantity, text, tuple_of, vector3
 
 ROUNDED = 1e-3  # by how much the length of an axis may be off, as where a file says 0.707
 UNIT = 1e-6  # by how much a rotation or the symmetry of an inertia may be off
@@ -41,8 +42,7 @@ class Joint:
     def __post_init__(self) -> None:
         text("joint", self.name)
         which = f"joint {self.name!r}"
-        if not isinstance(self.kind, str) or self.kind not in ("hinge", "slide"):
-            raise ModelError(f"{which}: kind is {said(self.kind)}, must be 'hinge' or 'slide'")
+        choice(f"{which}: kind", self.kind, ("hinge", "slide"))
         axis = array(f"{which}: axis", self.axis, (3,))
         length = float(np.linalg.norm(axis))
         if not abs(length - 1.0) <= ROUNDED:
@@ -95,11 +95,7 @@ class Body:
             raise ModelError(
                 f"{which}: parent is {said(self.parent)}, must be the index of a body, or -1"
             )
-        if not isinstance(self.joints, (tuple, list)) or not all(
-            isinstance(joint, Joint) for joint in self.joints
-        ):
-            raise ModelError(f"{which}: joints is {said(self.joints)}, must be a tuple of Joint")
-        keep(self, "joints", tuple(self.joints))
+        keep(self, "joints", tuple_of(f"{which}: joints", self.joints, Joint))
         keep(self, "mass", quantity(f"{which}: mass", self.mass, "finite and not negative"))
         shapes = {"position": (3,), "rotation": (3, 3), "com": (3,), "inertia": (3, 3)}
         for name, shape in shapes.items():
@@ -143,6 +139,19 @@ class ContactSphere:
             raise ModelError(f"{which}: body is {said(self.body)}, must be the index of a body")
         keep(self, "position", array(f"{which}: position", self.position, (3,)))
         keep(self, "radius", quantity(f"{which}: radius", self.radius, "finite and not negative"))
+
+
+def joined(parts: Sequence[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
+    """Mass, centre of mass (3,) and inertia (3, 3) about it of parts, the same three each in common
+    axes, that are one rigid body."""
+    mass = sum(m for m, _, _ in parts)
+    com = sum((m * c for m, c, _ in parts), np.zeros(3))
+    com = com / mass if mass > 0.0 else np.zeros(3)
+    inertia = np.zeros((3, 3))
+    for m, c, own in parts:
+        r = c - com
+        inertia += own + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return mass, com, inertia
 
 
 def floating_base(prefix: str = "base", chart: Literal["zyx", "zxy"] = "zyx") -> tuple[Joint, ...]:

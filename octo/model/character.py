@@ -12,7 +12,7 @@ from octo.errors import ModelError, said
 from octo.model import describe
 from octo.model.body import Body, ContactSphere, Joint, floating_base
 from octo.model.element import checked
-from octo.model.quantities import LARGEST, Array, array, text
+from octo.model.quantities import LARGEST, Array, array, choice, text, tuple_of
 from octo.model.tree import Tree
 from octo.shown import Shown, listed
 
@@ -84,18 +84,10 @@ class Character(Tree, Shown):
         text("character", self.name)
         which, keep = f"character {self.name!r}", object.__setattr__
         for field_name, kind in (("bodies", Body), ("contacts", ContactSphere)):
-            things = getattr(self, field_name)
-            if not isinstance(things, (tuple, list)) or not all(
-                isinstance(thing, kind) for thing in things
-            ):
-                raise ModelError(
-                    f"{which}: {field_name} is {said(things)}, must be a tuple of {kind.__name__}"
-                )
-            keep(self, field_name, tuple(things))
-        if not isinstance(self.base, str) or self.base not in ("floating", "fixed"):
-            raise ModelError(f"{which}: base is {said(self.base)}, must be 'floating' or 'fixed'")
-        if not isinstance(self.chart, str) or self.chart not in ("zyx", "zxy"):
-            raise ModelError(f"{which}: chart is {said(self.chart)}, must be 'zyx' or 'zxy'")
+            things = tuple_of(f"{which}: {field_name}", getattr(self, field_name), kind)
+            keep(self, field_name, things)
+        choice(f"{which}: base", self.base, ("floating", "fixed"))
+        choice(f"{which}: chart", self.chart, ("zyx", "zxy"))
         try:
             keep(
                 self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs)
@@ -104,13 +96,7 @@ class Character(Tree, Shown):
             raise ModelError(
                 f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres"
             ) from None
-        if not isinstance(self.dropped, (tuple, list)) or not all(
-            isinstance(sentence, str) for sentence in self.dropped
-        ):
-            raise ModelError(
-                f"{which}: dropped is {said(self.dropped)}, must be a tuple of sentences"
-            )
-        keep(self, "dropped", tuple(self.dropped))
+        keep(self, "dropped", tuple_of(f"{which}: dropped", self.dropped, str, "sentences"))
         names = [body.name for body in self.bodies]
         keep(self, "elements", checked(which, self.elements, names))
 

@@ -11,14 +11,14 @@ import numpy as np
 
 from octo.errors import RobotFileError
 from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
-from octo.model.body import Body, Joint, floating_base
+from octo.model.body import Body, Joint, floating_base, joined
 from octo.model.character import Character
 from octo.model.chart import chart_angles
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
-from octo.model.robot_file import Carrier, Inertial, RobotFile, import_mujoco, name_of, named
+from octo.model.robot_file import Carrier, Limit, RobotFile, import_mujoco, name_of, named
 
 Chart = Literal["zyx", "zxy"]
 WORDS = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}
@@ -203,16 +203,15 @@ def _joints(tree: Tree, source: RobotFile, j: int, notes: list[str]) -> tuple[Jo
         )
     address = model.jnt_qposadr[j]
     lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-math.inf, math.inf)
-    if source.ranges is not None:
-        lower, upper = source.ranges[name]
+    limit = Limit(lower, upper) if source.limits is None else source.limits[name]
     return (
         Joint(
             name,
             "slide" if kind == mujoco.mjtJoint.mjJNT_SLIDE else "hinge",
             model.jnt_axis[j].copy(),
-            lower=float(lower),
-            upper=float(upper),
-            velocity_limit=source.velocity.get(name, math.inf),
+            lower=float(limit.lower),
+            upper=float(limit.upper),
+            velocity_limit=limit.velocity,
             reference=float(model.qpos0[address]),
             rest=float(model.qpos_spring[address]),
             **_driven(joint_motor(source, j)),
@@ -246,14 +245,8 @@ def _with_mass(tree: Tree, source: RobotFile, k: int) -> Body:
         own = source.inertial(b)
         if carrier.body == k and (own.mass > 0.0 or own.inertia.any()):
             R = carrier.rotation
-            parts.append(Inertial(own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
-    mass = sum(part.mass for part in parts)
-    com = sum((part.mass * part.com for part in parts), np.zeros(3))
-    com = com / mass if mass > 0.0 else np.zeros(3)
-    inertia = np.zeros((3, 3))
-    for part in parts:
-        r = part.com - com
-        inertia += part.inertia + part.mass * (r @ r * np.eye(3) - np.outer(r, r))
+            parts.append((own.mass, carrier.position + R @ own.com, R @ own.inertia @ R.T))
+    mass, com, inertia = joined(parts)
     return replace(tree.bodies[k], mass=mass, com=com, inertia=inertia)
 
 

@@ -64,7 +64,7 @@ def contact_spheres(
     by_body: dict[int, list[Shape]] = {b: [] for b in moving}
     for g in range(source.model.ngeom):
         carrier = carriers.get(int(source.model.geom_bodyid[g]))
-        if carrier is None or not _collides(source.model, g, ground, character.base == "floating"):
+        if carrier is None or not _collides(source.model, g, ground):
             continue
         if carrier.body in by_body:
             by_body[carrier.body] += _shape(source.model, g, carrier, notes)
@@ -151,7 +151,7 @@ def _paired(model: Any, g: int) -> list[int]:
     return [int(b if a == g else a) for a, b in zip(first, second, strict=True) if g in (a, b)]
 
 
-def _collides(model: Any, g: int, ground: list[int], floating: bool) -> bool:
+def _collides(model: Any, g: int, ground: list[int]) -> bool:
     """Whether geom ``g`` touches the ground of the file, or without one could touch anything."""
     if not ground:
         return _collidable(model, g)

@@ -9,7 +9,7 @@ import numpy as np
 
 from octo.checks import instance
 from octo.model.body import Body, Joint
-from octo.model.element import names_of
+from octo.model.element import named
 from octo.model.feet import terrain_bottoms
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quantities import Array
@@ -79,7 +79,7 @@ def _elements(character: Tree) -> list[dict[str, Any]]:
             "points": [list(element.point_a), list(element.point_b)],
             "parameters": dict(element.parameters),
         }
-        for name, element in zip(names_of(character.elements), character.elements, strict=True)
+        for name, element in named(character.elements)
     ]
 
 
@@ -99,7 +99,6 @@ def summary(character: Tree) -> Text:
     """A table for people: sizes, then a line for each joint, each body and each pose."""
     pose = character.start_pose
     height = default_height(character)
-    instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
     principal = np.linalg.eigvalsh(whole_inertia(character, pose))
     moments = ", ".join(f"{value:.3g}" for value in principal)
@@ -113,7 +112,7 @@ def summary(character: Tree) -> Text:
     if character.elements:
         counted["elements"] = [
             f"{name} ({element.body_a or 'world'} – {element.body_b or 'world'})"
-            for name, element in zip(names_of(character.elements), character.elements, strict=True)
+            for name, element in named(character.elements)
         ]
     lines = [
         f"name      {character.name}",

@@ -9,20 +9,21 @@ are run-time parameters of the dynamics, named after the element's place in that
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+import casadi as ca
 import numpy as np
 
 from octo.checks import number, numbers, one_of
 from octo.errors import ModelError, said
-
-if TYPE_CHECKING:
-    import casadi as ca
+from octo.model.quantities import tuple_of
 
 Point = tuple[float, float, float]
 FARTHEST = 1e6  # m, of a point from its body
+# m, added in squares to the length of a spring: the direction is singular where its points are one
+SHORTEST = 1e-4
 
 
 @dataclass(frozen=True)
@@ -99,17 +100,55 @@ class Element:
         return None
 
 
+@dataclass(frozen=True)
+class SpringDamper(Element):
+    """f = -[stiffness·(l - rest_length) + damping·dl/dt] along the line from point a to point b.
+
+    ``octo.SpringDamper("trunk", (0, 0, 0), None, (0, 0, 1), stiffness=200, damping=5)`` hangs the
+    trunk's origin on a point 1 m above the ground. l is √(distance² + (0.1 mm)²).
+    """
+
+    stiffness: float = 0.0  # N/m
+    damping: float = 0.0  # N s/m
+    rest_length: float = 0.0  # m
+
+    prefix: ClassVar[str] = "spring"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, value in self.parameters.items():
+            if value < 0.0:
+                raise ModelError(f"element SpringDamper: {name} is {value}, must not be negative")
+
+    def force(
+        self, p_a: ca.SX, v_a: ca.SX, p_b: ca.SX, v_b: ca.SX, p: Mapping[str, ca.SX]
+    ) -> ca.SX:
+        apart = p_b - p_a
+        length = ca.sqrt(ca.dot(apart, apart) + SHORTEST**2)
+        rate = ca.dot(apart, v_b - v_a) / length
+        tension = p["stiffness"] * (length - p["rest_length"]) + p["damping"] * rate
+        return -tension * apart / length
+
+    @property
+    def tendon(self) -> Mapping[str, float]:
+        own = {"stiffness": self.stiffness, "damping": self.damping}
+        return own | {"springlength": self.rest_length}
+
+
+def named(elements: Iterable[Element]) -> Iterator[tuple[str, Element]]:
+    """Each element and what its parameters are named by: its prefix and its place."""
+    return ((f"{element.prefix}{k}", element) for k, element in enumerate(elements))
+
+
 def names_of(elements: Iterable[Element]) -> tuple[str, ...]:
-    """What the parameters of each are named by: its prefix and its place."""
-    return tuple(f"{element.prefix}{k}" for k, element in enumerate(elements))
+    return tuple(name for name, _ in named(elements))
 
 
 def parameters_of(elements: Iterable[Element]) -> dict[str, float]:
     """Names and defaults of the run-time parameters of all, in order."""
-    elements = tuple(elements)
     return {
         f"{name}.{key}": float(value)
-        for name, element in zip(names_of(elements), elements, strict=True)
+        for name, element in named(elements)
         for key, value in element.parameters.items()
     }
 
@@ -120,7 +159,7 @@ def with_parameters(
     """The elements with ``values`` of their parameters (``spring0.stiffness``) as their numbers;
     other names are passed over."""
     made = []
-    for name, element in zip(names_of(elements), elements, strict=True):
+    for name, element in named(elements):
         given: dict[str, Any] = {
             field.name: float(values[f"{name}.{field.name}"])
             for field in dataclasses.fields(element)
@@ -139,12 +178,7 @@ def missing(elements: Iterable[Element], names: Iterable[str]) -> list[str]:
 
 def tied_to_the_world(elements: Iterable[Element], moving: Collection[str]) -> list[str]:
     """Names of the elements one of whose points is on none of the bodies that move."""
-    elements = tuple(elements)
-    return [
-        name
-        for name, element in zip(names_of(elements), elements, strict=True)
-        if not (element.body_a in moving and element.body_b in moving)
-    ]
+    return [name for name, e in named(elements) if not {e.body_a, e.body_b} <= {*moving}]
 
 
 def checked(which: str, elements: Any, bodies: Iterable[str]) -> tuple[Element, ...]:
@@ -154,13 +188,9 @@ def checked(which: str, elements: Any, bodies: Iterable[str]) -> tuple[Element, 
     ------
     ModelError: they are none. UnknownNameError: no such body.
     """
-    if not isinstance(elements, (tuple, list)) or not all(
-        isinstance(element, Element) for element in elements
-    ):
-        raise ModelError(f"{which}: elements is {said(elements)}, must be a tuple of octo.Element")
-    valid = tuple(bodies)
-    for element in elements:
+    found, valid = tuple_of(f"{which}: elements", elements, Element, "octo.Element"), tuple(bodies)
+    for element in found:
         for body in (element.body_a, element.body_b):
             if body is not None:
                 one_of("body", body, valid)
-    return tuple(elements)
+    return found

@@ -14,7 +14,7 @@ from octo.errors import ModelError
 from octo.files import replacing
 from octo.model.body import Body, Joint
 from octo.model.character import Character
-from octo.model.element import names_of
+from octo.model.element import named
 from octo.model.kinematics import body_poses
 from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
@@ -215,7 +215,7 @@ def _add_elements(
     if not character.elements:
         return
     tendons = SubElement(top, "tendon")
-    for name, element in zip(names_of(character.elements), character.elements, strict=True):
+    for name, element in named(character.elements):
         values = element.tendon
         if values is None:
             raise ModelError(

@@ -49,7 +49,7 @@ def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
     return rotation, origin
 
 
-def axis_rotation(axis: NDArray, angle: NDArray) -> Array:
+def axis_rotation(axis: NDArray, angle: NDArray | float) -> Array:
     """Rotation matrices (..., 3, 3) about a unit ``axis`` (3,) by ``angle`` (...) rad (Rodrigues'
     formula)."""
     a = np.asarray(axis, dtype=float)

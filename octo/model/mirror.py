@@ -24,7 +24,7 @@ from octo.checks import instance, one_of
 from octo.errors import MirrorError, ProblemError, ShapeError
 from octo.model.body import Joint
 from octo.model.character import Character
-from octo.model.element import Element, names_of
+from octo.model.element import Element, named
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
@@ -325,7 +325,7 @@ class _Search:
     def _check_elements(self, image: Mapping[int, int]) -> None:
         """Every element must have an image: reflected points, with the reflected force."""
         elements = self.robot.elements
-        for name, element in zip(names_of(elements), elements, strict=True):
+        for name, element in named(elements):
             if not any(self._reflects(element, other, image) for other in elements):
                 raise _NoImage(math.inf, f"element {name} has no image on the other side")
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import operator
+from typing import Any, TypeVar
 
 import numpy as np
 
 from octo.checks import Array
 from octo.errors import ModelError, said
 
+T = TypeVar("T")
 GRAVITY = 9.81  # m/s², the default, and that of scales
 LARGEST = 1e12  # SI units, of every quantity but a limit: squares and cubes of it are still numbers
 
@@ -19,10 +21,33 @@ def vector3(values: object = (0.0, 0.0, 0.0)) -> Array:
     return np.asarray(values, dtype=float).reshape(3)
 
 
+def interpolated(values: Array, place: Array) -> Array:
+    """Rows of ``values`` (k, ...) at the fractional indices ``place``, linearly; the first one
+    before, the last one afterwards."""
+    place = np.clip(place, 0.0, len(values) - 1.0)
+    index = np.minimum(place.astype(int), max(len(values) - 2, 0))
+    share = (place - index).reshape(-1, *[1] * (values.ndim - 1))
+    following = np.minimum(index + 1, len(values) - 1)
+    return np.asarray((1.0 - share) * values[index] + share * values[following])
+
+
 def text(what: str, value: object) -> None:
     """Refuse a name that is no text, or empty."""
     if not isinstance(value, str) or not value:
         raise ModelError(f"{what}: name is {said(value)}, must be a text that is not empty")
+
+
+def choice(what: str, value: object, allowed: tuple[str, str]) -> None:
+    """Refuse a word that is none of the two."""
+    if not isinstance(value, str) or value not in allowed:
+        raise ModelError(f"{what} is {said(value)}, must be {allowed[0]!r} or {allowed[1]!r}")
+
+
+def tuple_of(what: str, value: Any, kind: type[T], words: str = "") -> tuple[T, ...]:
+    """``value`` as a tuple of things of a kind, which ``words`` call by another name."""
+    if not isinstance(value, (tuple, list)) or not all(isinstance(one, kind) for one in value):
+        raise ModelError(f"{what} is {said(value)}, must be a tuple of {words or kind.__name__}")
+    return tuple(value)
 
 
 def array(what: str, value: object, shape: tuple[int, ...]) -> Array:

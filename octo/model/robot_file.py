@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,16 @@ class Inertial:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """What <limit> says of one joint; infinite where there is no limit."""
+
+    lower: float  # rad or m
+    upper: float  # rad or m
+    effort: float = math.inf  # N m or N
+    velocity: float = math.inf  # rad/s or m/s
+
+
+@dataclass(frozen=True)
 class RobotFile:
     """A compiled robot file and what the compiled model does not say.
 
@@ -35,9 +46,7 @@ class RobotFile:
     model: mujoco.MjModel.
     free_body: MuJoCo's index of the body that floats, None for a fixed base.
     inertials: by body, where the file itself (a URDF) says them: MuJoCo cannot compile all of them.
-    effort: N m or N by joint where the file itself (a URDF) says it: then every joint is actuated.
-    velocity: rad/s or m/s by joint, where the file itself (a URDF) limits it.
-    ranges: lower and upper limit, rad or m, by joint, where the file itself (a URDF) says them;
+    limits: by joint, where the file itself (a URDF) says them: then every joint is actuated.
         MuJoCo knows no half a range.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
     """
@@ -47,9 +56,7 @@ class RobotFile:
     file: str
     free_body: int | None = None
     inertials: Mapping[str, Inertial] | None = None
-    effort: Mapping[str, float] | None = None
-    velocity: Mapping[str, float] = field(default_factory=dict)
-    ranges: Mapping[str, tuple[float, float]] | None = None
+    limits: Mapping[str, Limit] | None = None
     left_out: frozenset[int] = frozenset()
 
     def inertial(self, b: int) -> Inertial:

@@ -14,8 +14,7 @@ from octo.checks import numbers, whole
 from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.character import Character
-from octo.model.element import Element
-from octo.model.spring import SpringDamper
+from octo.model.element import Element, SpringDamper
 
 SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
 SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))

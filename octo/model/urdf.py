@@ -21,13 +21,13 @@ from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.robot_file import (
     Inertial,
+    Limit,
     RobotFile,
     import_mujoco,
     one_line,
     quiet_compiler,
     uncompiled,
 )
-from octo.model.urdf_limits import take_limits
 from octo.model.urdf_unknown import check_elements
 
 READABLE_MESHES = (".stl", ".obj", ".msh")
@@ -50,9 +50,7 @@ class Prepared:
     # name inside the prepared file -> as written
     mesh_files: dict[str, str] = field(default_factory=dict)
     inertials: dict[str, Inertial] = field(default_factory=dict)  # by link
-    efforts: dict[str, float] = field(default_factory=dict)  # N m or N, by joint
-    velocities: dict[str, float] = field(default_factory=dict)  # rad/s or m/s, by joint
-    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)  # rad or m, by joint
+    limits: dict[str, Limit] = field(default_factory=dict)  # by joint
     # (mesh as written, reason) -> links
     unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
@@ -64,8 +62,8 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     with quiet_compiler():
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
-    of_joints = (prepared.efforts, prepared.velocities, prepared.ranges)
-    source = RobotFile(model, prepared.name, path.name, free, prepared.inertials, *of_joints)
+    own = (prepared.inertials, prepared.limits)
+    source = RobotFile(model, prepared.name, path.name, free, *own)
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
@@ -92,10 +90,7 @@ def prepare(path: Path) -> Prepared:
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
     elements.check_moved_mass(file, tree, prepared.inertials)
-    limits = take_limits(file, tree, prepared.dropped)
-    prepared.efforts = {name: limit.effort for name, limit in limits.items()}
-    prepared.velocities = {name: limit.velocity for name, limit in limits.items()}
-    prepared.ranges = {name: (limit.lower, limit.upper) for name, limit in limits.items()}
+    prepared.limits = elements.take_limits(file, tree, prepared.dropped)
     elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):
         if child.tag not in ("link", "joint"):

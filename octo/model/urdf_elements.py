@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from octo.errors import ModelError, RobotFileError, UnsupportedFeatureError
 from octo.model.kinematics import axis_rotation
 from octo.model.quantities import LARGEST, Array
-from octo.model.robot_file import Inertial
+from octo.model.robot_file import Inertial, Limit
 from octo.model.xml_file import line_of
 
 DEEPEST = 1000  # links in a row: MuJoCo's limit is near, and its time grows with the square
@@ -20,6 +21,8 @@ DEEPEST = 1000  # links in a row: MuJoCo's limit is near, and its time grows wit
 SIZES = {"sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
 VECTORS = {"box": ("size",), "mesh": ("scale",)}  # of three
 MOVABLE = ("revolute", "continuous", "prismatic")
+ENDLESS = (-math.inf, math.inf)  # rad or m
+Note = Callable[[str], None]
 ALLOWED = "allowed are revolute, continuous, prismatic, fixed and, at the root, floating"
 
 
@@ -242,3 +245,86 @@ def drop_joint_features(file: str, tree: Element, dropped: list[str]) -> None:
     transmissions = tree.findall("transmission")
     if transmissions:
         dropped.append(f"{len(transmissions)} transmissions: u is the torque at the joint")
+
+
+# -- limits: missing bounds are 0, infinite ones none, placeholders are said ----------------------
+
+
+def take_limits(file: str, tree: Element, dropped: list[str]) -> dict[str, Limit]:
+    """The limits by joint; they are taken out of the tree, as MuJoCo reads them in its own way."""
+    limits: dict[str, Limit] = {}
+    notes: dict[str, list[str]] = {}
+    for joint in tree.findall("joint"):
+        if joint.get("type") not in MOVABLE:
+            continue
+        name, found = str(joint.get("name")), joint.find("limit")
+        attributes = {} if found is None else found.attrib
+        note: Note = partial(_note, notes, name)
+        effort, velocity = (
+            _size(file, name, key, attributes, note) for key in ("effort", "velocity")
+        )
+        bounds = _range(file, name, str(joint.get("type")), attributes, note)
+        limits[name] = Limit(*bounds, effort, velocity)
+        for written in joint.findall("limit"):
+            joint.remove(written)
+        if joint.get("type") == "revolute":
+            joint.set("type", "continuous")  # MuJoCo wants a range of every other
+    dropped += [
+        note.format(f"joint{'s' * (len(names) > 1)} {', '.join(names)}")
+        for note, names in notes.items()
+    ]
+    return limits
+
+
+def _note(notes: dict[str, list[str]], joint: str, sentence: str) -> None:
+    """Sentences hold {} for their joints."""
+    notes.setdefault(sentence, []).append(joint)
+
+
+def _range(
+    file: str, joint: str, kind: str, attributes: dict[str, str], note: Note
+) -> tuple[float, float]:
+    """Lower and upper limit (rad or m); none where none is written, or nothing but zeros."""
+    lower, upper = (
+        _limit_number(file, joint, f"limit {end}", attributes.get(end, "0"))
+        for end in ("lower", "upper")
+    )
+    if lower > upper or (lower == upper and math.isinf(lower)):
+        missing = "" if {"lower", "upper"} <= set(attributes) else " (one that is missing is 0)"
+        what = f"lower limit is {lower}, must not be above the upper limit {upper}{missing}"
+        raise wrong(file, f"joint {joint!r}: {what}")
+    if kind == "continuous":
+        if math.isfinite(lower) and math.isfinite(upper) and lower < upper:
+            note("{}: continuous, the range in <limit> does not count")
+        return ENDLESS
+    written = [attributes[end] for end in ("lower", "upper") if end in attributes]
+    held = any(float(attributes.get(key, "0")) != 0.0 for key in ("effort", "velocity"))
+    if not written or (lower == upper == 0.0 and not held):
+        note("{}: no range in <limit>, taken as unlimited")
+        return ENDLESS
+    if lower == upper:
+        note("{}: the lower limit is the upper limit, it is held there")
+    return lower, upper
+
+
+def _size(file: str, joint: str, key: str, attributes: dict[str, str], note: Note) -> float:
+    """The size of a limit; infinite for an infinite one, for zero and for none."""
+    what, word = ("velocity limit", "speed") if key == "velocity" else (key, key)
+    bound = _limit_number(file, joint, what, attributes.get(key, "inf"))
+    if bound == 0.0:
+        note(f"{{}}: {word} 0 in <limit>, taken as unlimited")
+        return math.inf
+    if bound < 0.0 and math.isfinite(bound):
+        note(f"{{}}: negative {word} in <limit>, its size counts")
+    return abs(bound)
+
+
+def _limit_number(file: str, joint: str, what: str, text: str) -> float:
+    """A number that may be infinite: Infinity, -inf and 1e400 are."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if math.isnan(value):
+        raise wrong(file, f"joint {joint!r}: {what} is {text!r}, must be a number")
+    return value

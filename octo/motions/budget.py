@@ -25,9 +25,8 @@ class Budget:
         if options.get("progress"):
             options["progress"] = doing
         if "time_limit" in options:
-            options["time_limit"] = max(
-                options["time_limit"] - (time.perf_counter() - self.began), 1e-3
-            )
+            spent = time.perf_counter() - self.began
+            options["time_limit"] = max(options["time_limit"] - spent, 1e-3)
         return options
 
     def near(self, doing: str) -> dict[str, Any]:
@@ -45,12 +44,7 @@ class Interrupted(Exception):
 
 
 def going_on(made: Solution) -> Solution:
-    """A solution that nobody interrupted.
-
-    Raises
-    ------
-    Interrupted: it is the best iterate so far of a solve that was.
-    """
+    """A solution that nobody interrupted; else ``Interrupted``."""
     if made.status is Status.INTERRUPTED:
         raise Interrupted
     return made

@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import positive, steps_in
+from octo.checks import Array, positive, steps_in
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import static_pose
 from octo.errors import MirrorError
@@ -23,7 +22,6 @@ from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, usual_period
 from octo.problem.problem import Problem
 
-Array = NDArray[np.float64]
 PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
 STARTS = 3  # of the cycle, for each period
 BEGUN = 0.5  # of the stride's speed, the mean speed while it is entered or left
@@ -34,10 +32,6 @@ ENDS = 5.0  # √(ℓ/g), how long it is entered and left, and a stride at least
 class Journey:
     """A steady motion of ``velocity`` (2,) m/s in the body's axes and ``rate`` rad/s, begun from
     rest and ended at rest.
-
-    dt: s. seed, starts: number of the first start of each period's cycle, and their count. period:
-    s of a stride, or several to try; by default those of the robot's own length. terrain, law,
-    pose: as of a Problem.
     """
 
     robot: Character
@@ -45,9 +39,9 @@ class Journey:
     rate: float
     seconds: float
     dt: float = TIME_STEP
-    seed: int = 0
-    starts: int = STARTS
-    period: float | Sequence[float] | None = None
+    seed: int = 0  # number of the first start of each period's cycle
+    starts: int = STARTS  # and their count
+    period: float | Sequence[float] | None = None  # s, of a stride; by default the robot's own
     terrain: Any = None
     law: Any = None
     pose: Any = None
@@ -119,14 +113,10 @@ class Journey:
 
     def cycle(self, count: int) -> Problem:
         """A stride of ``count`` steps."""
-        factor, period = self.faster(count), count * self.dt
-        steady = Cycle(
-            speed=factor * self.velocity[0],
-            sideways=factor * self.velocity[1],
-            turn=factor * self.rate * period,
-            period=period,
-            mirror=self.mirrored,
-        )
+        period = count * self.dt
+        speed, sideways, rate = (self.faster(count) * v for v in (*self.velocity, self.rate))
+        way: Any = {"speed": speed, "sideways": sideways, "turn": rate * period}
+        steady = Cycle(**way, period=period, mirror=self.mirrored)
         return self.whole.replace(steps=0, cycle=steady, costs=self.terms)
 
     def way(self) -> Array:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.motions.journey import BEGUN, Journey
 from octo.problem.closure import along_arc, plane_normal
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 class Path:
@@ -19,25 +17,16 @@ class Path:
     Place s of the path is where the steady motion is after s steps. The stride, tiled, is entered
     at its node laps·count + phase, which stands at place BEGUN·ends, and left ``length`` steps
     before the end.
-
-    Attributes
-    ----------
-    count: steps of the stride. ends: steps in which it is entered.
-    rest: the journey's problem with the stride's contact law, from the ``pose`` that is given or
-        the one at rest.
-    tiled: the stride carried on for longer than the journey.
     """
 
     def __init__(self, journey: Journey, stride: Solution, pose: Array | None = None):
         assert stride.cycle is not None
         self.journey, self.stride = journey, stride
-        self.count = round(stride.cycle.period / journey.dt)
-        standing = {} if pose is None else {"pose": pose}
-        self.rest = journey.whole.replace(
-            costs=journey.terms, parameters=ground_law(stride), **standing
-        )
+        self.count = round(stride.cycle.period / journey.dt)  # steps of the stride
+        given = {"costs": journey.terms, "parameters": ground_law(stride)}
+        self.rest = journey.whole.replace(**given, **({} if pose is None else {"pose": pose}))
         self.normal = plane_normal(self.rest.terrain, self.rest.values)
-        self.ends = journey.ends(self.count)
+        self.ends = journey.ends(self.count)  # steps in which it is entered
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)
 
@@ -58,9 +47,8 @@ class Path:
 
     def between(self, phase: int, length: int) -> Array:
         """(…, n) nodes of the stride between the pieces that enter and leave it."""
-        first = self.entry(phase)
-        steps = self.journey.steps - self.ends - length
-        return self._placed(self.tiled.x[first + 2 : first + 2 + steps], phase)
+        nodes = slice(self.entry(phase) + 2, self.exit(phase, length) + 2)
+        return self._placed(self.tiled.x[nodes], phase)
 
     def enter(self, phase: int) -> tuple[Problem, Array]:
         """From rest into the stride, and a first guess: standing blended into the stride."""

@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.errors import ProblemError, StaticPoseError
 from octo.motions.budget import Budget, Interrupted, going_on
-from octo.motions.joining import JOINT, joined
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
-from octo.motions.transitions import Pieces
+from octo.motions.transitions import JOINT, Pieces, joined
 from octo.problem.closure import plane_normal
 from octo.problem.cycle import Cycle
 from octo.ranking import best_of
@@ -27,7 +26,6 @@ from octo.starts import smooth_noise
 
 LOG = logging.getLogger("octo")
 
-Array = NDArray[np.float64]
 # ℓ: trunks of strides that are higher by more, or lower: a spider's by 0.7 to 1, of eight others by
 # 0.3 at most
 RISES = 0.4
@@ -140,9 +138,8 @@ def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
     LOG.warning("%s: solved as one problem, without a stride", reason)
     way = journey.way()
     motion = journey.whole.replace(costs=journey.terms, displacement=way)
-    first, last = (
-        np.tile(pose, (journey.steps + 1, 1)) for pose in (motion.start, motion.start + way)
-    )
+    ends = (motion.start, motion.start + way)
+    first, last = (np.tile(pose, (journey.steps + 1, 1)) for pose in ends)
     guesses = [blend(first, last) for _ in range(journey.starts)]
     for k, guess in enumerate(guesses):
         guess[1:, motion.dynamics.actuated] += smooth_noise(motion, journey.seed + k)

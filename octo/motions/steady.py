@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from octo.checks import asked, number, numbers, positive, time_step, whole
+from octo.checks import Array, asked, number, numbers, positive, time_step, whole
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, said
 from octo.goals import Goal
@@ -23,8 +20,6 @@ from octo.result.solution import Solution
 from octo.solve import LARGEST_SEED, MOST_STARTS, settings_of
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate
-
-Array = NDArray[np.float64]
 
 
 @asked

@@ -1,38 +1,39 @@
-"""The ways into a stride and out of it, each from several phases or lengths, the best kept."""
+"""The ways into a stride and out of it, each from several phases or lengths, the best kept; and the
+pieces in a row, polished as one problem that begins and ends at rest."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.model.feet import runs, stances
 from octo.motions.budget import Budget, going_on
 from octo.motions.path import Path
 from octo.result.gait import SHORT
 from octo.result.solution import Solution
-from octo.solve import solve, solve_all
+from octo.solve import evaluated, solve, solve_all
+from octo.solver.status import Status
 
-Array = NDArray[np.float64]
 Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smaller, the better
 PHASES = 6  # of the stride, at which it may be entered and left
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
 # steps, by which the leaving is tried longer: at other phases of the stride
 LONGER = range(-4, 20, 2)
+# ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
+KEEPS = 0.2
+JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """One way into the stride or out of it.
+    """One way into the stride or out of it."""
 
-    at: the phase at which it is entered, or in how many steps it is left. motion: how. rank: how
-    good that is.
-    """
-
-    at: int
+    at: int  # the phase at which it is entered, or in how many steps it is left
     motion: Solution
     rank: Rank
 
@@ -58,11 +59,9 @@ class Pieces:
 
     @property
     def rank(self) -> Rank:
-        """Of both: the smaller, the better."""
-        failed, stumbles, near, energy = (
-            a + b for a, b in zip(self.into.rank, self.out.rank, strict=True)
-        )
-        return int(failed), int(stumbles), int(near), energy
+        """Of both together."""
+        (a, b, c, energy), (d, e, f, more) = self.into.rank, self.out.rank
+        return a + d, b + e, c + f, energy + more
 
     @property
     def clean(self) -> bool:
@@ -111,11 +110,7 @@ def left(path: Path, phase: int, budget: Budget) -> Transition:
 def _rank(
     piece: Solution, stride: Solution, before: Array | None = None, after: Array | None = None
 ) -> Rank:
-    """The smaller, the better: converged and not far dearer than the stride, without stumbles, then
-    by E.
-
-    before, after: loads (k, c) N of the stride that the piece comes from or leads to.
-    """
+    """``before``, ``after``: loads (k, c) N of the stride that the piece comes from or leads to."""
     parts = (before, piece.normal_force, after)
     loads = np.concatenate([part for part in parts if part is not None])
     bad = not piece.converged or piece.energy > DEAR * stride.energy
@@ -128,3 +123,33 @@ def stumbles(loads: Array, motion: Solution, least: float = SHORT) -> int:
     states = [state for foot in stances(loads, motion.weight).T for state in (foot, ~foot)]
     lengths = [b - a for state in states for a, b in runs(state, 0, len(loads))]
     return sum(length * motion.dt < least - 1e-9 for length in lengths)
+
+
+def joined(pieces: Pieces, budget: Budget) -> Solution:
+    """The motion, with the iterations and the time of its pieces."""
+    path, into, out = pieces.path, pieces.into, pieces.out
+    middle = path.between(into.at, out.at)
+    nodes = np.concatenate([into.motion.x[1:], middle, out.motion.x[2:]])
+    whole = path.rest.replace(x_end=nodes[-1], v_end=np.zeros(path.journey.robot.nx))
+    raw = evaluated(whole, nodes, Status.JOINED)
+    polished = solve(whole, start=nodes, **budget.near("the whole motion"))
+    keeps = raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED
+    best = raw if keeps and _worse(polished, raw, path.journey.robot.base_coordinate) else polished
+    return _counted(best, pieces)
+
+
+def _worse(polished: Solution, raw: Solution, base: int) -> bool:
+    """Whether polishing failed, added stumbles or moved the base (from ``base`` on) too far."""
+    away = np.abs(polished.x - raw.x)[:, [base, base + 1, base + 3]].max(axis=0)
+    more = stumbles(polished.normal_force, polished) > stumbles(raw.normal_force, raw)
+    far = (away > KEEPS * np.array([raw.length, raw.length, 1.0])).any()
+    return bool(more or not polished.converged or far)
+
+
+def _counted(motion: Solution, pieces: Pieces) -> Solution:
+    """With the iterations and the time of the pieces."""
+    stride = pieces.path.stride
+    parts = (stride, pieces.into.motion, pieces.out.motion, motion)
+    sums = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
+    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in sums}
+    return replace(motion, seed=stride.seed, passes=(*stride.passes, *motion.passes), **spent)

@@ -79,6 +79,7 @@ class Ipopt:
         self.compiled = native.compiler() is not None
         self.blocks = CompiledProblem([problem], exact=self.compiled)
         self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None
+        source = nlp(problem).symbols if self.library is None else self.library.path
         self.settings = {
             "max_iter": options.max_iterations,
             "tol": options.dual_tolerance,
@@ -91,12 +92,13 @@ class Ipopt:
         }
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
-        self.solvers = {warm: self._solver(warm) for warm in (False, True)}
+        self.solvers = {warm: self._solver(source, warm) for warm in (False, True)}
         self.setup_seconds = time.perf_counter() - began
         prepare(self.blocks)
 
-    def _solver(self, warm: bool) -> ca.Function:
-        """With ``warm``, IPOPT takes over the multipliers that it is given."""
+    def _solver(self, source: dict[str, ca.MX] | str, warm: bool) -> ca.Function:
+        """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
+        given."""
         settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
         options = {
             "ipopt": settings,
@@ -104,10 +106,9 @@ class Ipopt:
             "calc_lam_p": False,
             "error_on_fail": False,
         }
-        if self.library is None:
-            return ca.nlpsol("reference", "ipopt", nlp(self.problem).symbols, options)
-        options["iteration_callback"] = self.library.function("octo_watch")
-        return ca.nlpsol("reference", "ipopt", self.library.path, options)
+        if self.library is not None:
+            options["iteration_callback"] = self.library.function("octo_watch")
+        return ca.nlpsol("reference", "ipopt", source, options)
 
     def solve(
         self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0

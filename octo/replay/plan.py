@@ -12,7 +12,7 @@ from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import CARRYING
 from octo.model.kinematics import body_poses
-from octo.model.quantities import Array
+from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions, turning
 from octo.model.terrain import Plane, plane_of
 from octo.result.solution import Solution
@@ -57,10 +57,11 @@ class Plan:
         path = CubicSpline(solution.times, solution.x[1:], axis=0)
         x = path(times)
         q, v = _moving(character, x, path(times, 1), timestep)
-        force = _linear(solution.contact_force, times, solution.dt)
-        normal = np.sum(force * _linear(solution.contact_normal, times, solution.dt), axis=-1)
+        place = times / solution.dt
+        force = interpolated(solution.contact_force, place)
+        normal = np.sum(force * interpolated(solution.contact_normal, place), axis=-1)
         stance = np.asarray(normal > CARRYING * solution.weight)
-        u = _linear(solution.u, times, solution.dt)
+        u = interpolated(solution.u, place)
         return Plan(character, timestep, q, v, u, force, stance)
 
     @property
@@ -80,15 +81,6 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     moved = rate[:, first : first + 3] @ character.bodies[character.base_body].rotation.T
     spun = np.append(spin, spin[-1:], axis=0)
     return q, np.concatenate([rate[:, before], moved, spun, rate[:, after]], axis=1)
-
-
-def _linear(values: Array, times: Array, dt: float) -> Array:
-    """Rows of ``values`` (N, ...), of times 0, dt, 2 dt …, at ``times``; the last one stays."""
-    place = np.clip(times / dt, 0.0, len(values) - 1.0)
-    index = np.minimum(place.astype(int), max(len(values) - 2, 0))
-    share = (place - index).reshape(-1, *[1] * (values.ndim - 1))
-    following = np.minimum(index + 1, len(values) - 1)
-    return np.asarray((1.0 - share) * values[index] + share * values[following])
 
 
 def ground_of(solution: Solution) -> Plane:

@@ -126,7 +126,10 @@ def replay(
         whole("starts", starts, most=100_000)
     solution = solution_of(solution)
     robot = _robot(solution, timestep)
-    plant = _plant(robot, solution, friction, timestep)
+    gravity = [solution.parameters[f"gravity_{c}"] for c in "xyz"]
+    plant = MujocoPlant(
+        robot, terrain=ground_of(solution), friction=friction, timestep=timestep, gravity=gravity
+    )
     gains = Gains.of(solution, kp, kd, friction)
     held = gains if feedback == "base" else gains.without_base()
     controller = Controller(Plan.of(solution, timestep), held, plant, solution.length)
@@ -141,13 +144,6 @@ def replay(
     settings |= {"timestep": timestep, "perturbed": starts is not None, "seed": seed}
     assert motion is not None
     return Replay(solution, motion, tuple(records), settings)
-
-
-def _plant(robot: Character, solution: Solution, friction: float, timestep: float) -> MujocoPlant:
-    """The robot on the plan's ground, under the plan's gravity."""
-    gravity = [solution.parameters[f"gravity_{c}"] for c in "xyz"]
-    ground = ground_of(solution)
-    return MujocoPlant(robot, terrain=ground, friction=friction, timestep=timestep, gravity=gravity)
 
 
 def _robot(solution: Solution, timestep: float) -> Character:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import ending
+from octo.checks import Array, ending
 from octo.errors import ProblemError, UnknownNameError
 from octo.files import replacing
 from octo.model.character import Character
 from octo.model.kinematics import axis_rotation, body_poses
 from octo.model.quaternions import quaternions, turning
 from octo.result.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def to_mujoco(motion: Trajectory) -> tuple[Array, Array]:
@@ -104,22 +102,14 @@ def _headed(names: Sequence[str], units: Sequence[str]) -> list[str]:
     return [" ".join(name.replace(",", ";").replace('"', "'").split()) for name in headed]
 
 
-class _Part:
+class _Part(NamedTuple):
     """One joint of the other tool: a free base, a ball, or one coordinate."""
 
-    def __init__(
-        self,
-        name: str,
-        place: Array,
-        velocity: Array,
-        rotation: Array | None = None,
-        dt: float = 1.0,
-    ):
-        self.name = name
-        self.place, self.velocity = place, velocity  # (N+1, 3, 1 or 0 of a ball)
-        self.rotation = None if rotation is None else rotation[1:]  # (N+1, 3, 3)
-        # (N+1, 3) rad/s, turning axes
-        self.angular = None if rotation is None else turning(rotation) / dt
+    name: str
+    place: Array  # (N+1, 3, 1 or 0 of a ball)
+    velocity: Array
+    rotation: Array | None = None  # (N+1, 3, 3)
+    angular: Array | None = None  # (N+1, 3) rad/s, turning axes
 
 
 def _parts(motion: Trajectory) -> list[_Part]:
@@ -133,13 +123,14 @@ def _parts(motion: Trajectory) -> list[_Part]:
         j, end = int(start), int(start) + len(body.joints)
         if robot.base == "floating" and b == robot.base_body:
             rotation, origin = (value[:, b] for value in body_poses(robot, x))
-            parts.append(_Part("", origin[1:], np.diff(origin, axis=0) / dt, rotation, dt))
+            moved = (origin[1:], np.diff(origin, axis=0) / dt)
+            parts.append(_Part("", *moved, rotation[1:], turning(rotation) / dt))
             j += 6
         while j < end:
             ball = _ball(robot, j, end)
             if ball:
                 turn = _turn(robot, x, j)
-                parts.append(_Part(ball, x[1:, :0], rate[:, :0], turn, dt))
+                parts.append(_Part(ball, x[1:, :0], rate[:, :0], turn[1:], turning(turn) / dt))
             else:
                 parts.append(_Part(robot.joints[j].name, x[1:, j : j + 1], rate[:, j : j + 1]))
             j += 3 if ball else 1

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
-from octo.result.tile import tiled
 from octo.result.trajectory import VECTORS, Trajectory
 
-Array = NDArray[np.float64]
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
 SHAKY = 0.25  # of the torques' power above 5 Hz: more is shaking
@@ -146,15 +145,10 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
 
 
 def measure_cycle(motion: Trajectory) -> Gait | None:
-    """The figures of a cycle carried on: of the whole strides in the middle of STRIDES or more.
-
-    Raises
-    ------
-    ProblemError: the motion is no cycle.
-    """
+    """The figures of a cycle carried on: of the whole strides in the middle of STRIDES or more."""
     period = motion.cycle.period if motion.cycle is not None else math.inf
     strides = max(1, round(motion.steps * motion.dt / period))
-    several = motion if strides >= STRIDES else tiled(motion, -(-STRIDES // strides))
+    several = motion if strides >= STRIDES else motion.tile(-(-STRIDES // strides))
     return measure_gait(several, period, several.steps * several.dt - period)
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
@@ -18,7 +18,6 @@ from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
 
-Array = NDArray[np.float64]
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
 GROUND_SPACING = 0.1  # m
 

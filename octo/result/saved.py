@@ -44,12 +44,7 @@ def write(target: Path, values: Mapping[str, Any]) -> None:
 
 
 def fields_of(file: Archive) -> dict[str, Any]:
-    """The arguments of a Solution.
-
-    Raises
-    ------
-    OctoError: naming the field, what it is and what it must be.
-    """
+    """The arguments of a Solution; OctoError names the field, what it is and what it must be."""
     file = Archive(file.arrays, {**DEFAULTS, **file.plain})
     status = _status(file.word("status"))
     # of a solve that failed only the nodes must be finite
@@ -98,10 +93,8 @@ def _motion(file: Archive, finite: bool) -> dict[str, Any]:
         raise ShapeError("x", x.shape, "(N+2, nx) of at least one step")
     u = file.array("u", (steps, None if robot is None else robot.nu), finite=finite)
     if robot is not None and contacts != len(robot.terrain_contacts):
-        raise ValueRangeError(
-            f"contact_names has {contacts} names, the robot has {len(robot.terrain_contacts)} "
-            "such contacts"
-        )
+        there = f"the robot has {len(robot.terrain_contacts)} such contacts"
+        raise ValueRangeError(f"contact_names has {contacts} names, {there}")
     limit = file.array("torque_limit", (u.shape[1],), finite=False)
     if np.isnan(limit).any():
         raise ValueRangeError("torque_limit is not a number")

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import ending
+from octo.checks import Array, ending
 from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
 from octo.result.gait import Gait, measure_cycle, measure_gait
-from octo.result.tile import tiled
 from octo.result.trajectory import VECTORS, Trajectory
-from octo.result.warnings import largest_step, warnings
 from octo.shown import Shown
 from octo.solver.status import HISTORY, Status
 
-Array = NDArray[np.float64]
 REPORTED = (  # numbers and words that a report has as they are
     "converged iterations factorizations energy violation pointwise_residual weight penetration "
     "penetration_max slip friction_use friction_use_95 torque_excess seconds processor_seconds "
@@ -115,19 +110,13 @@ class Solution(Trajectory, Shown):
         ------
         ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
         """
-        return replace(tiled(self, strides), multipliers=self.multipliers[:0])
+        return replace(super().tile(strides), multipliers=self.multipliers[:0])
 
     @cached_property
     def gait(self) -> Gait | None:
         """How good the motion is, in figures; of a cycle, carried on for some strides. None for
         user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to know before the motion is used, whatever its status: leaps from one node to the
-        next, a dt too long."""
-        return warnings(self)
 
     # -- words and numbers -------------------------------------------------------------------------
 
@@ -146,7 +135,7 @@ class Solution(Trajectory, Shown):
             "terms": dict(self.terms),
             "asked": [one.report() for one in self.asked],
             "warnings": list(self.warnings),
-            "largest_step": largest_step(self),
+            "largest_step": self.largest_step,
             "com_travel": [float(v) for v in travel],
             "gait": None if self.gait is None else self.gait.report(),
             "seconds_per_iteration": self.seconds / max(self.iterations, 1),
@@ -156,32 +145,26 @@ class Solution(Trajectory, Shown):
             **carried_on,
         }
 
-    @property
-    def _sampled(self) -> str:
-        carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
-        return f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
-
-    @property
-    def _piece(self) -> str:
-        return "in half a stride the " if self.cycle is not None and self.cycle.mirrored else ""
-
     def __repr__(self) -> str:
         return str(self)
 
     def __str__(self) -> str:
+        carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
+        sampled = f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
+        terms = ", ".join(f"{name} {value:.3g}" for name, value in self.terms.items())
         lines = [
-            f"{self.name}, {self._sampled}: {self.status.value}",
+            f"{self.name}, {sampled}: {self.status.value}",
             f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = "
-            f"{self.energy:.5g} "
-            f"({', '.join(f'{name} {value:.3g}' for name, value in self.terms.items())})",
+            f"{self.energy:.5g} ({terms})",
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual "
             f"{self.pointwise_residual:.1e} N",
         ]
         if self.character is not None:
-            travel = self.com[-1] - self.com[0]
+            travel = ", ".join(f"{metres:.2f}" for metres in self.com[-1] - self.com[0])
+            half = self.cycle is not None and self.cycle.mirrored
             lines.append(
-                f"  {self._piece}centre of mass travels ({travel[0]:.2f}, {travel[1]:.2f}, "
-                f"{travel[2]:.2f}) m; feet sink {1e3 * self.penetration:.1f} mm and slip "
+                f"  {'in half a stride the ' if half else ''}centre of mass travels ({travel}) m; "
+                f"feet sink {1e3 * self.penetration:.1f} mm and slip "
                 f"{self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
             )
         if self.gait is not None:
@@ -192,24 +175,9 @@ class Solution(Trajectory, Shown):
 
     # -- other tools -------------------------------------------------------------------------------
 
-    def to_mujoco(self) -> tuple[Array, Array]:
-        """MuJoCo's qpos (N+1, nq) and qvel (N+1, nv)."""
-        return export.to_mujoco(self)
-
-    def to_pinocchio(
-        self, joints: Sequence[str] | None = None, circular: Collection[str] = ()
-    ) -> tuple[Array, Array]:
-        """Pinocchio's q (N+1, nq) and v (N+1, nv).
-
-        ``joints`` names the order of its joints after the free flyer, ``circular`` those it keeps
-        as cosine and sine.
-        """
-        return export.to_pinocchio(self, joints, circular)
-
-    def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """A table: time, coordinates, torques, contact forces; the first line has names and
-        units."""
-        export.to_csv(self, path)
+    to_mujoco = export.to_mujoco
+    to_pinocchio = export.to_pinocchio
+    to_csv = export.to_csv
 
     # -- files -------------------------------------------------------------------------------------
 
@@ -260,16 +228,9 @@ def recorded(**fields: Any) -> Solution:
 
 
 def solution_of(given: Solution | str | os.PathLike[str]) -> Solution:
-    """A Solution as it is, or the one that a file or a folder of octo's holds.
-
-    Raises
-    ------
-    RobotFileError: there is none at that path. ProblemError: it is nothing of that kind.
-    """
+    """A Solution as it is, or the one that a file or a folder of octo's holds."""
     found = Solution.load(given) if isinstance(given, (str, os.PathLike)) else given
     if not isinstance(found, Solution):
-        raise ProblemError(
-            f"solution is {said(found)}, must be a Solution, or the path of a file or folder of "
-            "octo's"
-        )
+        allowed = "a Solution, or the path of a file or folder of octo's"
+        raise ProblemError(f"solution is {said(found)}, must be {allowed}")
     return found

@@ -8,38 +8,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Stride:
-    """A motion whose last state is its first one carried on: x_N = matrix x_0 + constant.
+    """A motion whose last state is its first one carried on: x_N = matrix x_0 + constant."""
 
-    Attributes
-    ----------
-    period: s, of a whole stride. speed, sideways: m/s. turn: rad a stride.
-    mirrored: the motion is half a stride, the other half its mirror image.
-    matrix (n, n), constant (n,): of a configuration. torque (nu, nu): of u.
-    rotation (3, 3), shift (3,) m: of a point of the world; reflected where mirrored.
-    contacts (c,): the contact that each one's place is taken by.
-    asymmetry: N, ‖U_/FD‖∞ of the mirror image (moments over ℓ): that of the motion itself where the
-        robot's left and right are exactly alike, more by what the robot's file says of differences
-        between them.
-    """
-
-    period: float
-    speed: float
-    sideways: float
-    turn: float
-    mirrored: bool
-    matrix: Array
-    constant: Array
-    torque: Array
-    rotation: Array
-    shift: Array
-    contacts: NDArray[np.intp]
+    period: float  # s, of a whole stride
+    speed: float  # m/s
+    sideways: float  # m/s
+    turn: float  # rad a stride
+    mirrored: bool  # the motion is half a stride, the other half its mirror image
+    matrix: Array  # (n, n)
+    constant: Array  # (n,)
+    torque: Array  # (nu, nu), of u
+    rotation: Array  # (3, 3), of a point of the world; reflected where mirrored
+    shift: Array  # (3,) m, of a point of the world
+    contacts: NDArray[np.intp]  # (c,) the contact that each one's place is taken by
+    # N, ‖U_/FD‖∞ of the mirror image (moments over ℓ): that of the motion itself where the robot's
+    # left and right are exactly alike, more by what its file says of differences between them
     asymmetry: float = 0.0
 
     @classmethod
@@ -92,10 +81,8 @@ class Stride:
     def in_words(self, duration: float) -> str:
         """What moves on so, of a motion of ``duration`` s."""
         strides = round(duration / self.period)
-        words = [
-            f"{strides} strides" if strides > 1 else "a cycle",
-            f"of {self.period:.4g} s at {self.speed:g} m/s",
-        ]
+        many = f"{strides} strides" if strides > 1 else "a cycle"
+        words = [f"{many} of {self.period:.4g} s at {self.speed:g} m/s"]
         if self.sideways != 0.0:
             words.append(f"and {self.sideways:g} m/s sideways")
         if self.turn != 0.0:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array, whole
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
 from octo.result.stride import Stride
 
-Array = NDArray[np.float64]
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
-# what cuts a motion, or carries it on, gives back the kind it was given
-AnyTrajectory = TypeVar("AnyTrajectory", bound="Trajectory")
+# rad or m, that a coordinate may change in a step: one that changes by more may have gone round the
+# other way, or through the ground, at no cost, for a residual sees nothing between two nodes
+LEAP = 1.0
+GRAVITY = 9.81  # m/s²
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -170,3 +173,102 @@ class Trajectory:
             return 0.0
         turned = np.diff(self.x[1:], axis=0)[:, self.character.actuated]  # (N, nu) rad and m
         return float(np.abs(self.u * turned).sum(axis=1).mean()) / self.dt
+
+    # -- carried on --------------------------------------------------------------------------------
+
+    def tile(self, strides: int) -> Self:
+        """Whole strides of a cycle one after the other, without ``unknowns``: a mirrored one has
+        two pieces a stride, and its ``violation`` and ``pointwise_residual`` are those of the image
+        too, larger where the robot is not exactly its own mirror image.
+
+        Raises
+        ------
+        ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
+        """
+        stride = self.cycle
+        if stride is None:
+            how = "solve a Problem with cycle=octo.Cycle(…)"
+            raise ProblemError(f"this motion is no cycle, it cannot be tiled: {how}")
+        pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
+        names = ("u", "contact_depth", *VECTORS)
+        made: dict[str, list[Array]] = {name: [getattr(self, name)] for name in names}
+        made["x"] = [self.x[2:]]
+        for _ in range(pieces - 1):
+            last = {name: blocks[-1] for name, blocks in made.items()}
+            made["x"].append(stride.on(last["x"]))
+            made["u"].append(last["u"] @ stride.torque.T)
+            made["contact_depth"].append(last["contact_depth"][:, stride.contacts])
+            for name in VECTORS:
+                turned = last[name][:, stride.contacts] @ stride.rotation.T
+                made[name].append(turned + stride.shift if name == "contact_point" else turned)
+        joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
+        joined["x"] = np.concatenate([self.x[:2], joined["x"]])
+        for name in ("violation", "pointwise_residual"):
+            joined[name] = max(getattr(self, name), stride.asymmetry)
+        return replace(
+            self,
+            **joined,
+            ground=_plane_around(self.ground, joined["contact_point"]),
+            cycle=stride.times(pieces),
+            unknowns=self.unknowns[:0],
+        )
+
+    # -- what to know before it is used ------------------------------------------------------------
+
+    @property
+    def largest_step(self) -> dict[str, Any] | None:
+        """The largest change of a coordinate from one node to the next.
+
+        None of a motion without steps, or of one that is not finite.
+        """
+        change = np.abs(np.diff(self.x[1:], axis=0))  # (N, nx) rad and m
+        if not change.size or not np.isfinite(change).all():
+            return None
+        step, coordinate = np.unravel_index(int(np.argmax(change)), change.shape)
+        robot, unit = self.character, "rad or m"
+        if robot is not None:
+            unit = "rad" if robot.joints[int(coordinate)].kind == "hinge" else "m"
+        leaps = int((change > LEAP).any(axis=1).sum())
+        return {
+            "change": float(change[step, coordinate]),
+            "unit": unit,
+            "coordinate": self.joint_names[int(coordinate)],
+            "step": int(step),
+            "time": float(self.dt * step),  # s, at its beginning
+            "leaps": leaps,  # steps in which a coordinate changes by more than LEAP
+        }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before the motion is used, whatever its status: leaps from one node to the
+        next, a dt too long."""
+        said, largest = list[str](), self.largest_step
+        if largest is not None and largest["change"] > LEAP:
+            leaps, which = largest["leaps"], "{coordinate} by {change:.3g} {unit} at {time:.3g} s"
+            many = f"{leaps} steps change" if leaps > 1 else "one step changes"
+            said.append(
+                f"{many} a coordinate by more than {LEAP:g} rad or m ({which.format(**largest)}): "
+                "between two nodes no law of physics is looked at, take a smaller dt"
+            )
+        fall = float(np.sqrt(self.length / GRAVITY))
+        if self.character is not None and self.dt > fall:
+            said.append(
+                f"dt is {self.dt:g} s, and in {fall:.2g} s this robot falls by half its height: "
+                "take a smaller dt"
+            )
+        return tuple(said)
+
+
+def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
+    """The sampled plane of a cycle under all of ``points`` (N, c, 3) m."""
+    if not ground:
+        return ground
+    (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
+    slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
+    (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
+    wide = [
+        np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2)
+        for a, lo, hi in zip((x, y), low, high, strict=True)
+    ]
+    height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
+    return {"x": wide[0], "y": wide[1], "z": height}

@@ -6,10 +6,12 @@ block k of the Hessian and of the constraint Jacobian touches the variables k, k
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from octo.arrays import array_module
+from octo.errors import ShapeError
 
 Array = Any  # numpy.ndarray or cupy.ndarray
 
@@ -51,11 +53,10 @@ class KKTBlocks:
     def hessian_times(self, v: Array, sigma: Array | None = None) -> Array:
         """(H + diag(sigma)) v for v (batch, K, nc) or (batch, K, nc, count)."""
         product = block_times(self.H, v) + transposed_times(self.H, v, first=1)
-        return (
-            product
-            if sigma is None
-            else product + spread_sigma(sigma, self.H).reshape(_like(v, 3)) * v
-        )
+        if sigma is None:
+            return product
+        weight = spread_sigma(sigma, self.H)
+        return product + (weight if v.ndim == 3 else weight[..., None]) * v
 
     def constraints_times(self, v: Array) -> Array:
         """A v (batch, K, ma) for v (batch, K, nc), or with one more axis of columns."""
@@ -89,9 +90,9 @@ class KKTBlocks:
             for o in range(min(k, 2) + 1):
                 other = slice((k - o) * nc, (k - o + 1) * nc)
                 matrix[:, own, other] = self.H[:, k, o]
-                matrix[:, other, own] = xp.swapaxes(self.H[:, k, o], -1, -2)
+                matrix[:, other, own] = turned(self.H[:, k, o])
                 matrix[:, rows, other] = self.A[:, k, o]
-                matrix[:, other, rows] = xp.swapaxes(self.A[:, k, o], -1, -2)
+                matrix[:, other, rows] = turned(self.A[:, k, o])
         if sigma is not None:
             diagonal = xp.arange(K * nc)
             matrix[:, diagonal, diagonal] += spread_sigma(sigma, self.H).reshape(batch, -1)
@@ -106,7 +107,7 @@ class KKTBlocks:
         for o in range(3):
             unit[o, :, o:K, :nc, :nc] = self.H[:, o:, o]
             unit[o, :, o:K, nc:, :nc] = self.A[:, o:, o]
-        unit[0, :, :K, :nc, nc:] = xp.swapaxes(self.A[:, :, 0], -1, -2)
+        unit[0, :, :K, :nc, nc:] = turned(self.A[:, :, 0])
         if sigma is not None:
             diagonal = xp.arange(nc)
             unit[0][:, :K, diagonal, diagonal] += spread_sigma(sigma, self.H)
@@ -115,7 +116,7 @@ class KKTBlocks:
         diagonals[:, :, :u, :u] = unit[0, :, 0::2]
         diagonals[:, :, u:, u:] = unit[0, :, 1::2]
         diagonals[:, :, u:, :u] = unit[1, :, 1::2]
-        diagonals[:, :, :u, u:] = xp.swapaxes(unit[1, :, 1::2], -1, -2)
+        diagonals[:, :, :u, u:] = turned(unit[1, :, 1::2])
         lower = xp.zeros((batch, even // 2 - 1, 2 * u, 2 * u))
         lower[:, :, :u, :u] = unit[2, :, 2::2]
         lower[:, :, :u, u:] = unit[1, :, 2::2]
@@ -135,7 +136,7 @@ class SBT:
         """The matrix times x (batch, D, B, count)."""
         product = self.diagonal @ x
         product[:, 1:] += self.lower @ x[:, :-1]
-        product[:, :-1] += array_module(x).swapaxes(self.lower, -1, -2) @ x[:, 1:]
+        product[:, :-1] += turned(self.lower) @ x[:, 1:]
         return product
 
 
@@ -154,6 +155,68 @@ def separate(x: Array, units: int, nc: int) -> tuple[Array, Array]:
     count)."""
     both = x.reshape(x.shape[0], 2 * x.shape[1], x.shape[2] // 2, x.shape[3])[:, :units]
     return both[:, :, :nc], both[:, :, nc:]
+
+
+def refined(
+    once: Callable[..., Sequence[Array]],
+    residual: Callable[..., Sequence[Array]],
+    wanted: Sequence[Array],
+    refine: int,
+    tolerance: float,
+    check: bool,
+) -> tuple[Sequence[Array], Array]:
+    """``once`` of the right-hand side's parts ``wanted``, refined while ``residual`` of what was
+    found and them exceeds ``tolerance``; and that residual (batch, count), relative."""
+    xp, size = array_module(wanted[0]), _largest(wanted)
+    size = xp.where(size > 0.0, size, 1.0)
+    found, reached = once(*wanted), xp.full(size.shape, xp.nan)
+    for step in range(refine + 1):
+        if step == refine and not check:
+            break
+        left = residual(*found, *wanted)
+        reached = _largest(left) / size
+        coarse = (reached > tolerance).any(axis=1)
+        if step == refine or not bool(coarse.any()):
+            break
+        # of the coarse members only: no member depends on another
+        pairs = zip(found, once(*left), strict=True)
+        found = [of_members(coarse, part + more, part) for part, more in pairs]
+    return found, reached
+
+
+def columns_of(name: str, part: Array | None, shape: tuple[int, ...], like: Array) -> Array:
+    """A part of a right-hand side with its axis of columns, as ``like`` has one; zeros for None."""
+    if part is None:
+        return array_module(like).zeros(shape)
+    given = part if like.ndim == 4 else part[..., None]
+    if given.shape != shape:
+        raise ShapeError(name, part.shape, shape if like.ndim == 4 else shape[:-1])
+    return given
+
+
+def check_blocks(H: Array, A: Array) -> None:
+    """Refuse what is not in lag storage."""
+    if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:
+        raise ShapeError("H", H.shape, "(batch, K, 3, nc, nc)")
+    if A.ndim != 5 or A.shape[:3] != H.shape[:3] or A.shape[4] != H.shape[4]:
+        raise ShapeError("A", A.shape, "(batch, K, 3, ma, nc)")
+
+
+def of_members(members: Array, part: Array, other: Array | float) -> Array:
+    """``part`` of the members (batch,), ``other`` elsewhere."""
+    return array_module(part).where(members.reshape(-1, *(1,) * (part.ndim - 1)), part, other)
+
+
+def turned(blocks: Array) -> Array:
+    """The blocks transposed."""
+    return array_module(blocks).swapaxes(blocks, -1, -2)
+
+
+def _largest(parts: Sequence[Array]) -> Array:
+    """(batch, count) the largest entry of all parts."""
+    xp = array_module(parts[0])
+    tops = [xp.abs(part).max(axis=tuple(range(1, part.ndim - 1))) for part in parts if part.size]
+    return xp.stack(tops).max(axis=0)
 
 
 def spread_sigma(sigma: Array, H: Array) -> Array:
@@ -178,12 +241,7 @@ def transposed_times(blocks: Array, w: Array, first: int = 0) -> Array:
     """sum_{o >= first} blocks[:, k+o, o]ᵀ w_{k+o}."""
     xp = array_module(blocks)
     columns = w if w.ndim == 4 else w[..., None]
-    turned = xp.swapaxes(blocks, -1, -2)
     product = xp.zeros((*columns.shape[:2], blocks.shape[4], columns.shape[3]))
     for o in range(first, 3):
-        product[:, : blocks.shape[1] - o] += turned[:, o:, o] @ columns[:, o:]
+        product[:, : blocks.shape[1] - o] += turned(blocks[:, o:, o]) @ columns[:, o:]
     return product if w.ndim == 4 else product[..., 0]
-
-
-def _like(v: Array, leading: int) -> tuple[int, ...]:
-    return (*v.shape[:leading], *(1,) * (v.ndim - leading))

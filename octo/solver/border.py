@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from octo.arrays import Array, array_module, largest
 from octo.errors import ShapeError
 from octo.solver import blas, kkt
-from octo.solver.blocks import KKTBlocks, spread_sigma
+from octo.solver.blocks import KKTBlocks, columns_of, of_members, refined, spread_sigma, turned
 from octo.solver.cyclic_reduction import ROUNDING
 
 
@@ -27,22 +27,15 @@ from octo.solver.cyclic_reduction import ROUNDING
 class Border:
     """Columns of a batch: w of them, the shared unknowns first and then the multipliers of the
     shared rows.
-
-    Attributes
-    ----------
-    over_variables: (batch, K, nc, w), their part of B beside the variables of each unit: d²E/dv dz,
-        and the slopes of the shared rows, turned.
-    over_rows: (batch, K, ma, w), beside the rows of C: dC/dz, zero for the shared rows.
-    corner: (batch, w, w) D, symmetric.
-    residual: (batch, w) the gradient of E over the shared unknowns, then the shared rows' values.
-    lam: (batch, rows) the multipliers of the shared rows at the iterate.
     """
 
+    # (batch, K, nc, w), their part of B beside the variables of each unit: d²E/dv dz, and the
+    # slopes of the shared rows, turned
     over_variables: Array
-    over_rows: Array
-    corner: Array
-    residual: Array
-    lam: Array
+    over_rows: Array  # (batch, K, ma, w), beside the rows of C: dC/dz, zero for the shared rows
+    corner: Array  # (batch, w, w) D, symmetric
+    residual: Array  # (batch, w) the gradient of E over the shared unknowns, the rows' values
+    lam: Array  # (batch, rows) the multipliers of the shared rows at the iterate
 
     @property
     def rows(self) -> int:
@@ -64,20 +57,10 @@ class Border:
         return Border(*(getattr(self, field.name)[members] for field in fields(self)))
 
     def check(self, H: Array, A: Array) -> None:
-        """Refuse a border of other sizes than those of the blocks.
-
-        Raises
-        ------
-        ShapeError: names the part.
-        """
+        """Refuse a border of other sizes than those of the blocks."""
         (batch, K, _, nc, _), ma, w = H.shape, A.shape[3], self.width
-        shapes = (
-            (batch, K, nc, w),
-            (batch, K, ma, w),
-            (batch, w, w),
-            (batch, w),
-            (batch, self.rows),
-        )
+        beside = ((batch, K, nc, w), (batch, K, ma, w))
+        shapes = (*beside, (batch, w, w), (batch, w), (batch, self.rows))
         for field, shape in zip(fields(self), shapes, strict=True):
             own = getattr(self, field.name).shape
             if own != shape:
@@ -85,8 +68,8 @@ class Border:
 
     def transposed_times(self, dv: Array, lam: Array) -> Array:
         """Bᵀ (dv, lam): (batch, w, count) of (batch, K, nc, count) and (batch, K, ma, count)."""
-        of_variables = _turned(_flat(self.over_variables)) @ _flat(dv)
-        return of_variables + _turned(_flat(self.over_rows)) @ _flat(lam)
+        of_variables = turned(_flat(self.over_variables)) @ _flat(dv)
+        return of_variables + turned(_flat(self.over_rows)) @ _flat(lam)
 
     def times(self, z: Array) -> tuple[Array, Array]:
         """B z, of the variables and of the rows, for z (batch, w, count)."""
@@ -97,7 +80,7 @@ class Border:
         xp, shared = array_module(lam), self.lam[..., None]
         own = blocks.b + blocks.constraints_transposed_times(lam)
         own = own + (self.over_variables[..., self.unknowns :] @ shared[:, None])[..., 0]
-        across = _turned(_flat(self.over_rows)) @ _flat(lam[..., None])
+        across = turned(_flat(self.over_rows)) @ _flat(lam[..., None])
         across = across + self.corner[..., self.unknowns :] @ shared
         corner = (self.residual + across[..., 0])[:, : self.unknowns]
         return xp.maximum(largest(own), largest(corner))
@@ -108,8 +91,8 @@ class BorderedFactor:
     T, blocks, sigma and border are held by reference.
 
     negative (batch,): eigenvalues below zero, and those of S that are rounding, beyond one for each
-    row, shared rows included; usable (batch,): can solve, neither T nor S is singular; residual
-    (batch, count): as ``KKTFactor``'s, of the whole.
+    row, shared rows included; usable (batch,): can solve, neither T nor S is singular; the others
+    are ``KKTFactor``'s, of the whole.
     """
 
     def __init__(
@@ -120,11 +103,9 @@ class BorderedFactor:
         self._factor, self._blocks, self._sigma = factor, blocks, sigma
         self.border, self._corner = border, _regularised(border, sigma, blocks.H)
         # T⁻¹ B: it decides about S, so it is refined as far as it goes
-        self._columns = (
-            factor.solve(border.over_variables, border.over_rows, tolerance=1e-14)
-            if border.width
-            else (border.over_variables, border.over_rows)
-        )
+        self._columns: tuple[Array, Array] = (border.over_variables, border.over_rows)
+        if border.width:
+            self._columns = factor.solve(*self._columns, tolerance=1e-14)
         usable = xp.asarray(factor.usable)
         self._vectors, values = self._complement(usable)
         rounding = xp.abs(values) <= ROUNDING
@@ -132,6 +113,7 @@ class BorderedFactor:
         self._inverse = 1.0 / xp.where(rounding, xp.inf, values)
         self.usable = usable & ~rounding.any(axis=1)
         self.negative = xp.where(usable, factor.negative + below, xp.maximum(factor.negative, 1))
+        self.inertia_ok = self.usable & (self.negative == 0)
         self.residual = xp.full((blocks.batch, 1), xp.nan)
 
     def _complement(self, usable: Array) -> tuple[Array, Array]:
@@ -141,12 +123,11 @@ class BorderedFactor:
         if not border.width:
             return border.corner, border.residual
         products, size = border.transposed_times(*self._columns), xp.abs(self._corner)
-        S = self._corner - 0.5 * (products + _turned(products))
-        for part, column in zip(
-            (border.over_variables, border.over_rows), self._columns, strict=True
-        ):
-            size = size + _turned(_flat(xp.abs(part))) @ _flat(xp.abs(column))
-        top = xp.maximum(size, _turned(size)).max(axis=2)
+        S = self._corner - 0.5 * (products + turned(products))
+        parts = (border.over_variables, border.over_rows)
+        for part, column in zip(parts, self._columns, strict=True):
+            size = size + turned(_flat(xp.abs(part))) @ _flat(xp.abs(column))
+        top = xp.maximum(size, turned(size)).max(axis=2)
         finite = usable & xp.isfinite(S).all(axis=(1, 2))
         top = xp.where(finite[:, None] & (top > 0.0), top, 1.0)
         scale = 1.0 / xp.sqrt(top)
@@ -159,12 +140,6 @@ class BorderedFactor:
     def first_bad(self) -> Array:
         """(batch,) the first bad unit of T, −1 for none."""
         return self._factor.first_bad
-
-    @property
-    def inertia_ok(self) -> Array:
-        """True (batch,) where the Hessian is positive definite on the null space of all
-        constraints."""
-        return self.usable & (self.negative == 0)
 
     def solve(
         self,
@@ -181,41 +156,30 @@ class BorderedFactor:
         blocks, shape = self._blocks, (self._blocks.batch, self._blocks.units)
         count = int(rhs_v.shape[3]) if rhs_v.ndim == 4 else 1
         wanted = [
-            _column("rhs_v", rhs_v, (*shape, blocks.nc, count), rhs_v),
-            _column("rhs_c", rhs_c, (*shape, blocks.ma, count), rhs_v),
-            _column("rhs_border", rhs_border, (shape[0], self.border.width, count), rhs_v),
+            columns_of("rhs_v", rhs_v, (*shape, blocks.nc, count), rhs_v),
+            columns_of("rhs_c", rhs_c, (*shape, blocks.ma, count), rhs_v),
+            columns_of("rhs_border", rhs_border, (shape[0], self.border.width, count), rhs_v),
         ]
-        xp, size = array_module(rhs_v), _largest(wanted)
-        size = xp.where(size > 0.0, size, 1.0)
-        self.residual = xp.full(size.shape, xp.nan)
-        found = self._once(wanted)
-        for step in range(refine + 1):
-            if step == refine and not check:
-                break
-            left = self._left(wanted, found)
-            self.residual = _largest(left) / size
-            coarse = (self.residual > tolerance).any(axis=1)
-            if step == refine or not bool(coarse.any()):
-                break
-            more = self._once(left)
-            found = [_where(coarse, a + b, a) for a, b in zip(found, more, strict=True)]
-        dv, lam, z = (_where(self.usable, part, xp.nan) for part in found)
+        how = (refine, tolerance, check)
+        found, self.residual = refined(self._once, self._residual, wanted, *how)
+        dv, lam, z = (of_members(self.usable, part, np.nan) for part in found)
         return (dv, lam, z) if rhs_v.ndim == 4 else (dv[..., 0], lam[..., 0], z[..., 0])
 
-    def _once(self, rhs: list[Array]) -> list[Array]:
+    def _once(self, rhs_v: Array, rhs_c: Array, rhs_border: Array) -> list[Array]:
         """The solution without refinement of the whole."""
-        dv, lam = (_where(self.usable, part, 0.0) for part in self._factor.solve(rhs[0], rhs[1]))
-        left = rhs[2] - self.border.transposed_times(dv, lam)
-        z = self._vectors @ (self._inverse[..., None] * (_turned(self._vectors) @ left))
-        v, rows = (_where(self.usable, part, 0.0) for part in self._columns)
+        alone = self._factor.solve(rhs_v, rhs_c)
+        dv, lam = (of_members(self.usable, part, 0.0) for part in alone)
+        left = rhs_border - self.border.transposed_times(dv, lam)
+        z = self._vectors @ (self._inverse[..., None] * (turned(self._vectors) @ left))
+        v, rows = (of_members(self.usable, part, 0.0) for part in self._columns)
         return [dv - v @ z[:, None], lam - rows @ z[:, None], z]
 
-    def _left(self, wanted: list[Array], found: list[Array]) -> list[Array]:
-        """What is left of the right-hand side."""
-        dv, lam, z = found
-        v, rows = self._blocks.residual(dv, lam, self._sigma, wanted[0], wanted[1])
+    def _residual(
+        self, dv: Array, lam: Array, z: Array, rhs_v: Array, rhs_c: Array, rhs_border: Array
+    ) -> list[Array]:
+        v, rows = self._blocks.residual(dv, lam, self._sigma, rhs_v, rhs_c)
         of_variables, of_rows = self.border.times(z)
-        corner = wanted[2] - self.border.transposed_times(dv, lam) - self._corner @ z
+        corner = rhs_border - self.border.transposed_times(dv, lam) - self._corner @ z
         return [v - of_variables, rows - of_rows, corner]
 
 
@@ -253,33 +217,7 @@ def _regularised(border: Border, sigma: float | Array | None, H: Array) -> Array
     return corner
 
 
-def _column(name: str, part: Array | None, shape: tuple[int, ...], like: Array) -> Array:
-    """A part of a right-hand side with its axis of columns; zeros for None."""
-    if part is None:
-        return array_module(like).zeros(shape)
-    given = part if like.ndim == 4 else part[..., None]
-    if given.shape != shape:
-        raise ShapeError(name, part.shape, shape if like.ndim == 4 else shape[:-1])
-    return given
-
-
 def _flat(part: Array) -> Array:
     """(batch, K, size, count) -> (batch, K·size, count)."""
     batch, K, size, count = part.shape
     return part.reshape(batch, K * size, count)
-
-
-def _turned(part: Array) -> Array:
-    return array_module(part).swapaxes(part, -1, -2)
-
-
-def _largest(parts: list[Array]) -> Array:
-    """(batch, count) the largest entry of all parts."""
-    xp = array_module(parts[0])
-    tops = [xp.abs(part).max(axis=tuple(range(1, part.ndim - 1))) for part in parts if part.size]
-    return xp.stack(tops).max(axis=0)
-
-
-def _where(members: Array, part: Array, other: Array | float) -> Array:
-    """``part`` of the members (batch,), ``other`` elsewhere."""
-    return array_module(part).where(members.reshape(-1, *(1,) * (part.ndim - 1)), part, other)

@@ -15,11 +15,21 @@ refinement removes what that changed.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from octo.errors import ShapeError
+import numpy as np
+
+from octo.arrays import Array, array_module
 from octo.solver import blas
-from octo.solver.blocks import SBT, Array, KKTBlocks, array_module, interleave, separate
+from octo.solver.blocks import (
+    SBT,
+    KKTBlocks,
+    columns_of,
+    interleave,
+    of_members,
+    refined,
+    separate,
+    turned,
+)
 
 # an eigenvalue of a pivot block of the equilibrated matrix, entries up to 1, below this is none
 ROUNDING = 1e-11
@@ -66,15 +76,14 @@ class ReducedSBT:
         while diagonal.shape[1] > 1:
             lead = 1 - diagonal.shape[1] % 2
             half, sign = self._pivots(diagonal[:, 1 - lead :: 2], block[1 - lead :: 2])
-            turned = xp.swapaxes(half, -1, -2)
-            left = turned[:, lead:] @ lower[:, lead::2]
-            right = turned @ xp.swapaxes(lower[:, 1 - lead :: 2], -1, -2)
+            left = turned(half[:, lead:]) @ lower[:, lead::2]
+            right = turned(half) @ turned(lower[:, 1 - lead :: 2])
             self._levels.append(_Level(lead, half, sign, left, right))
             weighted = sign[:, lead:] * left
             diagonal = diagonal[:, lead::2].copy()
-            diagonal[:, : left.shape[1]] -= xp.swapaxes(left, -1, -2) @ weighted
-            diagonal[:, 1 - lead :] -= xp.swapaxes(right, -1, -2) @ (sign * right)
-            lower = -(xp.swapaxes(right[:, lead:], -1, -2) @ weighted)
+            diagonal[:, : left.shape[1]] -= turned(left) @ weighted
+            diagonal[:, 1 - lead :] -= turned(right) @ (sign * right)
+            lower = -(turned(right[:, lead:]) @ weighted)
             block = block[lead::2]
         self._last = self._pivots(diagonal, block)
 
@@ -92,9 +101,8 @@ class ReducedSBT:
         excess = negatives > self._expected
         found = xp.where(excess.any(axis=1), block[xp.argmax(excess, axis=1)], -1)
         self.excess_block = xp.where(self.excess_block < 0, found, self.excess_block)
-        return scale[..., None] * vectors / xp.sqrt(xp.abs(values))[:, :, None, :], xp.sign(values)[
-            ..., None
-        ]
+        half = scale[..., None] * vectors / xp.sqrt(xp.abs(values))[:, :, None, :]
+        return half, xp.sign(values)[..., None]
 
     def solve(self, rhs: Array) -> Array:
         """x (batch, D, B, count), without refinement."""
@@ -102,13 +110,13 @@ class ReducedSBT:
         r, held = rhs * self.scale[..., None], []
         for level in self._levels:
             lead, before = level.lead, level.left.shape[1]
-            w = level.sign * (xp.swapaxes(level.half, -1, -2) @ r[:, 1 - lead :: 2])
+            w = level.sign * (turned(level.half) @ r[:, 1 - lead :: 2])
             held.append(w)
             r = r[:, lead::2].copy()
-            r[:, :before] -= xp.swapaxes(level.left, -1, -2) @ w[:, lead:]
-            r[:, 1 - lead :] -= xp.swapaxes(level.right, -1, -2) @ w
+            r[:, :before] -= turned(level.left) @ w[:, lead:]
+            r[:, 1 - lead :] -= turned(level.right) @ w
         half, sign = self._last
-        x = half @ (sign * (xp.swapaxes(half, -1, -2) @ r))
+        x = half @ (sign * (turned(half) @ r))
         for level, w in zip(reversed(self._levels), reversed(held), strict=True):
             lead, before = level.lead, level.left.shape[1]
             reach = level.right @ x[:, 1 - lead :]
@@ -151,12 +159,12 @@ class CyclicReductionFactor:
         batch, K, _, nc, _ = H.shape
         ma = int(A.shape[3])
         self.shape = (batch, K, nc, ma)
-        self._xp, self._sigma = xp, sigma
+        self._sigma = sigma
         self._blocks = KKTBlocks(H, A, xp.zeros((batch, K, nc)), xp.zeros((batch, K, ma)))
         matrix = self._blocks.sbt(sigma)
-        finite = xp.isfinite(matrix.diagonal).all(axis=(1, 2, 3)) & xp.isfinite(matrix.lower).all(
-            axis=(1, 2, 3)
-        )
+        parts = (matrix.diagonal, matrix.lower)
+        finite, other = (xp.isfinite(part).all(axis=(1, 2, 3)) for part in parts)
+        finite &= other
         keep = finite[:, None, None, None]  # one member that is not finite must not stop the others
         identity = xp.eye(matrix.diagonal.shape[-1])
         matrix = SBT(xp.where(keep, matrix.diagonal, identity), xp.where(keep, matrix.lower, 0.0))
@@ -167,13 +175,8 @@ class CyclicReductionFactor:
         shown = finite & (self.negative > 0) & (self._reduced.excess_block >= 0)
         self.first_bad = xp.where(shown, 2 * self._reduced.excess_block, -1)
         self.shifted = self._reduced.shifted
+        self.inertia_ok = self.usable & (self.negative == 0)
         self.residual = xp.full((batch, 1), xp.nan)
-
-    @property
-    def inertia_ok(self) -> Array:
-        """True (batch,) where the Hessian is positive definite on the null space of the
-        constraints."""
-        return self.usable & (self.negative == 0)
 
     def solve(
         self,
@@ -186,45 +189,21 @@ class CyclicReductionFactor:
     ) -> tuple[Array, Array]:
         """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]); arguments as in
         ``EliminationFactor.solve``."""
-        xp, (batch, K, nc, ma) = self._xp, self.shape
-        columns_v = rhs_v if rhs_v.ndim == 4 else rhs_v[..., None]
-        if columns_v.shape[:3] != (batch, K, nc):
-            raise ShapeError(
-                "rhs_v", rhs_v.shape, f"{(batch, K, nc)}, or with one more axis of columns"
-            )
-        if rhs_c is None:
-            columns_c: Any = xp.zeros((batch, K, ma, columns_v.shape[3]))
-        else:
-            columns_c = rhs_c if rhs_c.ndim == 4 else rhs_c[..., None]
-        if columns_c.shape != (batch, K, ma, columns_v.shape[3]):
-            raise ShapeError("rhs_c", columns_c.shape, (batch, K, ma, columns_v.shape[3]))
-        size = self._largest(columns_v, columns_c)
-        size = xp.where(size > 0, size, 1.0)
-        self.residual = xp.full(size.shape, xp.nan)
-        dv, lam = self._once(columns_v, columns_c)
-        for step in range(refine + 1):
-            if step == refine and not check:
-                break
-            left_v, left_c = self._blocks.residual(dv, lam, self._sigma, columns_v, columns_c)
-            self.residual = self._largest(left_v, left_c) / size
-            coarse = (self.residual > tolerance).any(axis=1)[:, None, None, None]
-            if step == refine or not bool(coarse.any()):
-                break
-            # of the coarse members only: no member depends on another
-            more_v, more_lam = self._once(left_v, left_c)
-            dv, lam = xp.where(coarse, dv + more_v, dv), xp.where(coarse, lam + more_lam, lam)
-        keep = self.usable[:, None, None, None]
-        dv, lam = xp.where(keep, dv, xp.nan), xp.where(keep, lam, xp.nan)
+        batch, K, nc, ma = self.shape
+        count = int(rhs_v.shape[3]) if rhs_v.ndim == 4 else 1
+        wanted = [
+            columns_of("rhs_v", rhs_v, (batch, K, nc, count), rhs_v),
+            columns_of("rhs_c", rhs_c, (batch, K, ma, count), rhs_v),
+        ]
+        how = (refine, tolerance, check)
+        found, self.residual = refined(self._once, self._residual, wanted, *how)
+        dv, lam = (of_members(self.usable, part, np.nan) for part in found)
         return (dv, lam) if rhs_v.ndim == 4 else (dv[..., 0], lam[..., 0])
 
     def _once(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, Array]:
         with blas.one_thread():
-            return separate(
-                self._reduced.solve(interleave(rhs_v, rhs_c)), self.shape[1], self.shape[2]
-            )
+            both = self._reduced.solve(interleave(rhs_v, rhs_c))
+        return separate(both, self.shape[1], self.shape[2])
 
-    def _largest(self, part_v: Array, part_c: Array) -> Array:
-        """(batch, count) largest entry of both parts."""
-        xp = self._xp
-        top = xp.abs(part_v).max(axis=(1, 2))
-        return xp.maximum(top, xp.abs(part_c).max(axis=(1, 2))) if part_c.shape[2] else top
+    def _residual(self, dv: Array, lam: Array, *rhs: Array) -> tuple[Array, Array]:
+        return self._blocks.residual(dv, lam, self._sigma, *rhs)

@@ -22,12 +22,9 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.errors import DeviceError, ShapeError
+from octo.solver.blocks import check_blocks
 
 Floats = NDArray[np.float64]
-_POINTER: Any = ctypes.c_void_p
-_INT: Any = ctypes.c_int
-_DOUBLE: Any = ctypes.c_double
-_SIZE: Any = ctypes.c_ssize_t
 # K·nc² from which two threads for one problem save more than starting the second costs
 SHARED_WORK = 40_000
 # bytes, from which the C library is asked to give back what it keeps of them too: that takes
@@ -35,6 +32,25 @@ SHARED_WORK = 40_000
 _MUCH = 2**24
 _trim: Any = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
 _POOLED = 4  # memories kept for the next factorisation of the same shape
+
+
+def _signatures() -> dict[str, tuple[Any, list[Any]]]:
+    """What the C functions return and take."""
+    P, N, D, size = ctypes.c_void_p, ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t
+    problem = [*[N] * 4, *[P] * 3, N]  # sizes, then H, A and sigma
+    return {
+        **dict.fromkeys(("octo_unit_bytes", "octo_window_bytes", "octo_unit_room"), (size, [])),
+        **dict.fromkeys(("octo_receding_bytes", "octo_normal_bytes"), (size, [])),
+        "octo_scratch_room": (size, [size]),
+        "octo_factor_batch": (None, [*problem, N, *[P] * 4]),
+        "octo_solve_batch": (None, [*problem, *[P] * 3, N, P, P, N, D, N, *[P] * 4]),
+        "octo_receding_start": (None, [P, N, N, *[P] * 7]),
+        "octo_receding_eliminate": (N, [P, N, N, P, P]),
+        "octo_receding_solve": (None, [P] * 3),
+        "octo_receding_gain": (None, [P] * 2),
+        "octo_normal_factor": (None, [*[N] * 3, *[P] * 3]),
+        "octo_normal_solve": (None, [*[N] * 3, *[P] * 3, N, P, N, *[P] * 3]),
+    }
 
 
 @functools.cache
@@ -46,37 +62,10 @@ def library(nc: int, ma: int) -> ctypes.CDLL | None:
     made = native.load("\n".join([native.threads(), *parts]), (f"-DNC={nc}", f"-DMA={ma}"))
     if made is None:
         return None
-    for name in ("octo_unit_bytes", "octo_window_bytes", "octo_unit_room", "octo_scratch_room"):
-        getattr(made, name).restype = _SIZE
-    made.octo_scratch_room.argtypes = [_SIZE]
-    made.octo_factor_batch.argtypes = [_INT] * 4 + [_POINTER] * 3 + [_INT] * 2 + [_POINTER] * 4
-    made.octo_factor_batch.restype = None
-    made.octo_solve_batch.argtypes = (
-        [_INT] * 4
-        + [_POINTER] * 3
-        + [_INT]
-        + [_POINTER] * 3
-        + [_INT]
-        + [_POINTER] * 2
-        + [_INT, _DOUBLE, _INT]
-    ) + [_POINTER] * 4
-    made.octo_solve_batch.restype = None
-    made.octo_receding_bytes.restype = _SIZE
-    made.octo_receding_start.argtypes = [_POINTER, _INT, _INT, *[_POINTER] * 7]
-    made.octo_receding_start.restype = None
-    made.octo_receding_eliminate.argtypes = [_POINTER, _INT, _INT, _POINTER, _POINTER]
-    made.octo_receding_solve.argtypes = [_POINTER] * 3
-    made.octo_receding_solve.restype = None
-    made.octo_receding_gain.argtypes = [_POINTER] * 2
-    made.octo_receding_gain.restype = None
-    made.octo_normal_bytes.restype = _SIZE
-    if ma > 0:
-        made.octo_normal_factor.argtypes = [_INT] * 3 + [_POINTER] * 3
-        made.octo_normal_factor.restype = None
-        made.octo_normal_solve.argtypes = (
-            [_INT] * 3 + [_POINTER] * 3 + [_INT, _POINTER, _INT] + [_POINTER] * 3
-        )
-        made.octo_normal_solve.restype = None
+    for name, (returned, taken) in _signatures().items():
+        if ma or not name.startswith("octo_normal_"):  # without rows there is no AAᵀ
+            function = getattr(made, name)
+            function.restype, function.argtypes = returned, taken
     return made
 
 
@@ -127,13 +116,10 @@ def _pooled(key: tuple[int, ...]) -> Memory | None:
 def release() -> None:
     """Give back the memories that are kept for the next factorisation: at the end of a solve there
     is none."""
-    kept = sum(
-        memory.units.nbytes + memory.store.nbytes
-        for free in list(_pool.values())
-        for memory in list(free)
-    )
+    kept = [memory for free in list(_pool.values()) for memory in list(free)]
     _pool.clear()
-    if kept > _MUCH and _trim is not None:
+    much = sum(memory.units.nbytes + memory.store.nbytes for memory in kept) > _MUCH
+    if much and _trim is not None:
         _trim(0)
 
 
@@ -164,27 +150,16 @@ class EliminationFactor:
         self._sizes = (batch, threads, K, _split(batch, threads, K, nc))
         self._held = (H, A, sigma)
         self._memory = _pooled(self._key) or Memory(made, batch, K, threads)
-        per_variable = int(sigma is not None and sigma.ndim == 3)
-        self._problem = (
-            address(H),
-            address(A),
-            None if sigma is None else address(sigma),
-            per_variable,
-        )
-        verdict = np.empty((batch, 4), dtype=np.int32)
-        self._verdict = verdict
+        weights = (None, 0) if sigma is None else (address(sigma), int(sigma.ndim == 3))
+        self._problem = (address(H), address(A), *weights)
+        self._verdict = verdict = np.empty((batch, 4), dtype=np.int32)
         made.octo_factor_batch(
             *self._sizes, *self._problem, int(stop), *self._memory.at, address(verdict)
         )
         self.negative, self.first_bad, self.dependent = verdict[:, 0], verdict[:, 1], verdict[:, 2]
         self.usable = verdict[:, 3] != 0
+        self.inertia_ok: NDArray[np.bool_] = self.usable & (self.negative == 0)
         self.residual: Floats = np.full((batch, 1), np.nan)
-
-    @property
-    def inertia_ok(self) -> NDArray[np.bool_]:
-        """True (batch,) where the Hessian is positive definite on the null space of the
-        constraints."""
-        return self.usable & (self.negative == 0)
 
     def __del__(self) -> None:
         if hasattr(self, "_memory"):
@@ -218,16 +193,10 @@ class EliminationFactor:
             rhs_c = _checked("rhs_c", rhs_c, (batch, K, ma, count))
         dv, lam = np.empty(rhs_v.shape), np.empty((batch, K, ma, *rhs_v.shape[3:]))
         self.residual = np.full((batch, count), np.nan)
+        rhs = (address(rhs_v), None if rhs_c is None else address(rhs_c))
         self._library.octo_solve_batch(
             *(*self._sizes, *self._problem, *self._memory.at[:2], address(self._verdict)),
-            *(
-                count,
-                address(rhs_v),
-                None if rhs_c is None else address(rhs_c),
-                refine,
-                tolerance,
-                int(check),
-            ),
+            *(count, *rhs, refine, tolerance, int(check)),
             *(self._memory.scratch(count), address(dv), address(lam), address(self.residual)),
         )
         return dv, lam
@@ -254,10 +223,7 @@ def factorize(
     can still solve.
     """
     H, A = np.ascontiguousarray(H, dtype=np.float64), np.ascontiguousarray(A, dtype=np.float64)
-    if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:
-        raise ShapeError("H", H.shape, "(batch, K, 3, nc, nc)")
-    if A.ndim != 5 or A.shape[:3] != H.shape[:3] or A.shape[4] != H.shape[4]:
-        raise ShapeError("A", A.shape, "(batch, K, 3, ma, nc)")
+    check_blocks(H, A)
     if sigma is not None:
         weight = np.asarray(sigma, dtype=np.float64)
         if weight.ndim < 2:

@@ -4,6 +4,7 @@ give."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -21,29 +22,22 @@ from octo.solver.options import SqpOptions
 Three = tuple[Numbers, Numbers, Numbers]
 
 
+@dataclass(eq=False)
 class Attempt:
-    """A KKT step Δ (batch, K, nc) with its multipliers (batch, K, ma), and what decides about it.
+    """A KKT step with its multipliers, and what decides about it."""
 
-    trial: the evaluation at Δ times its first length, where it came in one copy with the numbers;
-    None: not evaluated yet. numbers: ‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the
-    iterate and bᵀΔ (batch,), on the host, of which the last two count a border. shared (batch, w):
-    of a border, the step of the shared unknowns and the multipliers of the shared rows; None:
-    without one.
-    """
-
-    def __init__(
-        self,
-        delta: Array,
-        multipliers: Array,
-        numbers: Callable[[], Three],
-        trial: Evaluation | None = None,
-        shared: Array | None = None,
-    ):
-        self.delta, self.multipliers, self.trial, self._numbers = delta, multipliers, trial, numbers
-        self.shared = shared
+    delta: Array  # (batch, K, nc) Δ
+    multipliers: Array  # (batch, K, ma)
+    _numbers: Callable[[], Three]
+    # at Δ times its first length, where it came in one copy with the numbers
+    trial: Evaluation | None = None
+    # (batch, w) of a border, the step of the shared unknowns and the multipliers of the shared rows
+    shared: Array | None = None
 
     @cached_property
     def numbers(self) -> Three:
+        """‖Δ‖∞ of each unit (batch, K), ‖b + Aᵀlam‖∞ (batch,) of the iterate and bᵀΔ (batch,), on
+        the host; the last two count a border."""
         return self._numbers()
 
     @cached_property
@@ -57,17 +51,14 @@ class Factors(Protocol):
 
     def clear(self) -> None:
         """Forget what was factored."""
-        ...
 
     def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
         """Factor [[H + diag(weight), Aᵀ], [A, 0]] of some members (batch,), weight (batch, K):
         where the inertia is right."""
-        ...
 
     def solve(self, rhs_v: Array, rhs_c: Array) -> tuple[Array, ...]:
         """Solutions (batch, K, nc), (batch, K, ma) of the right-hand side; NaN for members without
         a factor."""
-        ...
 
     def attempt(
         self,
@@ -82,7 +73,6 @@ class Factors(Protocol):
         rhs_c: None is −C, asked for before any other. members (batch,): those that it is for; None:
         all.
         """
-        ...
 
 
 class HostFactors:
@@ -106,17 +96,16 @@ class HostFactors:
         self.groups = []
 
     def add(self, members: NDArray[np.bool_], weight: Numbers) -> NDArray[np.bool_]:
-        H, A, own = self.blocks.H, self.blocks.A, np.flatnonzero(members)
-        border = self.border
+        H, A, border, own = self.blocks.H, self.blocks.A, self.border, np.flatnonzero(members)
         if not every(members):
             H, A, weight = H[own], A[own], weight[own]
             border = None if border is None else border.take(own)
         how: Any = {"method": self._options.linear_solver, "threads": self._threads}
-        factor: kkt.KKTFactor | BorderedFactor = (
-            kkt.factorize(H, A, weight, **how)
-            if border is None
-            else bordered(H, A, border, weight, **how)
-        )
+        factor: kkt.KKTFactor | BorderedFactor
+        if border is None:
+            factor = kkt.factorize(H, A, weight, **how)
+        else:
+            factor = bordered(H, A, border, weight, **how)
         found, good = np.zeros(len(members), dtype=bool), host(factor.inertia_ok)
         found[own] = good
         if some(good):
@@ -130,11 +119,8 @@ class HostFactors:
         rhs = [rhs_v, rhs_c] if rhs_border is None else [rhs_v, rhs_c, rhs_border]
         if len(self.groups) == 1 and len(self.groups[0][0]) == len(rhs_v):
             return self.groups[0][2].solve(*rhs)
-        xp = array_module(rhs_v)
-        shapes = [part.shape for part in rhs]
-        if self.border is not None:
-            shapes[2:] = [self.border.residual.shape]
-        found = tuple(xp.full(shape, xp.nan) for shape in shapes)
+        shared = [] if self.border is None else [self.border.residual]
+        found = tuple(array_module(p).full(p.shape, np.nan) for p in (rhs_v, rhs_c, *shared))
         for members, good, factor in self.groups:
             own, solved, kept = (
                 like(index, rhs_v) for index in (members, members[good], np.flatnonzero(good))

@@ -9,6 +9,8 @@ chance.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.factors import Attempt, Factors
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
-from octo.solver.trials import Trials
+from octo.solver.search import Found, Line, Trials
 
 
 class LeapDamping:
@@ -95,30 +97,23 @@ class Extrapolation:
     GAIN = 1.5  # by which E must fall more each time
 
     def further(
-        self,
-        trials: Trials,
-        at: Evaluation,
-        delta: Array,
-        size: Numbers,
-        near: Numbers,
-        new: Evaluation,
-        moved: Numbers,
-        growing: Mask,
-    ) -> tuple[Evaluation, Numbers]:
-        """``new`` and ‖·‖∞ ``moved``, with longer steps of ``growing`` members along ``delta`` of
-        ``size`` where they are better, and ‖C‖₁ below ``near`` or no larger than it was."""
+        self, trials: Trials, at: Evaluation, line: Line, near: Numbers, found: Found, growing: Mask
+    ) -> Found:
+        """``found``, with longer steps of ``growing`` members along the ``line`` where they are
+        better, and ‖C‖₁ below ``near`` or no larger than it was."""
+        new, moved = found.at, found.moved
         growing = growing & (new.energy < at.energy)
         for doubling in range(self.DOUBLINGS):
             factor = 2.0 ** (doubling + 1)
-            longer = factor * size
+            longer = factor * line.largest
             growing &= longer <= self.LARGEST
             if not some(growing):
                 break
-            trial = trials.evaluate(at, choose(growing, factor * delta, 0.0), growing)
+            trial = trials.evaluate(at, choose(growing, factor * line.delta, 0.0), growing)
             growing &= trial.energy - at.energy <= self.GAIN * (new.energy - at.energy)
             growing &= trial.size <= np.maximum(near, at.size)
             new, moved = new.replaced(growing, trial), choose(growing, longer, moved)
-        return new, moved
+        return replace(found, at=new, moved=moved)
 
 
 class FeasibilityStep:

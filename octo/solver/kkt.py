@@ -7,18 +7,19 @@ reduction over NumPy or CuPy (the paper's, and the way of a machine without a co
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
 from octo import native
-from octo.errors import ShapeError, UnknownNameError
+from octo.arrays import Array, array_module
+from octo.errors import UnknownNameError
 from octo.solver import elimination
-from octo.solver.blocks import Array, array_module
+from octo.solver.blocks import check_blocks
 from octo.solver.cyclic_reduction import CyclicReductionFactor
 
 Method = Literal["auto", "elimination", "cyclic_reduction"]
-METHODS: tuple[Method, ...] = ("auto", "elimination", "cyclic_reduction")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 class KKTFactor(Protocol):
@@ -26,20 +27,17 @@ class KKTFactor(Protocol):
 
     negative: eigenvalues or pivots that should be positive and are not (one or more where `stop`
     left early); first_bad: unit of the first one, −1 for none or unknown; usable: can solve;
-    residual (batch, count): the relative residual last computed by ``solve``.
+    inertia_ok: the Hessian is positive definite on the null space of the constraints; residual
+    (batch, count): the relative residual last computed by ``solve``.
     """
 
     negative: Array
     usable: Array
+    inertia_ok: Array
     residual: Array
 
     @property
     def first_bad(self) -> Array: ...
-
-    @property
-    def inertia_ok(self) -> Array:
-        """Where the Hessian is positive definite on the null space of the constraints."""
-        ...
 
     def solve(
         self,
@@ -52,7 +50,6 @@ class KKTFactor(Protocol):
     ) -> tuple[Array, Array]:
         """dv (batch, K, nc[, count]), lam (batch, K, ma[, count]) of the right-hand side (rhs_v,
         rhs_c)."""
-        ...
 
 
 def prepare(nc: int, ma: int, method: Method = "auto") -> None:
@@ -87,8 +84,5 @@ def factorize(
         method = "elimination" if on_cpu and native.compiler() is not None else "cyclic_reduction"
     if method == "elimination":
         return elimination.factorize(H, A, sigma, stop=stop, threads=threads)
-    if H.ndim != 5 or H.shape[2] != 3 or H.shape[3] != H.shape[4]:
-        raise ShapeError("H", H.shape, "(batch, K, 3, nc, nc)")
-    if A.ndim != 5 or A.shape[:3] != H.shape[:3] or A.shape[4] != H.shape[4]:
-        raise ShapeError("A", A.shape, "(batch, K, 3, ma, nc)")
+    check_blocks(H, A)
     return CyclicReductionFactor(H, A, sigma)

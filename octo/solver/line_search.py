@@ -1,8 +1,9 @@
 """The default step: a direction, shortened until an acceptance takes it.
 
-The direction is the regularised KKT step (direction.py), the acceptance a filter (filter.py) or the
-user's, the lengths are in search.py, and what is done beside is in heuristics.py. Wächter and
-Biegler 2006, on the block factors of Eq. 12.
+The direction is the regularised KKT step, Newton's where the model is exact and Gauss and Newton's
+where it is JᵀJ; the acceptance is a filter (filter.py) or the user's, the lengths are in search.py,
+and what is done beside is in heuristics.py. Wächter and Biegler 2006, on the block factors of
+Eq. 12.
 """
 
 from __future__ import annotations
@@ -18,8 +19,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
-from octo.solver.direction import KKTDirection
-from octo.solver.factors import Factors
+from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import FilterAcceptance
 from octo.solver.heuristics import (
     Extrapolation,
@@ -30,12 +30,48 @@ from octo.solver.heuristics import (
     SecondOrderCorrection,
 )
 from octo.solver.options import SqpOptions
+from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock, Move
-from octo.solver.search import Line, search
-from octo.solver.trials import Trials
+from octo.solver.search import Line, Trials, search
 
 T = TypeVar("T")
 HALVINGS = 12
+
+
+class KKTDirection:
+    """The KKT step of Eq. 12 with the smallest regularisation that makes it one of descent.
+
+    ``damping``: of single units, None where that is switched off.
+    """
+
+    def __init__(
+        self, batch: int, units: int, options: SqpOptions, clock: Clock, damping: LeapDamping | None
+    ):
+        self.options, self.clock, self.damping = options, clock, damping
+        self.regularisation = Regularisation(batch, units, options)
+
+    def take(self, members: NDArray[np.intp]) -> None:
+        """Keep some members only."""
+        self.regularisation.take(members)
+
+    def step(self, factors: Factors) -> tuple[Attempt, Numbers, Mask]:
+        """The KKT step, the weights of its factors (batch,), and where there is one."""
+        with self.clock("factor"):
+            sigma, has = self.regularisation.factorize(factors)
+        attempt = 0
+        while True:
+            with self.clock("solve"):
+                step = factors.attempt(None, 1.0, self.options.cap)
+            has &= np.isfinite(step.largest)
+            again = None
+            if self.damping is not None:
+                again = self.damping.raised(attempt, step, self.regularisation.local, sigma, has)
+            if again is None:
+                return step, sigma, has
+            with self.clock("factor"):
+                weight, factored = self.regularisation.factorize(factors, again)
+            sigma, has = choose(again, weight, sigma), choose(again, factored, has)
+            attempt += 1
 
 
 class LineSearch:
@@ -96,15 +132,13 @@ class LineSearch:
         line = Line(delta, attempt.multipliers, size, slope, first)
         mend = partial(self._mended, at, model, factors)
         found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
-        after, length, moved = found.at, found.length, found.moved
-        whole = found.accepted & ~polish
+        length, whole = found.length, found.accepted & ~polish
         growing = whole & ~found.mended & (sigma > 0.0) & (length == 1.0)
         if self.extrapolation is not None:
-            after, moved = self.extrapolation.further(
-                self.trials, at, delta, size, self.acceptance.near, after, moved, growing
-            )
+            near = self.acceptance.near
+            found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
-        after, lam, failed = self._restore(after, lam, ~(found.accepted | converged))
+        after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
@@ -114,7 +148,7 @@ class LineSearch:
             failed=failed,
             dual=dual,
             step=full,
-            taken=moved,
+            taken=found.moved,
             ratio=length,
             radius=o.cap,
             sigma=sigma,
@@ -133,20 +167,16 @@ class LineSearch:
         refused: Mask,
     ) -> tuple[Mask, Evaluation, Numbers]:
         """Of first trials that were refused: single units are to blame, corrections may help."""
-        self._learn(at, trial, refused)
+        if self.damping is not None:
+            self.damping.learn(self.direction.regularisation, at, trial, refused)
+        else:
+            self.direction.regularisation.forget()
         worse = refused & trial.finite & (trial.size >= at.size)
         if self.correction is None or not some(worse):
             return np.zeros(len(refused), dtype=bool), trial, moved
         return self.correction.corrected(
             self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
         )
-
-    def _learn(self, at: Evaluation, trial: Evaluation, refused: Mask) -> None:
-        """The weights of single units after the first trial."""
-        if self.damping is not None:
-            self.damping.learn(self.direction.regularisation, at, trial, refused)
-        else:
-            self.direction.regularisation.forget()
 
     def _restore(self, at: Evaluation, lam: Array, failed: Mask) -> tuple[Evaluation, Array, Mask]:
         """``at``, ``lam`` and the members that are lost, once the constraints of ``failed`` members

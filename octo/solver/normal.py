@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from octo.errors import ShapeError
 from octo.solver import blas
-from octo.solver.blocks import block_times, transposed_times
+from octo.solver.blocks import block_times, columns_of, transposed_times, turned
 from octo.solver.elimination import Floats, address, aligned, library
 
 DROP = 1e-13  # a pivot of AAᵀ with unit diagonal that is smaller is rounding (DROP of normal.c)
@@ -66,21 +66,17 @@ class NormalFactor:
     def _both(self, rhs: Floats, refine: int) -> tuple[Floats, Floats]:
         """lam and Aᵀ lam."""
         batch, K, _, ma, nc = self.A.shape
-        if rhs.shape[:3] != (batch, K, ma) or rhs.ndim > 4:
-            raise ShapeError(
-                "rhs", rhs.shape, f"{(batch, K, ma)}, or with one more axis of columns"
-            )
-        columns = rhs if rhs.ndim == 4 else rhs[..., None]
+        count = rhs.shape[3] if rhs.ndim == 4 else 1
+        columns = columns_of("rhs", rhs, (batch, K, ma, count), rhs)
         if ma == 0:
-            lam, x = np.empty(columns.shape), np.zeros((batch, K, nc, columns.shape[3]))
+            lam, x = np.empty(columns.shape), np.zeros((batch, K, nc, count))
         elif self._library is not None:
             lam, x = self._native(columns, refine)
         else:
             lam = self._blocks.solve(columns)
             for _ in range(refine):  # the residual uses A itself: AAᵀ squares its rounding
-                lam = lam + self._blocks.solve(
-                    columns - block_times(self.A, transposed_times(self.A, lam))
-                )
+                left = columns - block_times(self.A, transposed_times(self.A, lam))
+                lam = lam + self._blocks.solve(left)
             x = transposed_times(self.A, lam)
         return (lam, x) if rhs.ndim == 4 else (lam[..., 0], x[..., 0])
 
@@ -88,19 +84,13 @@ class NormalFactor:
         assert self._library is not None
         batch, K, _, ma, nc = self.A.shape
         count = columns.shape[3]
-        turned = np.ascontiguousarray(np.moveaxis(columns, 3, 1), dtype=np.float64)
+        rhs = np.ascontiguousarray(np.moveaxis(columns, 3, 1), dtype=np.float64)
         lam, x = np.empty((batch, count, K, ma)), np.empty((batch, count, K, nc))
         scratch = np.empty(self._threads * K * ma)
+        factor = (address(self.A), address(self._units), address(self.dropped))
         self._library.octo_normal_solve(
-            *(
-                batch,
-                self._threads,
-                K,
-                address(self.A),
-                address(self._units),
-                address(self.dropped),
-            ),
-            *(count, address(turned), refine, address(lam), address(x), address(scratch)),
+            *(batch, self._threads, K, *factor),
+            *(count, address(rhs), refine, address(lam), address(x), address(scratch)),
         )
         return np.moveaxis(lam, 1, 3), np.moveaxis(x, 1, 3)
 
@@ -123,22 +113,20 @@ class _Blocks:
         self.lag1, self.lag2, self.half = np.zeros((3, batch, K, ma, ma))
         self.dropped = np.zeros(batch, dtype=np.int32)
         for k in range(K):
-            pivot = (rows[:, k] @ _turned(rows[:, k])).sum(axis=1)
+            pivot = (rows[:, k] @ turned(rows[:, k])).sum(axis=1)
             if k > 1:
-                self.lag2[:, k] = rows[:, k, 2] @ _turned(rows[:, k - 2, 0]) @ self.half[:, k - 2]
+                self.lag2[:, k] = rows[:, k, 2] @ turned(rows[:, k - 2, 0]) @ self.half[:, k - 2]
             if k > 0:
-                coupling = (rows[:, k, 1:] @ _turned(rows[:, k - 1, :2])).sum(axis=1)
-                coupling -= self.lag2[:, k] @ _turned(self.lag1[:, k - 1])
+                coupling = (rows[:, k, 1:] @ turned(rows[:, k - 1, :2])).sum(axis=1)
+                coupling -= self.lag2[:, k] @ turned(self.lag1[:, k - 1])
                 self.lag1[:, k] = coupling @ self.half[:, k - 1]
-            pivot -= self.lag2[:, k] @ _turned(self.lag2[:, k]) + self.lag1[:, k] @ _turned(
-                self.lag1[:, k]
-            )
+            far, near = self.lag2[:, k], self.lag1[:, k]
+            pivot -= far @ turned(far) + near @ turned(near)
             values, vectors = np.linalg.eigh(pivot)
             kept = values > DROP
             self.dropped += ma - kept.sum(axis=1, dtype=np.int32)
-            self.half[:, k] = (
-                vectors * np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, None]
-            )
+            root = np.sqrt(np.where(kept, values, 1.0))
+            self.half[:, k] = vectors * np.where(kept, 1 / root, 0.0)[:, None]
         self.dropped[~finite] = -1
 
     def solve(self, rhs: Floats) -> Floats:
@@ -150,15 +138,11 @@ class _Blocks:
                 x[:, k] -= self.lag1[:, k] @ x[:, k - 1]
             if k > 1:
                 x[:, k] -= self.lag2[:, k] @ x[:, k - 2]
-            x[:, k] = _turned(self.half[:, k]) @ x[:, k]
+            x[:, k] = turned(self.half[:, k]) @ x[:, k]
         for k in range(K - 1, -1, -1):
             if k + 1 < K:
-                x[:, k] -= _turned(self.lag1[:, k + 1]) @ x[:, k + 1]
+                x[:, k] -= turned(self.lag1[:, k + 1]) @ x[:, k + 1]
             if k + 2 < K:
-                x[:, k] -= _turned(self.lag2[:, k + 2]) @ x[:, k + 2]
+                x[:, k] -= turned(self.lag2[:, k + 2]) @ x[:, k + 2]
             x[:, k] = self.half[:, k] @ x[:, k]
         return x * self.scale[..., None]
-
-
-def _turned(blocks: Floats) -> Floats:
-    return np.swapaxes(blocks, -1, -2)

@@ -84,12 +84,9 @@ class SqpOptions:
         for name in (*TOLERANCES, "cap", "first_sigma", "c_max"):
             positive(name, getattr(self, name))
         for name in TOLERANCES:
-            if getattr(self, name) > LOOSEST:
-                value = getattr(self, name)
-                raise ValueRangeError(
-                    f"{name} is {said(value)}, must be at most {LOOSEST:g}: everything would "
-                    "converge"
-                )
+            if (value := getattr(self, name)) > LOOSEST:
+                most = f"must be at most {LOOSEST:g}: everything would converge"
+                raise ValueRangeError(f"{name} is {said(value)}, {most}")
         if not (isinstance(self.time_limit, (float, np.floating)) and self.time_limit == np.inf):
             positive("time_limit", self.time_limit, "s")
         for name in ("plateau_change", "settled"):
@@ -99,12 +96,8 @@ class SqpOptions:
                 )
         for name, least in (("max_iterations", 1), ("plateau", 1), ("gauss_newton_first", 0)):
             whole(name, getattr(self, name), least)
-        self._check_objects()
-
-    def _check_objects(self) -> None:
         if self.acceptance is not None:
-            words = "an octo.Acceptance or None"
-            instance("acceptance", self.acceptance, Acceptance, words)
+            instance("acceptance", self.acceptance, Acceptance, "an octo.Acceptance or None")
         names = self.heuristics
         if isinstance(names, str) or not isinstance(names, (tuple, list, set, frozenset)):
             raise ValueRangeError(

@@ -14,6 +14,7 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import DeviceError
 from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
@@ -22,7 +23,6 @@ from octo.solver import elimination
 from octo.solver.elimination import address, aligned
 from octo.solver.regularisation import FLOOR, GROW
 
-Array = NDArray[np.float64]
 PAST = 2  # units that are measured
 RETRIES = 12  # factors of GROW on sigma until exact curvature has the right inertia
 
@@ -46,12 +46,9 @@ class RecedingHorizon:
 
     def __init__(self, compiled: CompiledProblem, sigma: float = 1e-6):
         library = compiled.library
-        if (
-            library is None
-            or not isinstance(compiled.basis, Nodes)
-            or compiled.batch != 1
-            or compiled.ends.any()
-        ):
+        nodes = isinstance(compiled.basis, Nodes)
+        one = nodes and compiled.batch == 1 and not compiled.ends.any()
+        if library is None or not one:
             raise DeviceError(
                 "a receding horizon needs a C compiler, the basis 'nodes' and one problem with a "
                 "free end"
@@ -74,10 +71,9 @@ class RecedingHorizon:
         self._weights = np.zeros(K)
         self._task, self._kept = self._make_task(N)
         self._task_at = ctypes.addressof(self._task)
-        for name in ("octo_linearize_part", "octo_join_parts", "octo_evaluate"):
-            getattr(library, name).argtypes = [ctypes.c_void_p, ctypes.c_int][
-                : 1 if name == "octo_join_parts" else 2
-            ]
+        library.octo_join_parts.argtypes = [ctypes.c_void_p]
+        for function in (library.octo_linearize_part, library.octo_evaluate):
+            function.argtypes = [ctypes.c_void_p, ctypes.c_int]
         self._prepare_factor(K, n, m)
 
     def _make_task(self, N: int) -> tuple[ctypes.Structure, list[NDArray]]:
@@ -91,12 +87,8 @@ class RecedingHorizon:
             raise DeviceError(f"steps is {N}, must be at least {PAST + 1} for a receding horizon")
         tables: list[NDArray] = [
             *chunks,
-            unit,
-            np.zeros(count, np.int32),
-            np.ones(count),
-            unit[PAST:].copy(),
-            np.zeros(N, np.int32),
-            np.ones(N),
+            *(unit, np.zeros(count, np.int32), np.ones(count)),
+            *(unit[PAST:].copy(), np.zeros(N, np.int32), np.ones(N)),
         ]
         n, m = compiled.n, compiled.m
         halo = np.zeros((2, 6 * n * n + 3 * m * n + 2 * n + m))
@@ -114,25 +106,10 @@ class RecedingHorizon:
         self._memory = elimination.Memory(made, 1, K, 1)
         self._state = np.zeros(made.octo_receding_bytes() // 8 + 1)
         self._state_at = address(self._state)
-        units, store, windows = self._memory.at
-        made.octo_receding_start(
-            self._state_at,
-            K,
-            PAST,
-            address(self._H),
-            address(self._A),
-            address(self._weights),
-            units,
-            store,
-            windows,
-            self._memory.scratch(1),
-        )
-        self._at = {
-            "b": address(self._b),
-            "C": address(self._C),
-            "step": address(self._step),
-            "lam": address(self._lam),
-        }
+        blocks = (address(array) for array in (self._H, self._A, self._weights))
+        memory = (*self._memory.at, self._memory.scratch(1))
+        made.octo_receding_start(self._state_at, K, PAST, *blocks, *memory)
+        self._at = {name: address(getattr(self, f"_{name}")) for name in ("b", "C", "step", "lam")}
         self._gain = np.zeros((n, 2 * n))
         # the units behind the measured steps stand eliminated, and nothing after them
         self._ahead = False
@@ -165,20 +142,18 @@ class RecedingHorizon:
             self.evaluate()
         self._linearize(0, exact)
         self._library.octo_join_parts(self._task_at)
-        done = usable and self._eliminate(
-            2 * PAST - 1 if self._ahead else self.steps + PAST - 1, PAST
-        )
+        last = self.steps + PAST - 1
+        done = usable and self._eliminate(2 * PAST - 1 if self._ahead else last, PAST)
         self._ahead = False
         for _ in range(RETRIES):
             if done or not exact:
                 break
             self.sigma *= GROW
             self._weights[:] = self.sigma[0] + FLOOR
-            done = self._eliminate(self.steps + PAST - 1, PAST)
+            done = self._eliminate(last, PAST)
         if done:
-            self._factor_library.octo_receding_solve(
-                self._state_at, self._at["step"], self._at["lam"]
-            )
+            found = (self._at["step"], self._at["lam"])
+            self._factor_library.octo_receding_solve(self._state_at, *found)
         return done
 
     def _linearize(self, chunk: int, exact: bool) -> None:
@@ -189,11 +164,8 @@ class RecedingHorizon:
             raise MemoryError("octo_linearize could not allocate its work arrays")
 
     def _eliminate(self, first: int, last: int) -> bool:
-        return bool(
-            self._factor_library.octo_receding_eliminate(
-                self._state_at, first, last, self._at["b"], self._at["C"]
-            )
-        )
+        at = (self._state_at, first, last, self._at["b"], self._at["C"])
+        return bool(self._factor_library.octo_receding_eliminate(*at))
 
     def evaluate(self) -> None:
         """``fd``, ``terms`` and ``C`` at ``nodes``."""

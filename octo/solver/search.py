@@ -7,10 +7,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from octo.arrays import Array, Numbers, choose, scaled, some
-from octo.problem.compiled import Evaluation
+from octo.arrays import Array, Numbers, choose, every, like, scaled, some
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import Acceptance, Mask, Step
-from octo.solver.trials import Trials
+from octo.solver.backend import Backend
+from octo.solver.rule import Clock
+
+
+class Trials:
+    """Where the steps of a line search are evaluated, and how long that takes."""
+
+    def __init__(self, problem: BlockNLP, clock: Clock, backend: Backend):
+        self.problem, self.clock, self.backend = problem, clock, backend
+
+    def evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
+        """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be
+        computed."""
+        with self.clock("evaluate"):
+            if every(members) or self.backend.together(self.problem):
+                return self.backend.evaluate(self.problem, at.unknowns + step)
+            chosen = np.flatnonzero(members)
+            own = like(chosen, step)
+            whole = at.take(np.arange(len(members)))
+            whole.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[own] + step[own]))
+            return whole
+
 
 # of the first trial, ‖·‖∞ of its step, the step and where it was refused: where it was mended,
 # and trial and ‖·‖∞ with that

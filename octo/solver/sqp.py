@@ -75,9 +75,8 @@ class Monitor:
         """Tell everybody; True stops the solve."""
         if self.callback is None and self.progress is None:
             return False
-        self.last = Iterate(
-            self.number, self.passes, iteration, at.energy.copy(), violation.copy(), at
-        )
+        numbers = at.energy.copy(), violation.copy()
+        self.last = Iterate(self.number, self.passes, iteration, *numbers, at)
         if self.progress is not None:
             self.progress(self.last)
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
@@ -108,15 +107,10 @@ class Result:
             {n: np.concatenate([a[n], b[n]]) for n in HISTORY}
             for a, b in zip(before.history, self.history, strict=True)
         ]
-        return replace(
-            self,
-            iterations=before.iterations + self.iterations,
-            factorizations=before.factorizations + self.factorizations,
-            history=joined,
-            stages={n: before.stages[n] + self.stages[n] for n in STAGES},
-            seconds=before.seconds + self.seconds,
-            processor_seconds=before.processor_seconds + self.processor_seconds,
-        )
+        names = ("iterations", "factorizations", "seconds", "processor_seconds")
+        sums: dict[str, Any] = {n: getattr(before, n) + getattr(self, n) for n in names}
+        stages = {n: before.stages[n] + self.stages[n] for n in STAGES}
+        return replace(self, history=joined, stages=stages, **sums)
 
 
 # iterations over which E settles before terms over contacts have all of their curvature
@@ -149,10 +143,8 @@ class _Records:
 
     def settled(self, members: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Where E has changed by less than a part of itself over the last SETTLING iterations."""
-        return np.array(
-            [_level(self._energies[k], SETTLING, self._options.settled) for k in members],
-            dtype=bool,
-        )
+        part = self._options.settled
+        return np.array([_level(self._energies[k], SETTLING, part) for k in members], dtype=bool)
 
     def histories(self) -> list[dict[str, Array]]:
         rows: list[list[Any]] = [[] for _ in self._energies]
@@ -207,8 +199,7 @@ class _Run:
         self.active = np.arange(problem.batch)
         self.records = _Records(problem.batch, options)
         self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
-        self.best = self.at
-        self.best_lam = self.lam
+        self.best, self.best_lam = self.at, self.lam
         self.best_score = np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
         self.moved = np.ones(problem.batch, dtype=bool)
@@ -218,29 +209,28 @@ class _Run:
     def run(self) -> Result:
         iteration = 0
         try:
-            self._leave(~self.at.finite, Status.NOT_FINITE)
+            self._leave((~self.at.finite, Status.NOT_FINITE))
             while len(self.active):
+                everyone = np.ones(len(self.active), dtype=bool)
                 if iteration >= self.options.max_iterations:
-                    self._leave(np.ones(len(self.active), dtype=bool), Status.ITERATION_LIMIT)
+                    self._leave((everyone, Status.ITERATION_LIMIT))
                 elif time.perf_counter() - self.began > self.options.time_limit:
-                    self._leave(np.ones(len(self.active), dtype=bool), Status.TIME_LIMIT)
+                    self._leave((everyone, Status.TIME_LIMIT))
                 else:
                     self._iterate(iteration)
                     iteration += 1
         except KeyboardInterrupt:
             self.monitor.stopped = True
-            self._leave(np.ones(len(self.active), dtype=bool), Status.INTERRUPTED)
+            self._leave((np.ones(len(self.active), dtype=bool), Status.INTERRUPTED))
         return self._result()
 
     def _iterate(self, iteration: int) -> None:
-        exact = (
-            self.options.hessian != "gauss_newton" and iteration >= self.options.gauss_newton_first
-        )
-        if self.model is None or some(self.moved) or iteration == self.options.gauss_newton_first:
+        first = self.options.gauss_newton_first
+        exact = self.options.hessian != "gauss_newton" and iteration >= first
+        if self.model is None or some(self.moved) or iteration == first:
+            at = (self.problem, self.at, self.lam)
             with self.clock("linearize"):
-                self.model = self.backend.linearize(
-                    self.problem, self.at, self.lam, exact, self.settled
-                )
+                self.model = self.backend.linearize(*at, exact, self.settled)
         self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
         plateau = self._record(move)
@@ -251,14 +241,11 @@ class _Run:
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
             stalled = move.failed & ~(acceptable | move.converged)
-            status = [
-                (move.converged, Status.CONVERGED),
-                (acceptable, Status.ACCEPTABLE),
-                (stalled, Status.STALLED),
-            ]
+            ended = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE)]
+            ended.append((stalled, Status.STALLED))
             if stopped:
-                status.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
-            self._leave_all(status)
+                ended.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
+            self._leave(*ended)
 
     @property
     def violation(self) -> Array:
@@ -282,32 +269,19 @@ class _Run:
         score = self.score
         better = score <= self.best_score
         if some(better):
-            self.best, self.best_lam = (
-                self.best.replaced(better, self.at),
-                choose(better, self.lam, self.best_lam),
-            )
+            self.best = self.best.replaced(better, self.at)
+            self.best_lam = choose(better, self.lam, self.best_lam)
             self.best_score = choose(better, score, self.best_score)
 
     def _record(self, move: Move) -> NDArray[np.bool_]:
         """Where E has not changed lately."""
+        lengths, seconds = (move.step, move.taken), time.perf_counter() - self.began
+        regularised = (move.ratio, move.radius, move.sigma, move.factorizations)
         return self.records.add(
-            self.active,
-            self.at.energy,
-            self.violation,
-            move.dual,
-            move.step,
-            move.taken,
-            move.ratio,
-            move.radius,
-            move.sigma,
-            move.factorizations,
-            time.perf_counter() - self.began,
+            self.active, self.at.energy, self.violation, move.dual, *lengths, *regularised, seconds
         )
 
-    def _leave(self, mask: NDArray[np.bool_], status: Status) -> None:
-        self._leave_all([(mask, status)])
-
-    def _leave_all(self, groups: list[tuple[NDArray[np.bool_], Status]]) -> None:
+    def _leave(self, *groups: tuple[NDArray[np.bool_], Status]) -> None:
         """Members that are done go out of the batch; those that did not converge keep their best
         iterate."""
         gone = np.zeros(len(self.active), dtype=bool)
@@ -324,11 +298,8 @@ class _Run:
                 )
                 at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
                 k = int(place)
-                self.done[int(self.active[k])] = (
-                    status,
-                    at.take([k]).on_host(),
-                    host(lam[k : k + 1]),
-                )
+                end = (status, at.take([k]).on_host(), host(lam[k : k + 1]))
+                self.done[int(self.active[k])] = end
         if not some(gone):
             return
         keep = np.flatnonzero(~gone)
@@ -338,30 +309,22 @@ class _Run:
             self.problem = self.problem.take(keep)
             self.at, self.lam, self.moved = self.at.take(keep), self.lam[own], self.moved[keep]
             self.settled = self.settled[keep]
-            self.best, self.best_lam, self.best_score = (
-                self.best.take(keep),
-                self.best_lam[own],
-                self.best_score[keep],
-            )
+            self.best, self.best_lam = self.best.take(keep), self.best_lam[own]
+            self.best_score = self.best_score[keep]
             self.model = None
             self.rule.take(keep, self.problem)
 
     def _result(self) -> Result:
         ends, histories = [self.done[k] for k in range(self.batch)], self.records.histories()
-        at = Evaluation(
-            *(
-                np.concatenate([getattr(e[1], part.name) for e in ends])
-                for part in fields(Evaluation)
-            )
-        )
+        status, ats, lams = zip(*ends, strict=True)
+        parts = [[getattr(at, part.name) for at in ats] for part in fields(Evaluation)]
+        factored = [int(history["factorizations"].max(initial=0.0)) for history in histories]
         return Result(
-            at=at,
-            lam=np.concatenate([e[2] for e in ends]),
-            status=[e[0] for e in ends],
+            at=Evaluation(*map(np.concatenate, parts)),
+            lam=np.concatenate(lams),
+            status=list(status),
             iterations=np.array([len(history["energy"]) for history in histories]),
-            factorizations=np.array(
-                [int(history["factorizations"].max(initial=0.0)) for history in histories]
-            ),
+            factorizations=np.array(factored),
             history=histories,
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,

@@ -1,8 +1,8 @@
 """The paper's step (§6.1): JᵀJ, two directions in a trust region, the merit Φ = μ/2‖C‖² + E,
 verbatim.
 
-A direction, the step of Eq. 10 within a radius, and an acceptance, the paper's merit (merit.py) or
-the user's: the radius grows where it says yes.
+A direction, the step of Eq. 10 within a radius, and an acceptance, the paper's merit or the user's:
+the radius grows where it says yes.
 """
 
 from __future__ import annotations
@@ -16,20 +16,49 @@ from octo.arrays import Array, Numbers, array_module, choose, host, inner, large
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.joint_costs import Effort
-from octo.solver.acceptance import Mask
+from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.backend import CPU, Backend
-from octo.solver.merit import MeritAcceptance
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import Regularisation
 from octo.solver.rule import Clock, Move
-from octo.solver.search import Line, search
+from octo.solver.search import Line, Trials, search
 from octo.solver.subproblem import Directions, minimize
-from octo.solver.trials import Trials
 
 UNBOUNDED = 1e150  # its square is still a number
 GROW, SHRINK = 1.2, 0.8  # of the radius; of ‖Δ‖ where it was refused
 OFTEN = 200  # refusals in a row of one member, before it counts as stalled
 EFFORT = 1e-4  # of ‖u‖², §8
+RHO = 0.3  # of Eq. 11, as in Nocedal and Wright (18.36)
+
+
+class MeritAcceptance(Acceptance):
+    """The paper's: Φ must fall, and the step end with small constraints. μ follows Eq. 11 with the
+    (1 − ρ) of its source, after the relaxation of C: monotone.
+
+    Parameters
+    ----------
+    most: of ‖C‖∞, in mg: a step that ends above it is refused unless it reduces ‖C‖∞.
+    """
+
+    mu: Numbers  # (batch,)
+
+    def __init__(self, most: float):
+        self.most = most
+
+    def start(self, at: Evaluation) -> None:
+        self.mu = np.zeros(len(at.energy))
+
+    def merit(self, at: Evaluation) -> Numbers:
+        return at.energy + 0.5 * self.mu * at.square
+
+    def accepts(self, at: Evaluation, trial: Evaluation, step: Step) -> Mask:
+        """Where nothing is left to do, a step of length zero is taken too."""
+        gain = 0.5 * (at.square - step.left(at) ** 2)
+        needed = step.predicted / ((1.0 - RHO) * np.maximum(gain, 1e-30))
+        self.mu = np.maximum(self.mu, np.where(gain > 1e-30, needed, 0.0))
+        lower = (self.merit(trial) < self.merit(at)) | (step.largest == 0.0)
+        small = (trial.largest < self.most) | (trial.largest < at.largest)
+        return trial.finite & lower & small
 
 
 @dataclass(frozen=True, eq=False)

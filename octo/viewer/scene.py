@@ -13,11 +13,11 @@ from scipy.ndimage import gaussian_filter1d
 from octo.errors import ModelError
 from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces
-from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
+from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.result.solution import Solution
 
-Array = NDArray[np.float64]
 Color = tuple[int, int, int]
 RATE = 30.0  # frames a second, about: a frame is a whole number of steps of the first solution
 CALM = 0.4  # s, over which the motion of the camera is smoothed
@@ -26,6 +26,7 @@ FOOT, LOADED_FOOT, FORCE = (92, 97, 104), (245, 140, 40), (225, 70, 50)
 AWAY = -1e3  # m, height at which an arrow without a force is out of sight
 ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
 SAME_HEADING = 1e-3  # rad
+UP = np.array([0.0, 0.0, 1.0])
 GRID: dict[str, Any] = {"cell_color": (205, 208, 212), "section_color": (160, 166, 174)}
 GRID |= {"plane_color": (238, 240, 243), "plane_opacity": 1.0, "shadow_opacity": 0.35}
 
@@ -65,7 +66,7 @@ class Actor:
             raise ModelError(
                 "view needs a character: a motion of user-written dynamics has no bodies"
             )
-        x = _between(solution.x[1:], times / solution.dt)
+        x = interpolated(solution.x[1:], times / solution.dt)
         turn, origin = body_poses(character, x)
         turns = [quaternions(turn[:, b]) for b in range(len(character.bodies))]
         # The forces of a step belong to the node that ends it.
@@ -120,10 +121,10 @@ class Cycle:
 
     def after(self, points: Array) -> Array:
         """Points (..., 3) m, one lap later."""
-        return np.asarray(points @ _about_z(self.yaw).T + self.way)
+        return np.asarray(points @ axis_rotation(UP, self.yaw).T + self.way)
 
     def before(self, points: Array) -> Array:
-        return np.asarray((points - self.way) @ _about_z(self.yaw))
+        return np.asarray((points - self.way) @ axis_rotation(UP, self.yaw))
 
     def on(self, grounds: Sequence[Ground]) -> Cycle | None:
         """None on a ground that a lap changes; on a level one without what the lap rises."""
@@ -269,24 +270,11 @@ def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
     return Ground(name, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), plane=False, level=False)
 
 
-def _about_z(angle: float) -> Array:
-    """(3, 3) rotation."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 def _turn_to(normal: Array) -> Array:
     """Quaternion that turns the z axis to ``normal`` (3,) about a horizontal axis."""
     n = normal / np.linalg.norm(normal)
     turn = np.array([1.0 + n[2], -n[1], n[0], 0.0])
     return np.asarray(turn / np.linalg.norm(turn))
-
-
-def _between(values: Array, place: Array) -> Array:
-    """Rows of ``values`` at the fractional indices ``place``, linearly; the last one afterwards."""
-    index = np.clip(place.astype(int), 0, len(values) - 2)
-    share = np.clip(place - index, 0.0, 1.0).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((1.0 - share) * values[index] + share * values[index + 1])
 
 
 def _plain(name: str) -> str:

@@ -16,12 +16,12 @@ import octo
 from octo import native
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
 from octo.gpu.backend import DeviceBackend
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import HEURISTICS, SqpOptions
 from octo.starts import first_nodes
+from tests.emulator import EmulatedDevice
 
 OPTIONS = SqpOptions(acceptance=L1Merit(), linear_solver="cyclic_reduction", max_iterations=6)
 

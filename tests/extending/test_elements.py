@@ -16,13 +16,13 @@ import octo
 from octo import native
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import MirrorError, ModelError, ProblemError, UnknownNameError, ValueRangeError
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.model import store
 from octo.model.character import Body, Character, floating_base
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 TOLERANCE = 1e-10  # of the largest entry
 MASS, STIFFNESS = 2.0, 200.0  # kg, N/m, of a block that hangs on a spring

@@ -17,13 +17,13 @@ from walker import START, walker, wiggle_near_ground
 
 import octo
 from octo import native
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import nlp, point_of
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 pytestmark = pytest.mark.skipif(
     native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"

@@ -11,10 +11,10 @@ import pytest
 from walker import BASES, START, walker, wiggle_near_ground
 
 import octo
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.model.mirror import Mirror
 from octo.problem.compiled import CompiledProblem
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 STEPS, DT = 12, 0.05
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.gpu import emulator
+from tests import emulator
 
 SANITIZERS = {
     "address": ("-fsanitize=address,undefined", "-fno-sanitize-recover=all"),

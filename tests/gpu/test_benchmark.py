@@ -21,9 +21,9 @@ import octo
 from benchmarks import quote
 from octo.errors import MissingExtraError
 from octo.gpu import cuda, nvrtc
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.program import bytes_of
 from octo.solver.backend import CPU
+from tests.emulator import EmulatedDevice
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "gpu.py"
 

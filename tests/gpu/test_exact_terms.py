@@ -12,12 +12,12 @@ from curved import NAMES, described
 from test_solve import both, same_path
 from walker import START, wiggle_near_ground
 
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from octo.starts import first_nodes
+from tests.emulator import EmulatedDevice
 
 OTHERS = [name for name in NAMES if name not in ("nodes", "hermite", "pinned")]
 

@@ -16,8 +16,8 @@ from octo.cli.main import main
 from octo.errors import DeviceError, MissingExtraError
 from octo.gpu import cuda
 from octo.gpu.backend import DeviceBackend
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.program import bytes_of
+from tests.emulator import EmulatedDevice
 
 front = importlib.import_module("octo.devices")
 

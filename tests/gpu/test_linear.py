@@ -10,7 +10,6 @@ import pytest
 import strict
 
 from octo.errors import ShapeError
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import DeviceBlocks, Linear
 from octo.gpu.normal import DeviceNormal
@@ -18,6 +17,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.solver.blocks import KKTBlocks
 from octo.solver.border import Border, BorderedFactor
 from octo.solver.normal import NormalFactor
+from tests.emulator import EmulatedDevice
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import octo
-from octo.gpu.emulator import KERNEL, EmulatedDevice, EmulatedKernel
 from octo.gpu.problem import PARTS, DeviceProblem
 from octo.gpu.program import DEFINED as BOUNDS
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
+from tests.emulator import KERNEL, EmulatedDevice, EmulatedKernel
 
 THREADS = (1, 5, 32, 96)
 

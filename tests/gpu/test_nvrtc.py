@@ -26,12 +26,13 @@ from octo import native
 from octo.dynamics.evaluate import CustomDynamics, RobotDynamics
 from octo.dynamics.laws import Compliant
 from octo.errors import DeviceError, MissingExtraError
-from octo.gpu import emulator, linear, nvrtc
+from octo.gpu import linear, nvrtc
 from octo.gpu.between import Between
 from octo.gpu.linear import Linear, pivot_room
 from octo.gpu.program import Program
 from octo.gpu.step_pairs import StepPairs
 from octo.problem.compiled import CompiledProblem
+from tests import emulator
 
 TABLE = Path(__file__).parent / "nvrtc.json"
 # 14, 18 and 35 degrees of freedom

@@ -15,13 +15,13 @@ from replay import Recorder, replay
 from walker import START, walker
 
 import octo
-from octo.gpu import emulator
 from octo.gpu.backend import DeviceBackend
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from tests import emulator
+from tests.emulator import EmulatedDevice
 from tests.gpu import conftest
 
 RACE = "data race"

@@ -16,14 +16,15 @@ from test_solve import SETTINGS, batch_of
 from octo.errors import DeviceError
 from octo.gpu.backend import DeviceBackend
 from octo.gpu.cuda import CudaDevice, CudaGraph
-from octo.gpu.emulator import EmulatedDevice
+from octo.gpu.device import Device
 from octo.gpu.factor import DeviceFactor
 from octo.gpu.linear import Linear
 from octo.gpu.problem import DeviceProblem
 from octo.gpu.program import bytes_of
-from octo.gpu.sequence import NoGraph, Sequence, Sequenced
+from octo.gpu.sequence import NoGraph, Sequence
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from tests.emulator import EmulatedDevice
 
 TEXT = (
     'extern "C" __global__ void octo_add(double by, const double *x, double *y) { y[0] = '
@@ -220,7 +221,7 @@ class Stream:
 
 def cuda_device(stream) -> CudaDevice:
     gpu: CudaDevice = object.__new__(CudaDevice)
-    Sequenced.__init__(gpu, graphs=True)
+    Device.__init__(gpu, graphs=True)
     gpu.xp = type("cupy", (), {"cuda": type("cuda", (), {"Stream": stream})})
     return gpu
 

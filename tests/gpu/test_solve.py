@@ -13,7 +13,6 @@ import octo
 from octo import arrays
 from octo.errors import DeviceError
 from octo.gpu.backend import DeviceBackend
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.gpu.work import DeviceFactors, Modelled
 from octo.problem.compiled import CompiledProblem
@@ -21,6 +20,7 @@ from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 from octo.starts import first_nodes
+from tests.emulator import EmulatedDevice
 
 SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)}
 

@@ -14,12 +14,12 @@ from walker import START, walker, wiggle_near_ground
 import octo
 from octo import native
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.reference import nlp
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 STEPS, DT = 12, 0.05
 FIELDS = ("H", "A", "b", "C")

@@ -16,12 +16,12 @@ from walker import BASES, START, walker, wiggle_near_ground
 import octo
 from octo import native
 from octo.errors import OctoError, ProblemError
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.problem.structure import check_alike
 from octo.reference.program import nlp, point_of
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 needs_compilers = pytest.mark.skipif(
     native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"

@@ -13,13 +13,13 @@ from walker import BASES, START, walker, wiggle_near_ground
 
 import octo
 from octo.errors import ProblemError
-from octo.gpu import emulator
-from octo.gpu.emulator import EmulatedDevice
 from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Folded, Nodes, PairedNodes, node_values
 from octo.problem.compiled import CompiledProblem
 from octo.reference.program import free_places, nlp, point_of, rows_of
 from octo.starts import first_nodes
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 DT = 0.05
 DOUBLE = octo.CodeStage(

@@ -11,8 +11,8 @@ from octo.errors import ShapeError
 from octo.solver import elimination
 from octo.solver.blocks import KKTBlocks
 from octo.solver.border import Border, BorderedFactor, factorize
-from octo.solver.direction import KKTDirection
 from octo.solver.factors import HostFactors
+from octo.solver.line_search import KKTDirection
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import FLOOR, GROW
 from octo.solver.rule import Clock

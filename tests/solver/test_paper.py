@@ -13,12 +13,11 @@ from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.solver import trust_region
 from octo.solver.acceptance import Step
 from octo.solver.filter import FilterAcceptance
-from octo.solver.merit import MeritAcceptance
 from octo.solver.options import SqpOptions
 from octo.solver.rule import Clock
 from octo.solver.status import Status
 from octo.solver.subproblem import inner, minimize
-from octo.solver.trust_region import TrustRegion
+from octo.solver.trust_region import MeritAcceptance, TrustRegion
 
 ITERATIONS = 60
 

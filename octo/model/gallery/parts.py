@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.model.body import Body, ContactSphere, Joint, floating_base
+from octo.model.body import Body, ContactSphere, Joint, floating_base, joined
 from octo.model.character import Character
 from octo.model.feet import bottoms
 from octo.model.quantities import Array
@@ -104,7 +104,7 @@ class Builder:
         return replace(character, default_pose=pose)
 
     def _add(self, body: Body, capsules: Sequence[tuple]) -> int:
-        volume, com, inertia = compound(capsules)
+        volume, com, inertia = joined([capsule(*own) for own in capsules])
         self.bodies.append(replace(body, mass=volume, com=com, inertia=inertia))
         return len(self.bodies) - 1
 
@@ -124,16 +124,3 @@ def capsule(
     across = cylinder * (radius**2 / 4 + length**2 / 12) + ball * of_ends
     outer = np.outer(axis, axis)
     return cylinder + ball, (a + b) / 2, along * outer + across * (np.eye(3) - outer)
-
-
-def compound(capsules: Sequence[tuple]) -> tuple[float, Array, Array]:
-    """Volume, centroid and inertia about it of several capsules (start, end, radius) joined
-    rigidly."""
-    parts = [capsule(*c) for c in capsules]
-    volume = sum(v for v, _, _ in parts)
-    com = sum((v * c for v, c, _ in parts), np.zeros(3)) / volume
-    inertia = np.zeros((3, 3))
-    for v, c, own in parts:
-        r = c - com
-        inertia += own + v * (r @ r * np.eye(3) - np.outer(r, r))
-    return volume, com, inertia

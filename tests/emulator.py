@@ -14,8 +14,7 @@ import re
 import shutil
 import threading
 import weakref
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,9 @@ from numpy.typing import NDArray
 from octo import cache, native
 from octo.arrays import host
 from octo.errors import DeviceError
-from octo.gpu.device import source
-from octo.gpu.sequence import Sequenced
+from octo.gpu.device import Device, Module
 
+WORDS = Path(__file__).with_name("cuda_on_cpu.h")  # CUDA's, for a C++ compiler
 FLAGS = ("-std=c++17", "-O2", "-march=native", "-fno-math-errno", "-fPIC", "-w", "-pthread")
 KERNEL = re.compile(r"__global__\s+void\s+(?:__launch_bounds__\([^)]*\)\s*)?(\w+)\s*\(")
 LETTERS = {"d": np.dtype(np.float64), "f": np.dtype(np.float32), "i": np.dtype(np.int32)}
@@ -48,7 +47,7 @@ def compiler() -> str | None:
 def program(text: str) -> str:
     """The C++ text of a module: CUDA's words, the module, one entry for each kernel."""
     entries = [f"CUDA_ON_CPU_ENTRY({name})" for name in KERNEL.findall(text)]
-    return "\n".join([source("cuda_on_cpu.h"), text, *entries, ""])
+    return "\n".join([WORDS.read_text(encoding="utf-8"), text, *entries, ""])
 
 
 def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
@@ -67,10 +66,6 @@ def compile_program(text: str, flags: tuple[str, ...], suffix: str) -> Path:
         native.run_compiler([words, *flags, "-o", str(path), str(written)], path.parent)
 
     return cache.path_of(f"{key}{suffix}", make)
-
-
-def _library(text: str) -> Path:
-    return compile_program(program(text), (*FLAGS, "-shared"), ".so")
 
 
 class Launch(ctypes.Structure):
@@ -178,19 +173,7 @@ class EmulatedGraph:
         self._device.counts.replayed += len(self._launches)
 
 
-class EmulatedModule:
-    """A text compiled for the CPU."""
-
-    def __init__(self, device: EmulatedDevice, text: str):
-        self._device, self._text = device, text
-        self._library = ctypes.CDLL(str(_library(text)))
-        self.kernel = functools.cache(self._kernel)
-
-    def _kernel(self, name: str) -> EmulatedKernel:
-        return EmulatedKernel(self._device, self._library, self._text, name)
-
-
-class EmulatedDevice(Sequenced):
+class EmulatedDevice(Device):
     """The CPU in the place of a GPU.
 
     Parameters
@@ -216,11 +199,13 @@ class EmulatedDevice(Sequenced):
         self.memory = 2**62
         self.lock = threading.RLock()
         self.recording: list[Recorded] = []
-        self.module = functools.cache(functools.partial(EmulatedModule, self))
 
-    def compile(self, texts: Sequence[str]) -> None:
-        with ThreadPoolExecutor() as pool:
-            list(pool.map(_library, texts))
+    def binary(self, text: str) -> Path:
+        return compile_program(program(text), (*FLAGS, "-shared"), ".so")
+
+    def load(self, text: str) -> Module:
+        library = ctypes.CDLL(str(self.binary(text)))
+        return Module(lambda name: EmulatedKernel(self, library, text, name))
 
     def threads(self, wanted: int) -> int:
         return self._threads
@@ -243,8 +228,7 @@ class EmulatedDevice(Sequenced):
             )
         plain[...] = values
 
-    def copy(self, source: Any, target: Any) -> None:
-        self.check_copy(source, target)
+    def move(self, source: Any, target: Any) -> None:
         self.plain(target)[...] = self.plain(source)
 
     def capture(self, launches: Callable[[], Any]) -> EmulatedGraph:
