@@ -50,8 +50,8 @@ def animate(
 
     Raises
     ------
-    ProblemError: the basis is not nodes, or a term or the start has separate values for each
-        step.
+    ProblemError: the basis is not nodes, the problem is a cycle, or a term or the start has
+        separate values for each step.
     """
     _check(problem)
     N, dt = int(problem.steps), float(problem.dt)
@@ -70,8 +70,7 @@ def animate(
     began, processor = time.perf_counter(), time.process_time()
     for place in range(0, total, advance):
         compiled.constant[0, :2] = nodes[:2]
-        most = FIRST if place == 0 else iterations
-        limited = replace(settings, max_iterations=most)
+        limited = replace(settings, max_iterations=iterations if place else FIRST)
         result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, limited)
         plan, lam = result.at.nodes[0], result.lam.copy()
         violation = float(np.abs(result.at.C[0, :advance]).max(initial=0.0)) * problem.weight
