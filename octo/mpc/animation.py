@@ -50,8 +50,8 @@ def animate(
 
     Raises
     ------
-    ProblemError: the basis is not nodes, or a term or the start has separate values for each
-        step.
+    ProblemError: the basis is not nodes, the problem is a cycle, or a term or the start has
+        separate values for each step.
     """
     _check(problem)
     advance = min(whole("advance", advance), int(problem.steps))

@@ -51,12 +51,14 @@ def basis_of(name: str | Basis, terms: Sequence[Cost], cycle: bool) -> Basis:
 
     Raises
     ------
-    UnknownNameError: no such basis.
+    UnknownNameError: no such basis. ProblemError: that of a cycle, without one.
     """
     pairs = has_step_pairs(terms)
     if cycle:
         return Folded(2 if pairs else 1)
     named = basis_named(name)
+    if isinstance(named, Folded):
+        raise ProblemError("basis is that of a cycle: give cycle=octo.Cycle(…), and no basis")
     return PairedNodes() if pairs and isinstance(named, Nodes) else named
 
 

@@ -138,8 +138,8 @@ def _check_frame(first: Problem, other: Problem, place: int) -> None:
     alike = {
         "model": _same_model(first.dynamics, other.dynamics),
         "steps": first.steps == other.steps,
+        "terms": lists[0] == lists[1],  # before the basis, which depends on them
         "basis": first.basis_object == other.basis_object,
-        "terms": lists[0] == lists[1],
     }
     for name, same in alike.items():
         if not same:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.checks import instance
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
@@ -63,7 +64,8 @@ class Ipopt:
         settings: Mapping[str, Any] | None = None,
     ):
         began = time.perf_counter()
-        self.problem, self.options = problem, options
+        self.problem = instance("problem", problem, Problem, "an octo.Problem")
+        self.options = options
         self.compiled = native.compiler() is not None
         self.blocks = CompiledProblem([problem], exact=self.compiled)
         self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None

@@ -17,9 +17,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import instance, numbers
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import ShapeError
 from octo.interrupts import postponed
 from octo.problem.basis import Hermite
 from octo.problem.calls import Calls
@@ -128,7 +128,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     start: nodes x_{-1} … x_N (N+2, nx), rad and m; by default x_0 held still, of a cycle carried
         along.
     """
-    compiled = CompiledProblem([problem])
+    compiled = CompiledProblem([instance("problem", problem, Problem, "an octo.Problem")])
     compiled.check_squares("a reference solver")
     n, numbers = compiled.n, parameter_vector(compiled)
     x, p = ca.MX.sym("x", len(free_places(compiled))), ca.MX.sym("p", len(numbers))
@@ -159,9 +159,7 @@ def start_nodes(problem: Problem, start: Array | None) -> Array:
     elif start is None:
         start = np.repeat(problem.start[None], shape[0], axis=0)
         start[0] -= problem.dt * problem.start_velocity
-    if start.shape != shape:
-        raise ShapeError("start", start.shape, shape)
-    return start
+    return numbers("start", start, shape)
 
 
 def free_places(compiled: CompiledProblem) -> NDArray[np.intp]:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import instance
 from octo.errors import ProblemError
 from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
@@ -44,6 +45,7 @@ class Fatrop:
         options: SqpOptions = OPTIONS,
         settings: Mapping[str, Any] | None = None,
     ):
+        instance("problem", problem, Problem, "an octo.Problem")
         if problem.cycle is not None:
             raise ProblemError(
                 "fatrop cannot solve a cycle: a stage may see its own state and control only, "

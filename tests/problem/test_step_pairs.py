@@ -283,6 +283,11 @@ def test_refused():
         CompiledProblem([problem("nodes", 12, False, Hard())])
     with pytest.raises(ProblemError, match="Mapped looks at two .* cannot call .* 'double_'"):
         CompiledProblem([problem("nodes", 12, False, Mapped())])
+    rate, plain = (problem("nodes", 12, False, term) for term in (octo.TorqueRate(), octo.Slip()))
+    with pytest.raises(ProblemError, match="terms differ between problems of one batch"):
+        CompiledProblem([rate, plain])
+    with pytest.raises(ProblemError, match="basis is that of a cycle: give cycle"):
+        plain.replace(basis=Folded())
     for kind in ("residual", "pair_residual", "contact_residual"):
         base = {"residual": octo.Cost, "pair_residual": octo.StepPairCost}
         empty = type("Empty", (base.get(kind, octo.ContactCost),), {})()

@@ -13,10 +13,10 @@ import pytest
 import octo
 from octo import costs, native
 from octo.continuation.schedule import schedule
-from octo.errors import ProblemError
+from octo.errors import OctoError, ProblemError, ShapeError
 from octo.problem.basis import Hermite
 from octo.problem.problem import Problem
-from octo.reference import Fatrop, Ipopt, fatrop, ipopt
+from octo.reference import Fatrop, Ipopt, fatrop, ipopt, nlp
 from octo.reference.run import one_core
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
@@ -173,3 +173,14 @@ def test_without_a_compiler_casadi_interprets(
     monkeypatch.setattr(native, "compiler", lambda: None)
     run = ipopt(cart_pole())
     assert run.solution.status is Status.CONVERGED and not run.compiled
+
+
+def test_what_is_no_problem_or_no_start(cart_pole: Callable[..., Problem]) -> None:
+    described = cart_pole()
+    for solver in (ipopt, fatrop, nlp):
+        with pytest.raises(ProblemError, match="problem is .*, must be an octo.Problem"):
+            solver([described])
+        with pytest.raises(OctoError, match="start"):
+            solver(described, start="walk.npz")
+    with pytest.raises(ShapeError, match="start"):
+        nlp(described, start=np.zeros((3, described.dynamics.nx)))
