@@ -106,7 +106,6 @@ class Continuation:
         pairs = zip(self.nodes, before, problems, strict=True)
         self.nodes = np.stack([shifted(*one) for one in pairs])
         self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
-        self.compiled.check_squares("octo.solve")
         self.setup_seconds += time.perf_counter() - began
 
     def _solve(self, max_iterations: int) -> sqp.Result:

@@ -60,6 +60,7 @@ def animate(
     settings = options or SqpOptions(tolerance=TOLERANCE)
     began = time.perf_counter()
     compiled = CompiledProblem([problem])
+    compiled.check_squares("animate")
     compiled.prepare()
     setup = time.perf_counter() - began
     nodes = _at_rest(problem, seed)
@@ -89,6 +90,8 @@ def animate(
 def _check(problem: object) -> None:
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+    if problem.cycle is not None:
+        raise ProblemError("cycle is given: animate goes on from where it is, it needs a free end")
     if problem.basis_object.name != "nodes" or problem.end is not None:
         raise ProblemError("animate needs the basis 'nodes' and a free end")
     refuse_step_pairs(problem.costs, "animate")

@@ -30,13 +30,17 @@ def robot_of(problem: object) -> Character:
     Raises
     ------
     ProblemError: no problem, or one without a robot, without the basis "nodes", with a fixed end,
-        or too short.
+        a cycle, or too short.
     """
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
     if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
         raise ProblemError(
             "a controller needs a robot: user-written dynamics have no configuration to measure"
+        )
+    if problem.cycle is not None:
+        raise ProblemError(
+            "cycle is given: a controller begins where the robot is, with a free end"
         )
     if problem.basis_object.name != "nodes" or problem.end is not None:
         basis = f"basis is {problem.basis_object.name!r}"

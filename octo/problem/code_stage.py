@@ -264,7 +264,7 @@ class _Called(ca.Callback):
         self._stage, self._order = stage, order
         self._next = _Called(stage, order + 1) if order + 1 < len(stage.shapes) else None
         options = {} if self._next is not None else {"enable_fd": True}
-        self.construct(f"{stage.name}_{ORDERS[order]}", options)
+        self.construct(f"stage_{ORDERS[order]}", options)  # no C name is refused
 
     def get_sparsity_in(self, k: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self._stage.inputs, 1)

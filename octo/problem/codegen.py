@@ -194,6 +194,7 @@ def residual_of(
     """Whether a term that is not over contacts is over ``controls`` rather than over the ``step``,
     and its residual."""
     if between_controls and isinstance(term, NeighbourCost):
+        term.check_square("is over Hermite controls")
         return True, term.shaped(term.between(controls[0], controls[1], view), view)
     return False, term.shaped(term.residual(step, view), view)
 

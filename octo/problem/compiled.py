@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.checks import doubles
+from octo.checks import doubles, numbers
 from octo.dynamics.evaluate import Dynamics
 from octo.errors import ProblemError, ValueRangeError
 from octo.problem.basis import Basis, Stencil, node_values
@@ -225,8 +225,8 @@ class CompiledProblem:
         """
         rows = len(self.functions.bounded)
         shape = (self.batch, self.steps, rows)
-        weights, shifts = doubles("weights", weights, shape), doubles("shifts", shifts, shape)
-        if not (weights >= 0.0).all():
+        weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
+        if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
         at = self.functions.numbers - 2 * rows
         self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts

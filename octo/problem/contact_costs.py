@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from octo.checks import number, positive
+from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.problem.costs import Cost
 
@@ -44,7 +45,9 @@ class ContactCost(Cost):
         return set(feet if self.of_feet else robot.terrain_contacts)
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
-        raise NotImplementedError(type(self).__name__)
+        raise ProblemError(
+            f"{self.label}.contact_residual is missing: write contact_residual(self, contact, p)"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,6 +149,7 @@ class ContactResiduals:
         acts_on: list[Collection[int]] = []
         for k, term in enumerate(references.terms):
             if isinstance(term, ContactCost):
+                term.check_square("is over contacts")
                 with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
                     own = references.view(q, k)
                     value = term.shaped(term.contact_residual(symbols, own), own)

@@ -67,6 +67,7 @@ class Cost:
         for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
             instance(f"{kind}.{name}", getattr(self, name), str, "a text")
         one_of(f"{self.label}.steps", self.steps, ("all", "last"))
+        one_of(f"{self.label}.kind", self.kind, ("square", "bounded"))
         one_of(f"{self.label}.curvature", self.curvature, get_args(Curvature))
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
@@ -88,7 +89,7 @@ class Cost:
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         """The residual of one time step, from its symbols and this term's references."""
-        raise NotImplementedError(type(self).__name__)
+        raise ProblemError(f"{self.label}.residual is missing: write residual(self, step, p)")
 
     def shaped(self, residual: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         """(rows,) what E has the squares of: the residual, with the loss around it.
@@ -102,6 +103,16 @@ class Cost:
             return r
         own = {name.removeprefix(LOSS): p[name] for name in p if name.startswith(LOSS)}
         return ca.densify(self.loss.root(r, own))
+
+    def check_square(self, why: str) -> None:
+        """Refuse rows that a solver weights itself, where there are none because of ``why``.
+
+        Raises
+        ------
+        ProblemError: the term's kind is not "square".
+        """
+        if self.kind != "square":
+            raise ProblemError(f"{self.label} {why}: its kind is {self.kind!r}, must be 'square'")
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         """What the term asks of a motion as a whole, and what came of it; None of a term that asks
@@ -212,4 +223,6 @@ class StepPairCost(Cost):
     ) -> ca.SX:
         """The residual of a step and the one before it, from their symbols and this term's
         references."""
-        raise NotImplementedError(type(self).__name__)
+        raise ProblemError(
+            f"{self.label}.pair_residual is missing: write pair_residual(self, step, before, p)"
+        )

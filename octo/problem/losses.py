@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from octo.checks import positive
+from octo.errors import ProblemError
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Loss:
         ----------
         r: a residual. p: the references by name.
         """
-        raise NotImplementedError(type(self).__name__)
+        raise ProblemError(f"{type(self).__name__}.root is missing: write root(self, r, p)")
 
 
 @dataclass(frozen=True)

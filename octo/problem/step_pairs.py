@@ -183,11 +183,7 @@ def pair_residuals(
     made = PairResiduals([*inputs, p, q], [], [], exact)
     for k, term in enumerate(references.terms):
         if isinstance(term, StepPairCost):
-            if term.kind != "square":
-                raise ProblemError(
-                    f"{term.label} looks at two steps in a row: its kind is {term.kind!r}, must be "
-                    "'square'"
-                )
+            term.check_square("looks at two steps in a row")
             view = references.view(q, k)
             with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):
                 made.rows.append(term.shaped(pair_residual_of(term, now, before, view), view))

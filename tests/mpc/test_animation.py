@@ -45,3 +45,8 @@ def test_its_kept_steps_are_those_of_the_plans(motion):
 def test_refused(horizon):
     with pytest.raises(ProblemError, match="nodes"):
         animate(horizon.replace(basis="hermite", steps=20), 1.0)
+    cycle = octo.Cycle(speed=0.4, period=0.6)
+    stride = octo.Problem(octo.gallery.mammal(), steps=12, costs=[octo.Effort()], cycle=cycle)
+    for wants in (lambda: animate(stride, 1.0), lambda: octo.mpc.Controller(stride)):
+        with pytest.raises(ProblemError, match="cycle is given"):
+            wants()

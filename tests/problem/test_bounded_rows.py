@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -12,7 +13,7 @@ from walker import START, walker, wiggle_near_ground
 
 import octo
 from octo import native
-from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError
 from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
@@ -147,7 +148,37 @@ def test_what_is_refused(pair):
         bounded.set_row_weights(good[:, 1:], good)
     with pytest.raises(ValueRangeError, match="negative"):
         bounded.set_row_weights(-good, good)
+    for given in ((np.nan * good, good), (good, np.nan * good)):
+        with pytest.raises(ValueRangeError, match="(weights|shifts) is not finite at index 0, 0"):
+            bounded.set_row_weights(*given)
     described = problem(Bounded, 1.0, "nodes")
-    for solve in (octo.solve, nlp):
+    once = partial(octo.solve, passes=1)
+    for solve in (octo.solve, once, nlp, partial(octo.mpc.animate, seconds=1.0)):
         with pytest.raises(ProblemError, match="own is a bounded term"):
             solve(described)
+
+
+def test_kinds_that_a_term_cannot_have():
+    """They would be squares of E that nobody asked for."""
+
+    class Neighbours(octo.NeighbourCost):
+        kind = "bounded"
+
+    class Sliding(octo.Slip):
+        kind = "bounded"
+
+    class Misspelt(octo.Effort):
+        kind = "bounded "
+
+    over_controls = Neighbours(lambda c, following, p: following - c)
+    for term, basis, why in (
+        (over_controls, Hermite(3), "Neighbours is over Hermite controls"),
+        (Sliding(), "nodes", "Sliding is over contacts"),
+    ):
+        described = octo.Problem(
+            walker(), steps=STEPS, dt=DT, costs=[octo.Effort(), term], x0=START, basis=basis
+        )
+        with pytest.raises(ProblemError, match=f"{why}: its kind is 'bounded', must be 'square'"):
+            CompiledProblem([described])
+    with pytest.raises(UnknownNameError, match=r"Misspelt\.kind 'bounded '"):
+        Misspelt()

@@ -207,6 +207,14 @@ def test_casadi_differentiates_the_stage_in_python() -> None:
         close(hessian.full(), found[0][1].full(), relative)
 
 
+def test_a_name_that_casadi_has_no_use_for() -> None:
+    """C allows more names than CasADi does."""
+    named = stage(text=SQUARE.format(RIGHT).replace("square", "_a__square_"), name="_a__square_")
+    given = ca.MX.sym("a", 1)
+    slopes = ca.Function("slopes", [given], [ca.jacobian(named.function(given), given)])
+    assert float(slopes(3.0)) == pytest.approx(6.0, rel=1e-12)
+
+
 # -- structure -------------------------------------------------------------------------------------
 
 

@@ -283,5 +283,10 @@ def test_refused():
         CompiledProblem([problem("nodes", 12, False, Hard())])
     with pytest.raises(ProblemError, match="Mapped looks at two .* cannot call .* 'double_'"):
         CompiledProblem([problem("nodes", 12, False, Mapped())])
+    for kind in ("residual", "pair_residual", "contact_residual"):
+        base = {"residual": octo.Cost, "pair_residual": octo.StepPairCost}
+        empty = type("Empty", (base.get(kind, octo.ContactCost),), {})()
+        with pytest.raises(ProblemError, match=rf"Empty\.{kind} is missing: write {kind}\(self"):
+            CompiledProblem([problem("nodes", 12, False, empty)])
     with pytest.raises(octo.errors.ValueRangeError, match="TorqueRate.reference is 0.0 N m/s"):
         CompiledProblem([problem("nodes", 12, False, octo.TorqueRate(reference=0.0))])
