@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.checks import doubles
 from octo.dynamics import codegen, slots
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
@@ -121,19 +122,15 @@ class Dynamics:
         fd (batch, N, n); jac (batch, N, n, 3n), columns [x_next, x, x_prev], or None; hess
         (batch, N, 3n, 3n) or None.
         """
-        nodes, p = np.ascontiguousarray(nodes, dtype=float), np.ascontiguousarray(p, dtype=float)
-        n = self.nx
+        nodes, n = np.ascontiguousarray(nodes, dtype=float), self.nx
         if nodes.ndim != 3 or nodes.shape[1] < 3 or nodes.shape[2] != n:
             raise ShapeError("nodes", nodes.shape, f"(batch, N+2, {n})")
         batch, steps = nodes.shape[0], nodes.shape[1] - 2
-        if p.shape != (batch, self.layout.size):
-            raise ShapeError("p", p.shape, (batch, self.layout.size))
+        p = doubles("p", p, (batch, self.layout.size))
         if order not in (0, 1, 2):
             raise ValueRangeError(f"order is {order}, must be 0, 1 or 2")
         if order == 2:
-            lam = np.ascontiguousarray(lam, dtype=float) if lam is not None else np.empty(0)
-            if lam.shape != (batch, steps, n):
-                raise ShapeError("lam", lam.shape, (batch, steps, n))
+            lam = doubles("lam", np.empty(0) if lam is None else lam, (batch, steps, n))
         fd = np.empty((batch, steps, n))
         jac = np.empty((batch, steps, n, 3 * n)) if order >= 1 else None
         if self._library is None:
