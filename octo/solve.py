@@ -34,7 +34,9 @@ from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
 from octo.starts import first_multipliers, first_nodes, starts_of
 
-BLOCKS = 20  # (n, n) of a step, about: derivatives of FD, E and C, and the factors
+# (n, n) of a step, or of each part of a unit with each other, about: derivatives of FD, E and C,
+# and the factors
+BLOCKS = 20
 MOST_STARTS, MOST_THREADS, LARGEST_SEED = 100_000, 1024, 2**64 - 1
 Guess = Solution | Array | str | os.PathLike[str] | None
 Start = Guess | Sequence[Guess]
@@ -153,8 +155,9 @@ class _Request:
         whole("seed", self.seed, 0, LARGEST_SEED)
         check_progress(self.progress, self.callback)
         steps, n = max(problem.steps for problem in problems), problems[0].dynamics.nx
-        starts = len(problems) * self.seeds
-        room(f"{steps} steps of {starts} starts", BLOCKS * n**2 * float(steps) * starts)
+        starts, basis = len(problems) * self.seeds, problems[0].basis_object
+        blocks = max(BLOCKS * float(steps), BLOCKS * float(basis.units(steps)) * basis.parts**2)
+        room(f"{steps} steps of {starts} starts", blocks * n**2 * starts)
         return chosen
 
     def monitor(self) -> Monitor:

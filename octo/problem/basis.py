@@ -56,6 +56,11 @@ class Basis:
 
     name: ClassVar[str] = "nodes"
 
+    @property
+    def parts(self) -> int:
+        """Blocks of n numbers of a unit."""
+        return 1
+
     def check(self, steps: int) -> None:
         """Refuse a number of steps that it cannot have; by default none."""
 
@@ -113,7 +118,7 @@ class Nodes(Basis):
         unit = np.maximum(np.arange(-2, steps, dtype=np.int32), -1)[:, None]
         row, part = np.arange(steps, dtype=np.int32)[:, None], np.zeros_like(unit)
         tests = row, part[:steps].copy(), np.ones((steps, 1))
-        return Stencil(steps, 1, unit, part, (unit >= 0).astype(float), *tests)
+        return Stencil(steps, self.parts, unit, part, (unit >= 0).astype(float), *tests)
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,10 @@ class PairedNodes(Basis):
     x_{N−1} and x_N, which a fixed end pins together.
     """
 
+    @property
+    def parts(self) -> int:
+        return 2
+
     def units(self, steps: int) -> int:
         return (steps + 1) // 2
 
@@ -134,7 +143,8 @@ class PairedNodes(Basis):
         unit = np.concatenate([np.full(2, -1, np.int32), place // 2])[:, None]
         part = np.concatenate([np.zeros(2, np.int32), place % 2])[:, None]
         tests = unit[2:].copy(), part[2:].copy(), np.ones((steps, 1))
-        return Stencil(self.units(steps), 2, unit, part, (unit >= 0).astype(float), *tests)
+        made = unit, part, (unit >= 0).astype(float)
+        return Stencil(self.units(steps), self.parts, *made, *tests)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         pinned = super().fixed_end(steps, x_end, v_end, dt)
@@ -157,6 +167,10 @@ class Hermite(Basis):
 
     steps_per_segment: int = 10
     name: ClassVar[str] = "hermite"
+
+    @property
+    def parts(self) -> int:
+        return 2
 
     def check(self, steps: int) -> None:
         q = self.steps_per_segment
@@ -255,6 +269,10 @@ class Folded(Basis):
 
     pairs: int = 1
 
+    @property
+    def parts(self) -> int:
+        return 2 * self.pairs
+
     def check(self, steps: int) -> None:
         if steps < LEAST_CYCLE:
             raise ProblemError(f"steps is {steps}: a cycle needs at least {LEAST_CYCLE} steps")
@@ -277,8 +295,8 @@ class Folded(Basis):
         row[0], back[0] = 1, True  # FD_0 looks at x_1, x_N and x_{N−1}
         ones, (row, row_part) = np.ones((steps + 2, 1)), self._place(row, back)
         tests = row[:, None], row_part[:, None]
-        parts = 2 * self.pairs
-        return Stencil(self.units(steps), parts, unit, part, ones, *tests, np.ones((steps, 1)))
+        made = unit, part, ones
+        return Stencil(self.units(steps), self.parts, *made, *tests, np.ones((steps, 1)))
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         raise ProblemError("a cycle has no end to fix: x_end cannot be given with cycle")

@@ -26,7 +26,7 @@ from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError
 Array = NDArray[np.float64]
 NAME = re.compile(r"[A-Za-z_]\w*")
 DEFINED = re.compile(r"^[ \t]*#[ \t]*define[ \t]+(\w+)", re.MULTILINE)
-RESERVED = ("octo", "casadi", "main")  # what a name must not begin with
+RESERVED = ("octo", "casadi", "main", "v8", "real")  # what a name must not begin with
 LARGEST = 10_000  # numbers that it may give: a stack and the shared memory of a GPU hold that many
 POINTS = 8  # at which the two are compared
 STEP = 1e-5  # of differences
@@ -69,10 +69,11 @@ class CodeStage:
 
     def __post_init__(self) -> None:
         instance("CodeStage.name", self.name, str, "a name")
-        if not NAME.fullmatch(self.name) or self.name.lower().startswith(RESERVED):
+        word = bool(NAME.fullmatch(self.name)) and self.name != self.name.upper()  # no macro
+        if not word or self.name.lower().startswith(RESERVED):
             raise ProblemError(
-                f"CodeStage.name is {self.name!r}, must be a C identifier that does not begin with "
-                f"{', '.join(RESERVED[:-1])} or {RESERVED[-1]}"
+                f"CodeStage.name is {self.name!r}, must be a C identifier with a small letter that "
+                f"does not begin with {', '.join(RESERVED[:-1])} or {RESERVED[-1]}"
             )
         for size in ("inputs", "outputs"):
             whole(f"{self.label}.{size}", getattr(self, size), most=LARGEST)

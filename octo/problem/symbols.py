@@ -186,6 +186,18 @@ class ContactSymbols:
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     weight: float  # N, mg
 
+    def call(self, stage: object, argument: ca.SX) -> ca.SX:
+        """Stages of code are called by terms over a step alone: take ``step.contact(name)`` there.
+
+        Raises
+        ------
+        ProblemError: always.
+        """
+        raise ProblemError(
+            "a term over contacts cannot call a stage of code: write an octo.Cost, in which "
+            "step.contact(name) has the same as a contact here"
+        )
+
     def _state(self, step: int) -> symbolic.ContactState:
         return symbolic.contact_state(
             *self.places[step], self.radius, self.law, self.terrain, self.dynamics

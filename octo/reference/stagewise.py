@@ -144,5 +144,5 @@ class Fatrop:
 
 def fatrop(problem: Problem, start: Array | None = None, **options: Any) -> Run:
     """Solve ``problem`` with fatrop; see :class:`Fatrop`."""
-    more = {name: options.pop(name) for name in ("seed",) if name in options}
+    more = {name: options.pop(name) for name in ("multipliers", "seed") if name in options}
     return Fatrop(problem, **options).solve(start, **more)

@@ -270,6 +270,8 @@ def stage(body: str = RIGHT, python: Any = square, **changes: Any) -> octo.CodeS
 WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "no identifier": (lambda: stage(name="2nd"), "CodeStage.name is '2nd', must be a C identifier"),
     "octo's own": (lambda: stage(name="octo_evaluate"), "does not begin with octo"),
+    "a macro": (lambda: stage(name="NX"), "'NX', must be a C identifier with a small letter"),
+    "a type": (lambda: stage(name="real"), "does not begin with octo, .* or real"),
     "no inputs": (lambda: stage(inputs=0), "square.inputs is 0, must be a whole number"),
     "no text": (lambda: stage(text=3), "square.text is 3, must be C text"),
     "no function": (lambda: stage(python=None), "square.python is not callable"),
@@ -322,6 +324,16 @@ def test_wrong_calls_name_the_term() -> None:
     ):
         with pytest.raises(OctoError, match=message):
             CompiledProblem([problem(function)])
+
+
+def test_a_term_over_contacts_is_told_what_to_write() -> None:
+    class OfContacts(octo.ContactCost):
+        def contact_residual(self, contact, p):
+            return contact.call(NETWORK, contact.height)
+
+    described = octo.Problem(walker(), steps=9, dt=0.05, x0=START, costs=[OfContacts()])
+    with pytest.raises(OctoError, match="cannot call a stage of code: write an octo.Cost"):
+        CompiledProblem([described])
 
 
 def test_a_right_one_is_taken() -> None:

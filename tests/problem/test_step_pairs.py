@@ -3,6 +3,7 @@ refused."""
 
 from __future__ import annotations
 
+import importlib
 from functools import lru_cache
 
 import numpy as np
@@ -270,6 +271,22 @@ class Mapped(octo.TorqueRate):
 
 class Hard(octo.TorqueRate):
     kind = "bounded"
+
+
+def test_memory_is_that_of_the_units(monkeypatch):
+    """Twice that of single nodes with two nodes a unit, and four times with four."""
+    asked = []
+
+    def room(what: str, doubles: float) -> None:
+        asked.append(doubles)
+        raise ProblemError(what)
+
+    monkeypatch.setattr(importlib.import_module("octo.solve"), "room", room)
+    for basis, term in (("nodes", octo.Slip()), ("nodes", octo.TorqueRate())):
+        with pytest.raises(ProblemError, match="12 steps of 3 starts"):
+            octo.solve(problem(basis, 12, False, term), seeds=3)
+    assert asked[1] == 2.0 * asked[0]
+    assert Folded(pairs=2).units(400) * Folded(pairs=2).parts ** 2 == pytest.approx(1616)
 
 
 def test_refused():
