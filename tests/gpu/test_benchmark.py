@@ -60,7 +60,7 @@ def script(module, tmp_path, monkeypatch):
     what the JSON has afterwards."""
     path, gpu, pool = tmp_path / "gpu.json", module("gpu"), Pool()
     monkeypatch.setattr(strict, "get_default_memory_pool", lambda: pool, raising=False)
-    monkeypatch.setattr(gpu, "EmulatedDevice", lambda: EmulatedDevice(xp=strict))
+    monkeypatch.setattr(gpu, "emulated", lambda: EmulatedDevice(xp=strict))
 
     def call(*words: str) -> tuple[int, dict]:
         code = gpu.main(["--emulate", "--short", "--out", str(path), *words])
