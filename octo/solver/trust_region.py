@@ -172,6 +172,8 @@ class TrustRegion:
         assert line.first is not None and line.model is not None
         reduction, predicted = merit(at) - merit(line.first), line.model[0]
         left = found.at.largest * self.trials.problem.weight
+        with np.errstate(over="ignore"):  # of a step that promises nothing
+            ratio = reduction / np.maximum(-predicted, 1e-300)
         small = (line.largest < o.step_tolerance) & (left < o.tolerance)
         return Move(
             at=found.at,
@@ -181,7 +183,7 @@ class TrustRegion:
             dual=step.dual,
             step=step.full,
             taken=found.moved,
-            ratio=reduction / np.maximum(-predicted, 1e-300),
+            ratio=ratio,
             radius=self.direction.radius.copy(),
             sigma=step.sigma,
             factorizations=self.direction.regularisation.factorizations,
