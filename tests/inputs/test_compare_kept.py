@@ -221,13 +221,13 @@ def test_numbers_that_cannot_be_written_leave_everything(tmp_path):
 
 def test_an_interrupted_run_that_is_not_finite_stays_interrupted():
     from octo.problem.compiled import CompiledProblem
-    from octo.reference.run import history, solution_of
+    from octo.reference.run import Timed, history, solution_of
 
     compiled = CompiledProblem([problem()])
     unknowns = np.full((1, compiled.K, compiled.nc), np.nan)
     own = {
+        "of": Timed({}, 0.0, 0.0, True),
         "iterations": 1,
-        "seconds": 0.0,
         "setup_seconds": 0.0,
         "history": history(*np.zeros((3, 0))),
     }

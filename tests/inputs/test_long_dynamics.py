@@ -158,4 +158,4 @@ def test_sparse_dynamics_of_many_coordinates_are_not_refused():
     model = octo.CustomDynamics(fd, 300, [0], {})
     z, p, lam = ca.SX.sym("z", 900), ca.SX.sym("p", 1), ca.SX.sym("lam", 300)
     jac = ca.jacobian(model.symbolic(z[:300], z[300:600], z[600:], p), z)
-    codegen._check_length(z, p, lam, ca.mtimes(jac.T, lam))
+    codegen.check_curvature("it", [z, p, lam], ca.mtimes(jac.T, lam), "")
