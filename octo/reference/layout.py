@@ -97,6 +97,7 @@ def stage_layout(compiled: CompiledProblem) -> Layout:
     row_place = np.full(int(test[-1]) + m, -1)
     row_place[(test[:, None] + np.arange(m)).ravel()] = np.arange(steps * m)
     model, slope = patterns(compiled)
+    slope = slope[compiled.dynamics.unactuated]
     of, i, j = np.nonzero(np.broadcast_to(model[np.ix_(own, own)], (steps, size, size)))
     upper, lower = np.sort([own[i], own[j]], axis=0)
     hessian = of * size + i, of * size + j, (of * size + upper) * size + lower
@@ -129,7 +130,9 @@ def _octo_patterns(
         nodes = sparse.block_diag([c.carry[0] != 0.0, c.carry[0] != 0.0, others]).tocsr() @ nodes
     window = np.arange(c.steps)[:, None, None] + np.array([2, 1, 0])[:, None]
     windows = nodes.tocsr()[(window * c.n + each).ravel()]
-    model, slope = (sparse.kron(sparse.eye(c.steps), pattern) for pattern in patterns(c))
+    step, fd = patterns(c)
+    own = (step, fd[c.dynamics.unactuated])
+    model, slope = (sparse.kron(sparse.eye(c.steps), pattern) for pattern in own)
     hessian = windows.T @ model @ windows
     if c.program.between is not None:
         variable = np.full((c.K + 1) * c.nc, -1)
@@ -139,7 +142,7 @@ def _octo_patterns(
         pairs = sparse.kron(sparse.eye(c.K - 1), c.program.between.pattern)
         hessian = hessian + controls.T @ pairs @ controls
     if c.functions.pairs is not None and c.steps > 1:
-        rows = pair_rows(c, nodes.tocsr(), windows)
+        rows = pair_rows(c, fd, nodes.tocsr(), windows)
         hessian = hessian + rows.T @ rows
     tests = sparse.kron(c.plan.test_matrix != 0.0, np.eye(c.m)).tocsr()[row_place]
     return sparse.coo_array(hessian), sparse.coo_array(tests @ slope @ windows)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.basis import WINDOW
 from octo.problem.compiled import CompiledProblem
@@ -18,8 +18,7 @@ Pattern = NDArray[np.bool_]
 
 @postponed()
 def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
-    """(3n, 3n) of ∇²(E + lamᵀFD) of a step and (m, 3n) of its unactuated rows, to (x_next, x,
-    x_prev).
+    """(3n, 3n) of ∇²(E + lamᵀFD) of a step and (n, 3n) of the slopes of FD, to (x_next, x, x_prev).
 
     A residual's square couples what the residual depends on, and its curvature no more.
     """
@@ -27,7 +26,7 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     z, p, lam = (ca.SX.sym(*s) for s in (("z", 3 * n), ("p", dynamics.layout.size), ("lam", n)))
     fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
     pull = ca.densify(ca.gradient(ca.dot(lam, fd), z))
-    rows = _slopes(dynamics)
+    rows = pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
     hessian = pattern_of(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
     terms = pattern_of(functions.state_sparsity)  # to (x_next, x, x_prev, u)
     terms = terms[:, : 3 * n] | (terms[:, 3 * n :] @ rows[dynamics.actuated])
@@ -37,21 +36,21 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
         for k in functions.contact_spheres:
             path = np.isin(np.arange(n), robot.path[robot.contacts[k].body])
             hessian |= np.outer(np.tile(path, 3), np.tile(path, 3))
-    return hessian | hessian.T, rows[dynamics.unactuated]
+    return hessian | hessian.T, rows
 
 
 def pair_rows(
-    c: CompiledProblem, nodes: sparse.csr_array, windows: sparse.csr_array
+    c: CompiledProblem, fd: Pattern, nodes: sparse.csr_array, windows: sparse.csr_array
 ) -> sparse.csr_array:
     """(rows of all steps, x) pattern: their squares couple what stands in one row, and their
     curvature no more.
 
-    nodes: ((N+2)·n, x) what x_{-1} … x_N are made of. windows: (N·3n, x) the same of each step's
-    x_next, x, x_prev.
+    fd: (n, 3n) of its slopes. nodes: ((N+2)·n, x) what x_{-1} … x_N are made of. windows: (N·3n, x)
+    the same of each step's x_next, x, x_prev.
     """
     assert c.functions.pairs is not None
     slopes, n, first = pattern_of(c.functions.pairs.sparsity), c.n, int(c.carry is None)
-    torques, nu = _slopes(c.dynamics)[c.dynamics.actuated], c.nu
+    torques, nu = fd[c.dynamics.actuated], c.nu
     own, before = slopes[:, WINDOW * n : -nu] @ torques, slopes[:, -nu:] @ torques
     each, size = np.arange(n), 3 * n
     if c.carry is not None:
@@ -74,15 +73,6 @@ def pair_rows(
         sparse.block_diag(earlier) @ windows_before,
     ]
     return sparse.csr_array(made[0] + made[1] + made[2])
-
-
-@postponed()
-def _slopes(dynamics: Dynamics) -> Pattern:
-    """(n, 3n) of FD."""
-    n = dynamics.nx
-    z, p = ca.SX.sym("z", 3 * n), ca.SX.sym("p", dynamics.layout.size)
-    fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
-    return pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
 
 
 def pattern_of(sparsity: ca.Sparsity) -> Pattern:
