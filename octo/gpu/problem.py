@@ -85,9 +85,8 @@ class DeviceProblem:
     def set_row_weights(self, weights: Array, shifts: Array) -> None:
         """As :meth:`CompiledProblem.set_row_weights`, of arrays on the device; nothing is
         checked."""
-        rows = len(self.functions.bounded)
-        at = self.functions.numbers - 2 * rows
-        self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts
+        of_weights, of_shifts = self.functions.row_weights
+        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
 
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""

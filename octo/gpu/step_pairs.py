@@ -11,9 +11,9 @@ from octo.dynamics.codegen import integers, macros
 from octo.dynamics.emit import function_of_numbers
 from octo.gpu.device import Array, Device, Kernels, source
 from octo.gpu.tables import Gather, slots_of
-from octo.problem.basis import Stencil
+from octo.problem.basis import WINDOW, Stencil
 from octo.problem.compiled import CompiledProblem
-from octo.problem.step_pairs import WINDOW, PairFunctions
+from octo.problem.step_pairs import PairFunctions
 
 Numbers = tuple[Array, Array, Array, Array, Array | None]  # nodes, FD, p, q, carry
 

@@ -61,7 +61,7 @@ class CostFunctions:
         """Indices into the character's contacts."""
         return () if self.contact is None else self.contact.spheres
 
-    @property
+    @cached_property
     def bounded(self) -> tuple[int, ...]:
         """The term of each bounded row, the last ones over the state."""
         terms = self.references.terms
@@ -72,6 +72,12 @@ class CostFunctions:
         """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
         row."""
         return max(self.references.size, 1) + 2 * len(self.bounded)
+
+    @property
+    def row_weights(self) -> tuple[slice, slice]:
+        """Where weights and shifts of the bounded rows stand in q."""
+        shifts = self.numbers - len(self.bounded)
+        return slice(shifts - len(self.bounded), shifts), slice(shifts, self.numbers)
 
     @property
     def rows(self) -> int:
@@ -251,7 +257,6 @@ def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:
 def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text of the costs with a time step in every lane, then assemble.c; stands after the
     dynamics' text in lanes."""
-    # shared: p
     calls = functions.calls
     text = [calls.lanes_text] if calls else []
     text += [calls.in_lanes(functions.state, 0), calls.in_lanes(functions.state_jac, 1)]

@@ -147,13 +147,12 @@ class CompiledProblem:
         ------
         ShapeError, ValueRangeError: ``weights`` or ``shifts`` are not of that kind.
         """
-        rows = len(self.functions.bounded)
-        shape = (self.batch, self.steps, rows)
+        shape = (self.batch, self.steps, len(self.functions.bounded))
         weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
         if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
-        at = self.functions.numbers - 2 * rows
-        self.q[:, :, at : at + rows], self.q[:, :, at + rows :] = weights, shifts
+        of_weights, of_shifts = self.functions.row_weights
+        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:

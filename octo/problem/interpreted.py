@@ -227,12 +227,11 @@ class Interpreted:
         ]
         r, jac = (np.stack(part) for part in zip(*made, strict=True))
         weight, first = 2.0 * self.data.q[:, :, terms], self._squares
-        own = self.data.q[:, :, self._inputs[5].numel() :]
-        bounded = len(terms) - first
-        weight[..., first:] = own[..., :bounded]
+        of_weights, of_shifts = functions.row_weights
+        weight[..., first:] = self.data.q[:, :, of_weights]
         live = weight != 0.0  # a step that a term leaves out may have no finite residual
         shift = weight * np.where(live, r, 0.0)
-        shift[..., first:] = np.where(live[..., first:], own[..., bounded:], 0.0)
+        shift[..., first:] = np.where(live[..., first:], self.data.q[:, :, of_shifts], 0.0)
         return weight, shift, np.where(live[..., None], jac, 0.0)
 
     def _add_bends(

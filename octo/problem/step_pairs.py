@@ -18,8 +18,7 @@ import casadi as ca
 from octo.dynamics.codegen import check_curvature, lanes_text
 from octo.dynamics.long import check_length
 from octo.errors import ProblemError
-from octo.problem.basis import WINDOW as WINDOW
-from octo.problem.basis import Basis, Folded, Nodes, PairedNodes, basis_named
+from octo.problem.basis import WINDOW, Basis, Folded, Nodes, PairedNodes, basis_named
 from octo.problem.costs import Cost, StepPairCost
 from octo.problem.curvature import HINT, gated, nonzeros
 from octo.problem.lane_tables import tables_text
