@@ -168,7 +168,8 @@ class Interpreted:
         """Fills H, if any, A, b, C."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
-        weight, shift, jac = self._rows(at)
+        given = [self._arguments(k, at.nodes, at.fd) for k in range(len(at.nodes))]
+        weight, shift, jac = self._rows(given)
         pull = np.zeros_like(at.fd)
         pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
         whole = np.full(len(shift), lam is not None)
@@ -194,9 +195,9 @@ class Interpreted:
             step_hess += hess
         gradient = np.einsum("kir,kira->kia", shift, chained)
         if self.program.functions.curvature is not None:
-            self._add_bends(at, whole, fd_jac[:, :, dynamics.actuated], step_hess)
+            self._add_bends(given, whole, fd_jac[:, :, dynamics.actuated], step_hess)
         if self._contacts:
-            self._add_contacts(at, whole, gradient, step_hess)
+            self._add_contacts(given, whole, gradient, step_hess)
         if self.data.carry is not None:
             fd_jac = fd_jac.copy()
             self._carry_back(self.data.carry, step_hess, gradient, fd_jac)
@@ -211,19 +212,13 @@ class Interpreted:
         if self._between is not None:
             self._between.add(self.data, at.unknowns, whole, H, out[2])
 
-    def _rows(self, at: Evaluation) -> tuple[Array, Array, Array]:
+    def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
-        rows), 2c and 2cr of squares, and r' to (z, u)."""
+        rows), 2c and 2cr of squares, and r' to (z, u). given: each member's arguments."""
         functions, steps = self.program.functions, self.plan.steps
         terms = np.array(functions.state_terms, dtype=np.intp)
         made = [
-            slopes_over(
-                functions.state_jac,
-                functions.state_sparsity,
-                self._arguments(k, at.nodes, at.fd),
-                steps,
-            )
-            for k in range(len(at.nodes))
+            slopes_over(functions.state_jac, functions.state_sparsity, own, steps) for own in given
         ]
         r, jac = (np.stack(part) for part in zip(*made, strict=True))
         weight, first = 2.0 * self.data.q[:, :, terms], self._squares
@@ -235,28 +230,28 @@ class Interpreted:
         return weight, shift, np.where(live[..., None], jac, 0.0)
 
     def _add_bends(
-        self, at: Evaluation, curved: NDArray[np.bool_], torque_jac: Array, hess: Array
+        self, given: list[list[Array]], curved: NDArray[np.bool_], torque_jac: Array, hess: Array
     ) -> None:
         """Adds [I; U]ᵀ S [I; U] of exact terms to the members ``curved``; U: ``torque_jac``
         (batch, N, nu, 3n)."""
         own, size, steps = self.program.functions.curvature, 3 * self.plan.n, self.plan.steps
         assert own is not None
         for k in np.flatnonzero(curved).tolist():
-            given = self._arguments(k, at.nodes, at.fd)
-            given[5] = self.data.q[k].T  # bounded rows have their weights in it
-            bend = bends_over(own.function, own.sparsity, given, steps)
+            # bounded rows have their weights in q
+            inputs = [*given[k][:5], self.data.q[k].T, *given[k][6:]]
+            bend = bends_over(own.function, own.sparsity, inputs, steps)
             eye = np.broadcast_to(np.eye(size), (steps, size, size))
             chain = np.concatenate([eye, torque_jac[k]], axis=1)
             hess[k] += np.swapaxes(chain, 1, 2) @ bend @ chain
 
     def _add_contacts(
-        self, at: Evaluation, curved: NDArray[np.bool_], gradient: Array, hess: Array
+        self, given: list[list[Array]], curved: NDArray[np.bool_], gradient: Array, hess: Array
     ) -> None:
         size, steps = 3 * self.plan.n, self.plan.steps
         for k, exact in enumerate(curved.tolist()):
             if exact not in self._touches:
                 self._touches[exact] = self._touch(exact)
-            slope, flat = self._touches[exact].map(steps)(*self._arguments(k, at.nodes, at.fd))
+            slope, flat = self._touches[exact].map(steps)(*given[k])
             gradient[k] += np.asarray(slope).T
             hess[k] += np.asarray(flat).reshape(size, steps, size).transpose(1, 0, 2)
 

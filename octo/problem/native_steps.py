@@ -75,7 +75,7 @@ class NativeSteps:
     def _add_between(self, task: Task, unknowns: Array) -> None:
         """What the terms over neighbouring controls add to H and b."""
         controls = controls_of(self.plan, self.data, unknowns)
-        fixed = np.isin(np.arange(self.plan.K), self.plan.fixed).astype(np.int32)
+        fixed = self.plan.still.astype(np.int32)
         where = (ctypes.c_void_p(array.ctypes.data) for array in (controls, fixed))
         self.library.octo_between_model(ctypes.byref(task), *where, self.threads)
 

@@ -82,7 +82,7 @@ class NeighbourTerms:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z; to JᵀJ of exact terms their
         residuals' curvature, of the members ``curved`` (batch,)."""
         first, second = (slice(k * self.plan.nodal, (k + 1) * self.plan.nodal) for k in range(2))
-        pinned = np.isin(np.arange(self.segments), self.plan.fixed)
+        pinned = self.plan.still[: self.segments]
         for member, _, weight, (r, jac, *bend) in self._each(data, unknowns):
             gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)
             block = 2.0 * np.einsum("k,kra,krb->kab", weight, jac, jac)

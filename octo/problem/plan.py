@@ -124,6 +124,11 @@ class Plan:
         unit[0] = row[0] = 0
         return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
 
+    @cached_property
+    def still(self) -> NDArray[np.bool_]:
+        """(K,) the units that nothing moves."""
+        return np.isin(np.arange(self.K), self.fixed)
+
     def fill_dummies(self, H: Array) -> None:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
         size = self.nodal

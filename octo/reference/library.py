@@ -131,7 +131,7 @@ class _Tables:
             "linear_row": linear_row,
             "linear_column": linear_column,
             "linear_value": linear_value,
-            "fixed": np.isin(np.arange(c.K), c.fixed),
+            "fixed": c.plan.still,
             "carry": None if c.carry is None else c.carry[0],
             **_memory(c, layout),
         }
