@@ -187,7 +187,8 @@ class SecondOrderCorrection:
                 step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf, pending)
             new = step.trial
             if new is None:
-                new = trials.evaluate(at, choose(pending, scaled(length, step.delta), 0.0), pending)
+                change = choose(pending, scaled(length, step.delta), 0.0)
+                new = trials.evaluate(at, change, pending, length)
             good = pending & acceptance.accepts(at, new, line)
             if some(good):
                 trial = trial.replaced(good, new)

@@ -19,6 +19,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
+from octo.solver.barrier import Barrier, BarrierStep
 from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import FilterAcceptance
 from octo.solver.heuristics import (
@@ -84,9 +85,10 @@ class LineSearch:
         options: SqpOptions,
         clock: Clock,
         backend: Backend = CPU,
+        barrier: Barrier | None = None,
     ):
-        self.options, self.clock, self.backend = options, clock, backend
-        self.trials = Trials(problem, clock, backend)
+        self.options, self.clock, self.backend, self.barrier = options, clock, backend, barrier
+        self.trials = Trials(problem, clock, backend, barrier)
         self.acceptance = (options.acceptance or FilterAcceptance()).started(at)
 
         def chosen(name: str, heuristic: T) -> T | None:
@@ -107,6 +109,8 @@ class LineSearch:
         self.trials.problem = problem
         self.acceptance.take(members)
         self.direction.take(members)
+        if self.barrier is not None:
+            self.barrier.take(members)
         for heuristic in (self.feasibility, self.restoration):
             if heuristic is not None:
                 heuristic.take(members)
@@ -127,9 +131,16 @@ class LineSearch:
                 with self.clock("solve"):
                     delta, slope, most = self.feasibility.step(factors, model, polish, has, delta)
                 first = None
+        most: Numbers | float = 1.0
+        rows: BarrierStep | None = None
+        if self.barrier is not None:
+            rows = self.barrier.step(at.rows, self.trials.problem.row_products(model, delta))
+            slope = slope + rows.slope
+            converged &= self.barrier.ended
+            most, first = rows.primal, None
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
-        line = Line(delta, attempt.multipliers, size, slope, first)
+        line = Line(delta, attempt.multipliers, size, slope, first, most=most)
         mend = partial(self._mended, at, model, factors)
         found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
         length, whole = found.length, found.accepted & ~polish
@@ -139,6 +150,8 @@ class LineSearch:
             found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
+        if self.barrier is not None and rows is not None:
+            after = self.barrier.moved(rows, at, after, length, found.accepted, dual)
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(

@@ -12,26 +12,35 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.backend import Backend
+from octo.solver.barrier import Barrier
 from octo.solver.rule import Clock
 
 
 class Trials:
-    """Where the steps of a line search are evaluated, and how long that takes."""
+    """Where the steps of a line search are evaluated, and how long that takes. barrier: of rows
+    with bounds, if any."""
 
-    def __init__(self, problem: BlockNLP, clock: Clock, backend: Backend):
-        self.problem, self.clock, self.backend = problem, clock, backend
+    def __init__(
+        self, problem: BlockNLP, clock: Clock, backend: Backend, barrier: Barrier | None = None
+    ):
+        self.problem, self.clock, self.backend, self.barrier = problem, clock, backend, barrier
 
-    def evaluate(self, at: Evaluation, step: Array, members: Mask) -> Evaluation:
+    def evaluate(
+        self, at: Evaluation, step: Array, members: Mask, length: Numbers | float = 1.0
+    ) -> Evaluation:
         """The batch at ``at`` + ``step``, zero for all but ``members``: only those need be
-        computed."""
+        computed. length: (batch,) of Δ, for the slacks of rows with bounds."""
         with self.clock("evaluate"):
             if every(members) or self.backend.together(self.problem):
-                return self.backend.evaluate(self.problem, at.unknowns + step)
-            chosen = np.flatnonzero(members)
-            own = like(chosen, step)
-            whole = at.take(np.arange(len(members)))
-            whole.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[own] + step[own]))
-            return whole
+                trial = self.backend.evaluate(self.problem, at.unknowns + step)
+            else:
+                chosen = np.flatnonzero(members)
+                own = like(chosen, step)
+                trial = at.take(np.arange(len(members)))
+                trial.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[own] + step[own]))
+            if self.barrier is None:
+                return trial
+            return self.barrier.seen(trial, self.barrier.slack(trial.rows, at.rows, length))
 
 
 # of the first trial, ‖·‖∞ of its step, the step and where it was refused: where it was mended,
@@ -42,7 +51,8 @@ Mender = Callable[[Evaluation, Numbers, Step, Mask], tuple[Mask, Evaluation, Num
 @dataclass(frozen=True, eq=False)
 class Line:
     """Where the line goes: Δ (batch, K, nc), the multipliers of Eq. 12, of Δ ‖·‖∞ and bᵀΔ (batch,),
-    0 where it does not, and the first length's trial. model: of ``Step``."""
+    0 where it does not, the first length's
+    trial, and the longest length (batch,). model: of ``Step``."""
 
     delta: Array
     multipliers: Array
@@ -50,6 +60,7 @@ class Line:
     slope: Numbers
     first: Evaluation | None
     model: tuple[Numbers, Numbers] | None = None
+    most: Numbers | float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +91,7 @@ def search(
     that are refused at first.
     """
     batch = len(pending)
-    length = np.minimum(1.0, cap / np.maximum(line.largest, 1e-300))
+    length = np.minimum(line.most, cap / np.maximum(line.largest, 1e-300))
     accepted, mended = np.zeros(batch, dtype=bool), np.zeros(batch, dtype=bool)
     taken, result = np.zeros(batch), at
     step = Step(length, line.slope, line.largest, line.multipliers, line.model)
@@ -90,7 +101,7 @@ def search(
         moved, trial = length * line.largest, line.first if attempt == 0 else None
         if trial is None:
             change = choose(pending, scaled(length, line.delta), 0.0)
-            trial = trials.evaluate(at, change, pending)
+            trial = trials.evaluate(at, change, pending, length)
         good = pending & acceptance.accepts(at, trial, step)
         if attempt == 0 and mend is not None:
             mended, trial, moved = mend(trial, moved, step, pending & ~good)
