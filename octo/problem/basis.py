@@ -332,6 +332,26 @@ def node_values(
     return nodes
 
 
+def node_forces(stencil: Stencil, forces: Array, nc: int, carry: Array | None = None) -> Array:
+    """The transpose of ``node_values`` without its constant: what ``forces`` (batch, N+2, n) on the
+    nodes are on the unknowns (batch, K, nc)."""
+    n = forces.shape[-1]
+    if carry is not None:
+        forces = forces.copy()
+        forces[..., :2, :] = forces[..., :2, :] @ carry
+    out = np.zeros((len(forces), stencil.units, nc))
+    split = out[..., : stencil.parts * n].reshape(len(forces), stencil.units, stencil.parts, n)
+    split = np.moveaxis(split, 0, -1)
+    for s in range(stencil.unit.shape[1]):
+        live = np.flatnonzero(stencil.unit[:, s] >= 0)
+        own = stencil.coefficient[live, s, None] * forces[..., live, :]
+        at = (stencil.unit[live, s], stencil.part[live, s])
+        total = np.zeros((stencil.units, stencil.parts, n, len(forces)))
+        np.add.at(total, at, np.moveaxis(own, 0, -1))
+        split += total
+    return np.ascontiguousarray(np.moveaxis(split, -1, 0)).reshape(len(forces), stencil.units, -1) if nc == stencil.parts * n else out
+
+
 # a block of n numbers of a window of nodes, the unit and the block in it, and their coefficient
 Slot = tuple[slice, int, slice, float]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
-from octo.problem.basis import node_values
+from octo.problem.basis import node_forces, node_values
 from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
@@ -209,15 +209,46 @@ class CompiledProblem:
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, lam, curved, (H, A, b, C))
+        kept = self.functions.kept
+        R = None if kept is None else np.empty((self.batch, self.steps, kept.size))
+        self.steps_code.linearize(at, lam, curved, (H, A, b, C, R))
         self.plan.fill_dummies(H)
-        return Model(H, A, b, C)
+        return Model(H, A, b, C, R)
+
+    def row_products(self, model: Model, delta: Array) -> Array:
+        """R Δ (batch, N, rows): how the bounded rows change along a step of the unknowns, to first
+        order.
+
+        Parameters
+        ----------
+        model: of ``linearize``; where the weight D was zero then the slope of a row is zero, for a
+            row that is left out may have none.
+        delta: Δ (batch, K, nc).
+        """
+        products = np.empty((self.batch, self.steps, len(self.functions.bounded)))
+        if model.R is not None:
+            rest = np.zeros_like(self.constant)
+            moved = node_values(self.stencil, delta, rest, self.carry)
+            self.steps_code.row_products(model.R, moved, products)
+        return products
+
+    def row_forces(self, model: Model, weights: Array) -> Array:
+        """Rᵀ w (batch, K, nc) of ``weights`` w (batch, N, rows), see ``row_products``."""
+        kept = self.functions.kept
+        assert kept is not None and model.R is not None
+        own = kept.forces(model.R, weights)
+        nodes = np.zeros((self.batch, self.steps + 2, self.n))
+        for node, first in ((2, 0), (1, 1), (0, 2)):
+            nodes[:, node : node + self.steps] += own[..., first * self.n : (first + 1) * self.n]
+        forces = node_forces(self.stencil, nodes, self.nc, self.carry)
+        forces[:, self.fixed] = 0.0
+        return forces
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:
         """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
         second derivatives."""
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, None, None, (None, A, b, C))
+        self.steps_code.linearize(at, None, None, (None, A, b, C, None))
         return b, A
 
     def _first_order(self) -> tuple[Array, Array, Array]:

@@ -23,12 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from octo.arrays import Array, Numbers, array_module, host, like
+from octo.arrays import Array, Numbers, array_module, host, largest, like, some
 from octo.problem.block_nlp import BlockNLP
-from octo.problem.evaluation import Evaluation
+from octo.problem.evaluation import Evaluation, Model
+from octo.solver.blocks import KKTBlocks
 
 INSIDE = 1e-2  # of the room between two bounds, or of max(1, |bound|): how far a slack starts from it
 TO_THE_BOUNDARY = 0.99  # of the way, at least, that a step may go
+MODE = [0, 0]
+LEAST = 1e-8
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 LINEAR, POWER = 0.2, 1.5  # μ falls to the smaller one of LINEAR μ and μ^POWER …
 ERROR = 10.0  # … where the errors of the barrier's problem are below so many μ
@@ -128,13 +131,18 @@ class Barrier:
         """s at a trial with the values ``rows``, after a step of ``length`` (batch,) in (0, 1]: it
         leaves the other part of the residual at the iterate with the values ``before``."""
         xp, s = array_module(rows), self.slacks.s
-        below, above = self._gaps(s)
-        part = 1.0 - TO_THE_BOUNDARY
         rest = np.broadcast_to(1.0 - np.minimum(length, 1.0), len(rows)).reshape(-1, 1, 1)
         left = like(rest, rows) * self.residual(before, s)
-        least = xp.where(self.low, self.lower + part * below, -np.inf)
-        most = xp.where(self.high, self.upper - part * above, np.inf)
-        return xp.clip(rows - left, least, most)
+        return xp.clip(rows - left, *self._box())
+
+    def _box(self) -> tuple[Array, Array]:
+        """Between what the next slacks may be."""
+        xp = array_module(self.slacks.s)
+        below, above = self._gaps(self.slacks.s)
+        part = 1.0 - TO_THE_BOUNDARY
+        least = xp.where(self.low, self.lower + xp.maximum(part * below, LEAST), -np.inf)
+        most = xp.where(self.high, self.upper - xp.maximum(part * above, LEAST), np.inf)
+        return least, most
 
     def seen(self, at: Evaluation, s: Array) -> Evaluation:
         """An iterate with slacks ``s`` as the filter sees it: E with its barrier, ‖C‖ with the
@@ -151,6 +159,35 @@ class Barrier:
         )
         summary[:, 3] = (at.C**2).reshape(len(s), -1).sum(axis=1) + (size**2).sum(axis=1)
         return replace(at, summary=summary)
+
+    def aimed(
+        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model, blocks: KKTBlocks
+    ) -> tuple[Evaluation, Model, Numbers]:
+        """The iterate and the model with the μ of the next step, and ‖∇E + Aᵀlam + Rᵀz‖∞."""
+        xp, steps = array_module(at.rows), at.rows.shape[1]
+        _, force, multipliers = self.weights(at.rows)
+        gradient = model.b + problem.row_forces(model, multipliers - force)
+        dual = host(largest(gradient + blocks.constraints_transposed_times(lam)))
+        self.lowered = np.zeros(len(dual), dtype=bool)
+        own, (below, above) = self.slacks, self._gaps(self.slacks.s)
+        products = [xp.where(self.low, own.lower * below, np.nan), xp.where(self.high, own.upper * above, np.nan)]
+        base = np.maximum(dual, at.largest)
+        for _ in range(8):
+            mu = self._own(at.rows)
+            off = np.maximum(*(host(xp.nanmax(abs(p - mu).reshape(len(dual), -1), axis=1, initial=0.0)) for p in products))
+            error = np.maximum(base, off * steps)
+            lower = (error <= ERROR * self.mu * steps) & ~self.ended
+            if not some(lower):
+                break
+            less = np.minimum(LINEAR * self.mu, (self.mu * steps) ** POWER / steps)
+            self.mu = np.where(lower, np.maximum(self.last, less), self.mu)
+            self.lowered |= lower
+        self.off = off * steps
+        if some(self.lowered):
+            change = self.weights(at.rows)[1] - force
+            model = replace(model, b=model.b + problem.row_forces(model, change))
+            at = self.seen(at, own.s)
+        return at, model, dual
 
     def step(self, rows: Array, products: Array) -> BarrierStep:
         """The step of slacks and multipliers that goes with R Δ ``products``."""
@@ -169,8 +206,8 @@ class Barrier:
             lower,
             upper,
             equal,
-            _furthest((-move / below, move / above)),
-            _furthest((_shrink(lower, own.lower), _shrink(upper, own.upper))),
+            _furthest((-move / below, move / above)) if MODE[0] else np.ones(len(rows)),
+            _furthest((_shrink(lower, own.lower), _shrink(upper, own.upper))) if MODE[1] else np.ones(len(rows)),
             host(slope.reshape(len(rows), -1).sum(axis=1)),
         )
 
@@ -186,29 +223,25 @@ class Barrier:
         after: Evaluation,
         length: Numbers,
         members: Numbers,
-        dual: Numbers,
     ) -> Evaluation:
-        """Take a step of ``length`` (batch,) of ``members`` (batch,) bool; ``dual`` (batch,) is
-        the dual infeasibility before it. The iterate ``after`` it with the next μ."""
+        """Take a step of ``length`` (batch,) of ``members`` (batch,) bool: the iterate ``after``
+        it."""
         xp, own, mu = array_module(after.rows), self.slacks, self._own(after.rows)
         taken = like(members.reshape(-1, 1, 1), after.rows)
-        s = xp.where(taken, self.slack(after.rows, at.rows, length), own.s)
+        s = xp.where(taken, self.slack(after.rows, at.rows, length), xp.clip(after.rows, *self._box()))
         below, above = self._gaps(s)
 
         def kept(multipliers: Array, change: Array, gap: Array, has: Array) -> Array:
-            new = multipliers + like((members * step.dual).reshape(-1, 1, 1), s) * change
+            new = multipliers + xp.where(taken, like(step.dual.reshape(-1, 1, 1), s) * change, 0.0)
+            new = xp.maximum(new, (1.0 - TO_THE_BOUNDARY) * multipliers)
             return xp.where(has, xp.clip(new, mu / gap / SAFEGUARD, SAFEGUARD * mu / gap), 0.0)
 
         self.slacks = Slacks(
             s,
             kept(own.lower, step.lower, below, self.low),
             kept(own.upper, step.upper, above, self.high),
-            own.equal + like((members * length).reshape(-1, 1, 1), s) * step.equal,
+            own.equal + xp.where(taken, like(length.reshape(-1, 1, 1), s) * step.equal, 0.0),
         )
-        error = np.maximum(dual, at.largest)
-        lower = members & (error <= ERROR * self.mu * s.shape[1]) & ~self.ended
-        self.mu = np.where(lower, np.maximum(self.last, np.minimum(LINEAR * self.mu, (self.mu * s.shape[1])**POWER / s.shape[1])), self.mu)
-        self.lowered = lower
         return self.seen(after, s)
 
     def complementarity(self) -> Numbers:

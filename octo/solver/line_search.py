@@ -117,9 +117,15 @@ class LineSearch:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
+        if self.barrier is not None:
+            at, model, error = self.barrier.aimed(
+                self.trials.problem, at, lam, model, self.backend.blocks(model)
+            )
+            self.acceptance.restored(np.flatnonzero(self.barrier.lowered))
         factors = self.backend.factors(self.trials.problem, model, at, lam, self.options)
         attempt, sigma, has = self.direction.step(factors)
         _, dual, slope = attempt.numbers
+        dual = dual if self.barrier is None else error
         o, full = self.options, choose(has, attempt.largest, np.inf)
         feasible, level = at.largest <= o.tolerance, dual <= o.dual_tolerance
         converged = feasible & level & (full <= o.step_tolerance)
@@ -151,7 +157,7 @@ class LineSearch:
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
         if self.barrier is not None and rows is not None:
-            after = self.barrier.moved(rows, at, after, length, found.accepted, dual)
+            after = self.barrier.moved(rows, at, after, length, found.accepted)
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
