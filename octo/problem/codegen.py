@@ -33,6 +33,7 @@ from octo.problem.costs import Cost, NeighbourCost, StepPairCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature, nonzeros
 from octo.problem.lane_tables import contact_tables, row_tables, tables_text
 from octo.problem.references import References, blamed, sizes
+from octo.problem.row_products import RowSlopes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
@@ -78,6 +79,18 @@ class CostFunctions:
         """Where weights and shifts of the bounded rows stand in q."""
         shifts = self.numbers - len(self.bounded)
         return slice(shifts - len(self.bounded), shifts), slice(shifts, self.numbers)
+
+    @cached_property
+    def kept(self) -> RowSlopes | None:
+        """What a linearisation keeps of the slopes of the bounded rows, if any."""
+        places = np.array(self.state_sparsity.row()), np.array(self.state_sparsity.get_col())
+        return self.kept_of(*places) if self.bounded else None
+
+    def kept_of(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> RowSlopes:
+        """The same of derivatives over the state in another order."""
+        count = len(self.bounded)
+        sizes = len(self.state_terms) - count, count, self.state.numel_in(0)
+        return RowSlopes.of(rows.astype(int), columns.astype(int), *sizes)
 
     @property
     def rows(self) -> int:
@@ -279,6 +292,8 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
     if functions.pairs is not None:
         parts.insert(-1, functions.pairs.c_text)
+    if functions.kept is not None:
+        parts.insert(-1, functions.kept.c_text())
     return "\n".join([*text, tables, native.threads(), *parts])
 
 

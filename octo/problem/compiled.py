@@ -209,15 +209,34 @@ class CompiledProblem:
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, lam, curved, (H, A, b, C))
+        kept = self.functions.kept
+        R = None if kept is None else np.empty((self.batch, self.steps, kept.size))
+        self.steps_code.linearize(at, lam, curved, (H, A, b, C, R))
         self.plan.fill_dummies(H)
-        return Model(H, A, b, C)
+        return Model(H, A, b, C, R)
+
+    def row_products(self, model: Model, delta: Array) -> Array:
+        """R Δ (batch, N, rows): how the bounded rows change along a step of the unknowns, to first
+        order.
+
+        Parameters
+        ----------
+        model: of ``linearize``; where the weight D was zero then the slope of a row is zero, for a
+            row that is left out may have none.
+        delta: Δ (batch, K, nc).
+        """
+        products = np.empty((self.batch, self.steps, len(self.functions.bounded)))
+        if model.R is not None:
+            rest = np.zeros_like(self.constant)
+            moved = node_values(self.stencil, delta, rest, self.carry)
+            self.steps_code.row_products(model.R, moved, products)
+        return products
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:
         """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
         second derivatives."""
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, None, None, (None, A, b, C))
+        self.steps_code.linearize(at, None, None, (None, A, b, C, None))
         return b, A
 
     def _first_order(self) -> tuple[Array, Array, Array]:

@@ -165,7 +165,7 @@ class Interpreted:
     def linearize(
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, if any, A, b, C."""
+        """Fills H, if any, A, b, C, and R, if any."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
         given = [self._arguments(k, at.nodes, at.fd) for k in range(len(at.nodes))]
@@ -189,6 +189,10 @@ class Interpreted:
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
         slopes = fd_jac  # before they are carried back
+        kept = self.program.functions.kept
+        if kept is not None and out[4] is not None:
+            own = jac[:, :, self._squares :]
+            out[4][:] = kept.packed(own, fd_jac[:, :, dynamics.actuated])
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
         step_hess = np.einsum("kir,kira,kirb->kiab", weight, chained, chained)
         if hess is not None:
@@ -211,6 +215,12 @@ class Interpreted:
         out[3][:] = plan.reduce(at.fd[:, :, dynamics.unactuated], scale)
         if self._between is not None:
             self._between.add(self.data, at.unknowns, whole, H, out[2])
+
+    def row_products(self, kept: Array, moved: Array, out: Array) -> None:
+        """Fills R Δ (batch, N, rows), of R of a model and the step of the nodes."""
+        slopes = self.program.functions.kept
+        assert slopes is not None
+        out[:] = slopes.products(kept, moved)
 
     def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
