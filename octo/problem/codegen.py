@@ -72,25 +72,14 @@ class CostFunctions:
     def numbers(self) -> int:
         """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
         row."""
-        return max(self.references.size, 1) + 2 * len(self.bounded)
+        return max(self.references.size, 1) + 3 * len(self.bounded)
 
     @property
-    def row_weights(self) -> tuple[slice, slice]:
-        """Where weights and shifts of the bounded rows stand in q."""
-        shifts = self.numbers - len(self.bounded)
-        return slice(shifts - len(self.bounded), shifts), slice(shifts, self.numbers)
-
-    @cached_property
-    def kept(self) -> RowSlopes | None:
-        """What a linearisation keeps of the slopes of the bounded rows, if any."""
-        places = np.array(self.state_sparsity.row()), np.array(self.state_sparsity.get_col())
-        return self.kept_of(*places) if self.bounded else None
-
-    def kept_of(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> RowSlopes:
-        """The same of derivatives over the state in another order."""
+    def row_weights(self) -> tuple[slice, slice, slice]:
+        """Where weights, shifts and multipliers of the bounded rows stand in q."""
         count = len(self.bounded)
-        sizes = len(self.state_terms) - count, count, self.state.numel_in(0)
-        return RowSlopes.of(rows.astype(int), columns.astype(int), *sizes)
+        first = self.numbers - 3 * count
+        return tuple(slice(first + k * count, first + (k + 1) * count) for k in range(3))
 
     @property
     def rows(self) -> int:

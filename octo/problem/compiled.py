@@ -134,7 +134,7 @@ class CompiledProblem:
                 "can be given here"
             )
 
-    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+    def set_row_weights(self, weights: Array, shifts: Array, multipliers: Array | None = None) -> None:
         """What the bounded rows r (of terms whose kind is "bounded") add to the model from now on:
         D r' r'ᵀ to H and d r' to b, with d also in the curvature of FD through their torques.
 
@@ -151,8 +151,9 @@ class CompiledProblem:
         weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
         if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
-        of_weights, of_shifts = self.functions.row_weights
+        of_weights, of_shifts, of_multipliers = self.functions.row_weights
         self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
+        self.q[:, :, of_multipliers] = shifts if multipliers is None else multipliers
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:

@@ -123,14 +123,14 @@ class CurvedTerms:
         """Terms, residuals, and what is their weight and what their second derivatives are
         multiplied with: those of a square together, bounded ones one by one. ``own``: weights and
         shifts of the bounded rows, which stand after ``squares`` others."""
-        bounded = own.numel() // 2
+        bounded = own.numel() // 3
         for term in self.terms:
             if term.first < squares:
                 yield term, term.r, q[term.place], 2.0 * q[term.place] * term.r
                 continue
             for i in range(term.r.numel()):
                 at = term.first - squares + i
-                yield term, term.r[i], own[at], own[bounded + at]
+                yield term, term.r[i], own[at], own[2 * bounded + at]
 
     def derived(self, inputs: Sequence[ca.SX], squares: int, bounded: int) -> StateCurvature | None:
         """S as a function; None where it is zero whatever the numbers. Of the rows over the state
@@ -143,7 +143,7 @@ class CurvedTerms:
         if not self.terms:
             return None
         p, q, *v = inputs
-        step, own = self.step, ca.SX.sym("own", 2 * bounded)
+        step, own = self.step, ca.SX.sym("own", 3 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
         size, centers = state.numel(), step.centers

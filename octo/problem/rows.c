@@ -28,12 +28,20 @@ static inline double octo_coefficient(const double *q, int row) {
 /* What a row over the state adds to the model: D r' r'ᵀ to H and d r' to b, of a square 2c and 2cr. */
 static inline octo_row_number octo_row_weight(const octo_row_number *q, int row) {
 #if NBOUNDED > 0
-  if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
+  if (row >= SQUARES) return q[NQ - 3 * NBOUNDED + row - SQUARES];
 #endif
   return 2.0 * q[octo_state_row_term[row]];
 }
 
 static inline octo_row_number octo_row_shift(const octo_row_number *q, int row, octo_row_number r) {
+#if NBOUNDED > 0
+  if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
+#endif
+  return 2.0 * q[octo_state_row_term[row]] * r;
+}
+
+/* What the curvature of FD through a row's torques is multiplied with. */
+static inline octo_row_number octo_row_multiplier(const octo_row_number *q, int row, octo_row_number r) {
 #if NBOUNDED > 0
   if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
 #endif

@@ -236,7 +236,7 @@ class _Run:
             at = (self.problem, self.at, self.lam)
             with self.clock("linearize"):
                 if self.barrier is not None:
-                    self.problem.set_row_weights(*self.barrier.weights(self.at.rows)[:2])
+                    self.problem.set_row_weights(*self.barrier.weights(self.at.rows))
                 self.model = self.backend.linearize(*at, exact, self.settled)
         self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
