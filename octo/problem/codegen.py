@@ -81,6 +81,18 @@ class CostFunctions:
         first = self.numbers - 3 * count
         return tuple(slice(first + k * count, first + (k + 1) * count) for k in range(3))
 
+    @cached_property
+    def kept(self) -> RowSlopes | None:
+        """What a linearisation keeps of the slopes of the bounded rows, if any."""
+        places = np.array(self.state_sparsity.row()), np.array(self.state_sparsity.get_col())
+        return self.kept_of(*places) if self.bounded else None
+
+    def kept_of(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> RowSlopes:
+        """The same of derivatives over the state in another order."""
+        count = len(self.bounded)
+        sizes = len(self.state_terms) - count, count, self.state.numel_in(0)
+        return RowSlopes.of(rows.astype(int), columns.astype(int), *sizes)
+
     @property
     def rows(self) -> int:
         own = 0 if self.contact is None else len(self.contact.spheres) * len(self.contact.terms)

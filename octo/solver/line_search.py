@@ -137,16 +137,16 @@ class LineSearch:
                 with self.clock("solve"):
                     delta, slope, most = self.feasibility.step(factors, model, polish, has, delta)
                 first = None
-        most: Numbers | float = 1.0
+        longest: Numbers | float = 1.0
         rows: BarrierStep | None = None
         if self.barrier is not None:
             rows = self.barrier.step(at.rows, self.trials.problem.row_products(model, delta))
             slope = slope + rows.slope
             converged &= self.barrier.ended
-            most, first = rows.primal, None
+            longest, first = rows.primal, None
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
-        line = Line(delta, attempt.multipliers, size, slope, first, most=most)
+        line = Line(delta, attempt.multipliers, size, slope, first, most=longest)
         mend = partial(self._mended, at, model, factors)
         found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
         length, whole = found.length, found.accepted & ~polish
@@ -186,16 +186,17 @@ class LineSearch:
         refused: Mask,
     ) -> tuple[Mask, Evaluation, Numbers]:
         """Of first trials that were refused: single units are to blame, corrections may help."""
+        worse = refused & trial.finite & (trial.size >= at.size)
+        mended, first = np.zeros(len(refused), dtype=bool), trial
+        if self.correction is not None and some(worse):
+            mended, trial, moved = self.correction.corrected(
+                self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
+            )
         if self.damping is not None:
-            self.damping.learn(self.direction.regularisation, at, trial, refused)
+            self.damping.learn(self.direction.regularisation, at, first, refused & ~mended)
         else:
             self.direction.regularisation.forget()
-        worse = refused & trial.finite & (trial.size >= at.size)
-        if self.correction is None or not some(worse):
-            return np.zeros(len(refused), dtype=bool), trial, moved
-        return self.correction.corrected(
-            self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
-        )
+        return mended, trial, moved
 
     def _restore(self, at: Evaluation, lam: Array, failed: Mask) -> tuple[Evaluation, Array, Mask]:
         """``at``, ``lam`` and the members that are lost, once the constraints of ``failed`` members
