@@ -70,15 +70,17 @@ class CostFunctions:
 
     @property
     def numbers(self) -> int:
-        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
-        row."""
-        return max(self.references.size, 1) + 2 * len(self.bounded)
+        """Of a step, in q: coefficients, references, and a weight, a shift and a multiplier of
+        each bounded row."""
+        return max(self.references.size, 1) + 3 * len(self.bounded)
 
     @property
-    def row_weights(self) -> tuple[slice, slice]:
-        """Where weights and shifts of the bounded rows stand in q."""
-        shifts = self.numbers - len(self.bounded)
-        return slice(shifts - len(self.bounded), shifts), slice(shifts, self.numbers)
+    def row_weights(self) -> tuple[slice, slice, slice]:
+        """Where weights, shifts and multipliers of the bounded rows stand in q."""
+        count = len(self.bounded)
+        first = self.numbers - 3 * count
+        weights, shifts, multipliers = (slice(k, k + count) for k in first + count * np.arange(3))
+        return weights, shifts, multipliers
 
     @cached_property
     def kept(self) -> RowSlopes | None:

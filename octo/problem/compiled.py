@@ -134,25 +134,31 @@ class CompiledProblem:
                 "can be given here"
             )
 
-    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
         """What the bounded rows r (of terms whose kind is "bounded") add to the model from now on:
-        D r' r'ᵀ to H and d r' to b, with d also in the curvature of FD through their torques.
+        D r' r'ᵀ to H and d r' to b; to H also second derivatives of Σ y r: those of FD through the
+        torques, and of terms with ``curvature="exact"`` their own.
 
         Parameters
         ----------
         weights: D (batch, N, rows) ≥ 0; where it is zero the row is left out.
         shifts: d (batch, N, rows).
+        multipliers: y (batch, N, rows); by default d.
 
         Raises
         ------
-        ShapeError, ValueRangeError: ``weights`` or ``shifts`` are not of that kind.
+        ShapeError, ValueRangeError: ``weights``, ``shifts`` or ``multipliers`` are not of that
+            kind.
         """
         shape = (self.batch, self.steps, len(self.functions.bounded))
         weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
         if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
-        of_weights, of_shifts = self.functions.row_weights
-        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
+        given = shifts if multipliers is None else numbers("multipliers", multipliers, shape)
+        for place, values in zip(self.functions.row_weights, (weights, shifts, given), strict=True):
+            self.q[:, :, place] = values
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
