@@ -86,11 +86,14 @@ class DeviceProblem:
         part.batch = len(part.p)
         return part
 
-    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
         """As :meth:`CompiledProblem.set_row_weights`, of arrays on the device; nothing is
         checked."""
-        of_weights, of_shifts = self.functions.row_weights
-        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
+        values = (weights, shifts, shifts if multipliers is None else multipliers)
+        for place, own in zip(self.functions.row_weights, values, strict=True):
+            self.q[:, :, place] = own
 
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""

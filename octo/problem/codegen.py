@@ -70,8 +70,8 @@ class CostFunctions:
 
     @property
     def numbers(self) -> int:
-        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
-        row."""
+        """Of a step, in q: coefficients, references, and a weight, a shift and a multiplier of
+        each bounded row."""
         return max(self.references.size, 1) + 3 * len(self.bounded)
 
     @property
@@ -79,7 +79,8 @@ class CostFunctions:
         """Where weights, shifts and multipliers of the bounded rows stand in q."""
         count = len(self.bounded)
         first = self.numbers - 3 * count
-        return tuple(slice(first + k * count, first + (k + 1) * count) for k in range(3))
+        weights, shifts, multipliers = (slice(k, k + count) for k in first + count * np.arange(3))
+        return weights, shifts, multipliers
 
     @cached_property
     def kept(self) -> RowSlopes | None:

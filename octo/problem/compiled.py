@@ -134,26 +134,31 @@ class CompiledProblem:
                 "can be given here"
             )
 
-    def set_row_weights(self, weights: Array, shifts: Array, multipliers: Array | None = None) -> None:
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
         """What the bounded rows r (of terms whose kind is "bounded") add to the model from now on:
-        D r' r'ᵀ to H and d r' to b, with d also in the curvature of FD through their torques.
+        D r' r'ᵀ to H and d r' to b; to H also second derivatives of Σ y r: those of FD through the
+        torques, and of terms with ``curvature="exact"`` their own.
 
         Parameters
         ----------
         weights: D (batch, N, rows) ≥ 0; where it is zero the row is left out.
         shifts: d (batch, N, rows).
+        multipliers: y (batch, N, rows); by default d.
 
         Raises
         ------
-        ShapeError, ValueRangeError: ``weights`` or ``shifts`` are not of that kind.
+        ShapeError, ValueRangeError: ``weights``, ``shifts`` or ``multipliers`` are not of that
+            kind.
         """
         shape = (self.batch, self.steps, len(self.functions.bounded))
         weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
         if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
-        of_weights, of_shifts, of_multipliers = self.functions.row_weights
-        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
-        self.q[:, :, of_multipliers] = shifts if multipliers is None else multipliers
+        given = shifts if multipliers is None else numbers("multipliers", multipliers, shape)
+        for place, values in zip(self.functions.row_weights, (weights, shifts, given), strict=True):
+            self.q[:, :, place] = values
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
@@ -234,13 +239,15 @@ class CompiledProblem:
         return products
 
     def row_forces(self, model: Model, weights: Array) -> Array:
-        """Rᵀ w (batch, K, nc) of ``weights`` w (batch, N, rows), see ``row_products``."""
+        """Rᵀ w (batch, K, nc): what ``weights`` w (batch, N, rows) of the bounded rows are on the
+        unknowns; ``model`` as of ``row_products``."""
         kept = self.functions.kept
-        assert kept is not None and model.R is not None
-        own = kept.forces(model.R, weights)
+        if kept is None or model.R is None:
+            return np.zeros((self.batch, self.K, self.nc))
+        window = kept.forces(model.R, weights)
         nodes = np.zeros((self.batch, self.steps + 2, self.n))
-        for node, first in ((2, 0), (1, 1), (0, 2)):
-            nodes[:, node : node + self.steps] += own[..., first * self.n : (first + 1) * self.n]
+        for node, own in enumerate(np.split(window, 3, axis=-1)):
+            nodes[:, 2 - node : 2 - node + self.steps] += own
         forces = node_forces(self.stencil, nodes, self.nc, self.carry)
         forces[:, self.fixed] = 0.0
         return forces

@@ -1,9 +1,9 @@
 """Exact second derivatives of terms over the state: what Gauss and Newton's model of E leaves out.
 
 Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
-rows with shifts d it is Σ d ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left to
-those who have the slopes of FD, and FD's own curvature to ∂E/∂u (``octo_derive_rows`` of
-sparse_rows.c).
+rows with multipliers y it is Σ y ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left
+to those who have the slopes of FD, and FD's own curvature to ∂E/∂u, of bounded rows to that of Σ y r
+(``octo_derive_rows`` of sparse_rows.c).
 
 A centre of mass is a long expression of all coordinates: terms are differentiated to the two
 centres, whose own derivatives have a closed form.
@@ -121,8 +121,8 @@ class CurvedTerms:
         self, q: ca.SX, own: ca.SX, squares: int
     ) -> Iterator[tuple[CurvedTerm, ca.SX, ca.SX, ca.SX]]:
         """Terms, residuals, and what is their weight and what their second derivatives are
-        multiplied with: those of a square together, bounded ones one by one. ``own``: weights and
-        shifts of the bounded rows, which stand after ``squares`` others."""
+        multiplied with: those of a square together, bounded ones one by one. ``own``: weights,
+        shifts and multipliers of the bounded rows, which stand after ``squares`` others."""
         bounded = own.numel() // 3
         for term in self.terms:
             if term.first < squares:

@@ -169,9 +169,9 @@ class Interpreted:
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
         given = [self._arguments(k, at.nodes, at.fd) for k in range(len(at.nodes))]
-        weight, shift, jac = self._rows(given)
+        weight, shift, multiplier, jac = self._rows(given)
         pull = np.zeros_like(at.fd)
-        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
+        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", multiplier, jac[..., 3 * n :])
         whole = np.full(len(shift), lam is not None)
         if curved is not None:
             whole &= np.asarray(curved, dtype=bool)
@@ -222,9 +222,10 @@ class Interpreted:
         assert slopes is not None
         out[:] = slopes.products(kept, moved)
 
-    def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array]:
-        """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
-        rows), 2c and 2cr of squares, and r' to (z, u). given: each member's arguments."""
+    def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array, Array]:
+        """What the rows over the state add to the model, D r' r'ᵀ, d r' and curvature of y r: D, d
+        and y (batch, N, rows), of squares 2c, 2cr and 2cr, and r' to (z, u). given: each member's
+        arguments."""
         functions, steps = self.program.functions, self.plan.steps
         terms = np.array(functions.state_terms, dtype=np.intp)
         made = [
@@ -232,12 +233,14 @@ class Interpreted:
         ]
         r, jac = (np.stack(part) for part in zip(*made, strict=True))
         weight, first = 2.0 * self.data.q[:, :, terms], self._squares
-        of_weights, of_shifts = functions.row_weights
+        of_weights, *others = functions.row_weights
         weight[..., first:] = self.data.q[:, :, of_weights]
         live = weight != 0.0  # a step that a term leaves out may have no finite residual
         shift = weight * np.where(live, r, 0.0)
-        shift[..., first:] = np.where(live[..., first:], self.data.q[:, :, of_shifts], 0.0)
-        return weight, shift, np.where(live[..., None], jac, 0.0)
+        multiplier = shift.copy()
+        for values, place in zip((shift, multiplier), others, strict=True):
+            values[..., first:] = np.where(live[..., first:], self.data.q[:, :, place], 0.0)
+        return weight, shift, multiplier, np.where(live[..., None], jac, 0.0)
 
     def _add_bends(
         self, given: list[list[Array]], curved: NDArray[np.bool_], torque_jac: Array, hess: Array

@@ -1,5 +1,6 @@
 /* The rows of a step's costs, those over the state before those over contacts: after the tables of the costs (codegen.py), in C
- * that is CUDA too. Of those over the state the last NBOUNDED are no squares of E: q ends with a weight D and a shift d of each. */
+ * that is CUDA too. Of those over the state the last NBOUNDED are no squares of E: q ends with a weight D, a shift d and a multiplier y
+ * of each. */
 
 #define MROWS (NR + NFC * CR)
 
@@ -40,12 +41,12 @@ static inline octo_row_number octo_row_shift(const octo_row_number *q, int row, 
   return 2.0 * q[octo_state_row_term[row]] * r;
 }
 
-/* What the curvature of FD through a row's torques is multiplied with. */
+/* What the second derivatives of a row over the state, and of FD through its torques, are multiplied with: y, of a square 2cr. */
 static inline octo_row_number octo_row_multiplier(const octo_row_number *q, int row, octo_row_number r) {
 #if NBOUNDED > 0
   if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
 #endif
-  return 2.0 * q[octo_state_row_term[row]] * r;
+  return octo_row_shift(q, row, r);
 }
 
 /* The term that a row belongs to. */
