@@ -304,3 +304,59 @@ def test_curvature_of_a_constraint_is_exact() -> None:
     ahead, behind = (own(unknowns + side * direction)[1] for side in (h, -h))
     expected = (ahead - behind) / (2 * h)
     np.testing.assert_allclose(product, expected, atol=1e-6 * np.abs(expected).max())
+
+
+# -- reports ---------------------------------------------------------------------------------------
+
+
+def test_a_solution_says_the_worst_row_of_each_constraint(tmp_path) -> None:
+    nodes = np.tile(START, (STEPS + 1, 1))
+    nodes[3:, 6] = [0.5, 0.9, 1.2, 1.0, 0.4, 0.3]  # rad, the hip
+    nodes[4:, 4] = 0.2  # rad, the pitch
+    held = octo.BaseHeightRange(0.2, 0.6)
+    end = octo.PoseTarget(target=nodes[-1] + 1e-3 * np.eye(9)[7], name="end")
+    tilt, place = octo.TiltLimit(0.1, pose=np.zeros(9)), octo.JointLimit(0.0)
+    problem = described(octo.StepLimit(0.3), place, tilt, held, end)
+    motion = evaluated(problem, nodes, Status.SIMULATED)
+    assert list(motion.terms) == ["Effort"]
+    steps, joints, angle, height, reached = motion.bounds
+    assert (steps.row, steps.step, steps.side, steps.unit) == ("joint 'hip'", 6, "at least", "rad")
+    np.testing.assert_allclose((steps.value, steps.bound, steps.excess), (-0.6, -0.3, 1.0))
+    assert joints.time == pytest.approx(5 * DT) and joints.violation == pytest.approx(0.2)
+    assert angle.side == "at most" and angle.bound == pytest.approx(0.1)
+    cosine = np.cos(0.2) * np.cos(START[5])
+    assert angle.value == pytest.approx(np.arccos(cosine)) and not angle.held
+    assert height.held and height.excess < 0.0 and height.violation == 0.0
+    assert height.value == pytest.approx(START[2]) and height.bound == 0.6
+    assert reached.side == "exactly" and reached.step == STEPS - 1
+    text = str(motion)
+    assert (
+        "JointLimit broken by 0.2 rad: joint 'hip' is 1.2 rad at 0.25 s, must be at most 1" in text
+    )
+    assert "BaseHeightRange held: the base is 0.44 m at" in text
+    assert [one["held"] for one in motion.report()["bounds"]] == [False, False, False, True, False]
+    motion.save(tmp_path / "motion.npz")
+    assert octo.Solution.load(tmp_path / "motion.npz").bounds == motion.bounds
+
+
+def test_torques_and_forces_are_said_in_newtons() -> None:
+    problem = described(octo.TorqueLimits(), octo.FrictionCones(0.1, contacts=("foot",)))
+    compiled = CompiledProblem([problem])
+    nodes = compiled.evaluate(wiggle_near_ground(compiled)).nodes[0, 1:]
+    motion = evaluated(problem, nodes, Status.SIMULATED)
+    torque, cone = motion.bounds
+    share = np.abs(motion.u[:, :2]) / [8.0, 6.0]
+    step, joint = np.unravel_index(np.argmax(share), share.shape)
+    assert (torque.step, torque.unit, torque.row) == (
+        step,
+        "N m",
+        f"joint '{['hip', 'knee'][joint]}'",
+    )
+    assert abs(torque.value) == pytest.approx(abs(motion.u[step, joint]))
+    assert abs(torque.bound) == pytest.approx([8.0, 6.0][joint])
+    assert cone.unit == "N" and cone.bound == pytest.approx(-1e-4 * motion.weight)
+
+
+def test_a_constraint_that_a_fixed_state_settles_has_no_line() -> None:
+    problem = described(octo.PoseTarget(target=START), x_end=START)
+    assert evaluated(problem, np.tile(START, (STEPS + 1, 1)), Status.SIMULATED).bounds == ()
