@@ -23,8 +23,14 @@ Curvature = Literal["gauss_newton", "exact"]
 
 
 class Row(NamedTuple):
-    """One row of a residual, in words: what it is of (a joint, a body, a contact), and that a value
-    of 1 is ``size`` in ``unit``."""
+    """One row of a residual, in words.
+
+    Parameters
+    ----------
+    name: what it is of: a joint, a body, a contact.
+    unit: of what is shown.
+    size: how many units a value of 1 is.
+    """
 
     name: str
     unit: str = ""
