@@ -44,7 +44,12 @@ _NAMES = {  # by the module that defines them
     "octo.plot": "plot",
     "octo.problem.basis": "Hermite Nodes",
     "octo.problem.code_stage": "CodeStage",
+    "octo.problem.constraints": "Constraint CustomConstraint",
     "octo.problem.cycle": "Cycle",
+    "octo.problem.limits": (
+        "BaseHeightRange FrictionCones JointLimits JointSpeedLimits StepLimit TiltLimit "
+        "TorqueLimits"
+    ),
     "octo.problem.problem": "Problem",
     "octo.replay": "replay",
     "octo.result.solution": "Solution",
@@ -133,7 +138,16 @@ if TYPE_CHECKING:
     from octo.problem.basis import Hermite as Hermite
     from octo.problem.basis import Nodes as Nodes
     from octo.problem.code_stage import CodeStage as CodeStage
+    from octo.problem.constraints import Constraint as Constraint
+    from octo.problem.constraints import CustomConstraint as CustomConstraint
     from octo.problem.cycle import Cycle as Cycle
+    from octo.problem.limits import BaseHeightRange as BaseHeightRange
+    from octo.problem.limits import FrictionCones as FrictionCones
+    from octo.problem.limits import JointLimits as JointLimits
+    from octo.problem.limits import JointSpeedLimits as JointSpeedLimits
+    from octo.problem.limits import StepLimit as StepLimit
+    from octo.problem.limits import TiltLimit as TiltLimit
+    from octo.problem.limits import TorqueLimits as TorqueLimits
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay
     from octo.result.solution import Solution as Solution

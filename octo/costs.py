@@ -38,6 +38,7 @@ from octo.problem.joint_costs import (
 from octo.problem.losses import Huber, Loss
 from octo.problem.presets import locomotion, natural, paper, robot
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
+from octo.problem.terms import Row
 
 __all__ = [
     "BaseAngularVelocity",
@@ -68,6 +69,7 @@ __all__ = [
     "PointVelocity",
     "PoseTarget",
     "Posture",
+    "Row",
     "Setting",
     "Slip",
     "SlipPower",

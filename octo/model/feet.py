@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,17 @@ def touching(character: Tree, terrain: Plane | Terrain, x: NDArray) -> list[int]
     """Contacts that touch the ground at x (nx,), with the terrain's own parameters."""
     gap = gaps(character, terrain, terrain.parameters, x)
     return [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
+
+
+def chosen_contacts(
+    character: Tree, contacts: Iterable[str] | Literal["feet"] | None, feet: Iterable[int]
+) -> set[int]:
+    """Indices of ``contacts``, given by name, as "feet", or None for all that touch the terrain."""
+    if contacts == "feet":
+        return set(feet)
+    if contacts is None:
+        return set(character.terrain_contacts)
+    return {character.contact_index(name) for name in contacts}
 
 
 def feet_of(character: Tree, contacts: Iterable[int]) -> list[int]:

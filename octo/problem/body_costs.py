@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from octo.checks import numbers
 from octo.errors import ShapeError
 from octo.problem.asked import Asked, Motion
 from octo.problem.costs import Cost, Steps, last_row, mean_square
+from octo.problem.terms import Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -107,6 +108,7 @@ class BaseOrientation(Cost):
     roll_pitch_yaw: Any = (0.0, 0.0, 0.0)
     axes: Any = (1.0, 1.0, 1.0)
     body: str | None = None
+    weighed_by: ClassVar[str] = "axes"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         return {"roll_pitch_yaw": self._vector("roll_pitch_yaw", 3), "axes": self._roots("axes", 3)}
@@ -163,6 +165,7 @@ class BaseAngularVelocity(Cost):
     velocity: Any = (0.0, 0.0, 0.0)
     axes: Any = (1.0, 1.0, 1.0)
     body: str | None = None
+    weighed_by: ClassVar[str] = "axes"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         return {"velocity": self._vector("velocity", 3), "axes": self._roots("axes", 3)}
@@ -197,6 +200,7 @@ class PointPosition(Cost):
     point: Any = (0.0, 0.0, 0.0)
     target: Any = (0.0, 0.0, 0.0)
     axes: Any = (1.0, 1.0, 1.0)
+    weighed_by: ClassVar[str] = "axes"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         vectors = {name: self._vector(name, 3) for name in ("point", "target")}
@@ -210,6 +214,9 @@ class PointPosition(Cost):
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         rotation, position = step.pose(self.body)
         return p["axes"] * (rotation @ p["point"] + position - p["target"])
+
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        return [Row(f"{axis} of {Motion.called(self.body)} − target", "m") for axis in "xyz"]
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         chosen, point = np.broadcast_to(last_row(self.axes), (3,)) > 0.0, motion.row(self.point)
@@ -230,6 +237,7 @@ class PointVelocity(Cost):
     point: Any = (0.0, 0.0, 0.0)
     velocity: Any = (0.0, 0.0, 0.0)
     axes: Any = (1.0, 1.0, 1.0)
+    weighed_by: ClassVar[str] = "axes"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         vectors = {name: self._vector(name, 3) for name in ("point", "velocity")}

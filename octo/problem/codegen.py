@@ -29,13 +29,14 @@ from octo.model.feet import touching
 from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
-from octo.problem.costs import Cost, NeighbourCost, StepPairCost
+from octo.problem.costs import NeighbourCost, StepPairCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature, nonzeros
 from octo.problem.lane_tables import contact_tables, row_tables, tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.row_products import RowSlopes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
+from octo.problem.terms import Term
 
 Array = NDArray[np.float64]
 
@@ -136,7 +137,7 @@ class Residuals:
         """What tells one list of terms from another: their expressions, and the names and sizes of
         their references."""
         references = self.references
-        kinds = tuple((type(term), term.label, term.steps) for term in references.terms)
+        kinds = tuple((type(term), term.label, term.counted) for term in references.terms)
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
         written = [self.function.serialize()]
         if self.between:
@@ -152,7 +153,7 @@ class Residuals:
 @postponed()
 def residuals_of(
     dynamics: Dynamics,
-    terms: Sequence[Cost],
+    terms: Sequence[Term],
     setting: Setting,
     between_controls: bool,
     exact: bool = False,
@@ -249,7 +250,7 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
 
 
 def cost_functions(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
+    dynamics: Dynamics, terms: Sequence[Term], setting: Setting, between_controls: bool
 ) -> CostFunctions:
     """Residuals and first derivatives of all terms; ``between_controls`` leaves those over
     neighbouring controls out."""

@@ -20,7 +20,7 @@ from octo import native
 from octo.checks import doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
 from octo.problem.basis import node_forces, node_values
-from octo.problem.data import Data, lowered
+from octo.problem.data import Data, fill, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
 from octo.problem.native_steps import NativeSteps
@@ -79,6 +79,7 @@ class CompiledProblem:
         self.batch, self.steps, self.n, self.m = len(data.p), plan.steps, plan.n, plan.m
         self.K, self.nc, self.ma, self.nu = plan.K, plan.nc, plan.ma, program.dynamics.nu
         self.p, self.q, self.row_scale = data.p, data.q, data.row_scale
+        self.lower, self.upper = data.lower, data.upper
         self.start, self.constant = data.start, data.constant
         self.ends, self.carry = data.ends, data.carry
 
@@ -114,11 +115,9 @@ class CompiledProblem:
         return plain
 
     def refresh(self) -> None:
-        """Take over references and weights that changed in place in the problems' terms. Nothing is
-        recompiled."""
-        references = self.functions.references
-        for k, problem in enumerate(self.problems):
-            self.q[k][:, : references.size] = references.pack(problem.costs, problem.setting)
+        """Take over references, weights and bounds that changed in place in the problems' terms.
+        Nothing is recompiled."""
+        fill(self.data, self.plan, self.problems, self.functions)
 
     def check_squares(self, solver: str) -> None:
         """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights.

@@ -14,12 +14,14 @@ import casadi as ca
 
 from octo.errors import ProblemError
 from octo.model.character import Character
+from octo.model.feet import chosen_contacts
+from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost
+from octo.problem.limits import TINY_FORCE, FrictionCones
 
 if TYPE_CHECKING:
     from octo.problem.symbols import ContactSymbols, Setting
 
-TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 TINY_LOAD = 1e-6  # of the weight; rounds the root of a load off at zero
 
 
@@ -36,11 +38,14 @@ class ContactCost(Cost):
 
     def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
         """Indices into the robot's contacts."""
-        if self.contacts == "feet":
-            return set(feet)
-        if self.contacts is not None:
-            return {robot.contact_index(name) for name in self.contacts}
-        return set(feet if self.of_feet else robot.terrain_contacts)
+        own = "feet" if self.contacts is None and self.of_feet else self.contacts
+        return chosen_contacts(robot, own, feet)
+
+    def hard(self) -> Constraint:
+        raise ProblemError(
+            f"{self.label} is over contacts and has no hard form, must be octo.FrictionCone or a "
+            "term over a step"
+        )
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         raise ProblemError(
@@ -104,6 +109,9 @@ class FrictionCone(ContactCost):
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         tangential = ca.sqrt(ca.sumsqr(contact.tangential_force) + TINY_FORCE**2) - TINY_FORCE
         return ca.fmax(0, tangential - p["mu"] * contact.normal_force)
+
+    def hard(self) -> Constraint:
+        return FrictionCones(self.mu, contacts=self.contacts, **self._kept())
 
 
 @dataclass(frozen=True, eq=False)

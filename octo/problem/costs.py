@@ -13,17 +13,19 @@ is physical, a scale.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, number, one_of, owned, positive, shares, vectors
+from octo.checks import instance, one_of
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
+from octo.problem.constraints import Constraint, Equality
 from octo.problem.losses import Loss
+from octo.problem.terms import Term
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -31,12 +33,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 LOSS = "loss."  # how the names of a loss's references begin
 Steps = Literal["all", "last"]
-Curvature = Literal["gauss_newton", "exact"]
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Cost:
+class Cost(Term):
     """A term of E.
 
     Parameters
@@ -50,46 +51,26 @@ class Cost:
         over contacts, and of a residual's way through the torques, it is exact either way.
     """
 
-    # "bounded": its rows are no squares of E; a solver gives each a weight and a shift of its own
-    # at every iterate (CompiledProblem.set_row_weights)
-    kind: ClassVar[Literal["square", "bounded"]] = "square"
+    weighed_by: ClassVar[str] = ""  # the reference whose entries weigh a row each, if any
 
     weight: float | Array = 1.0
     steps: Steps = "all"
-    name: str = ""
     loss: Loss | None = None
-    curvature: Curvature = "gauss_newton"
 
     def __post_init__(self) -> None:
-        for each in fields(self):  # the caller's arrays, lists and dicts stay the caller's
-            object.__setattr__(self, each.name, owned(getattr(self, each.name)))
-        kind = type(self).__name__
-        for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
-            instance(f"{kind}.{name}", getattr(self, name), str, "a text")
+        super().__post_init__()
         one_of(f"{self.label}.steps", self.steps, ("all", "last"))
-        one_of(f"{self.label}.kind", self.kind, ("square", "bounded"))
-        one_of(f"{self.label}.curvature", self.curvature, get_args(Curvature))
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
 
     @property
-    def label(self) -> str:
-        """The name the term goes by in reports and in ``Controller.update``."""
-        return self.name or type(self).__name__
-
-    def references(self, setting: Setting) -> Mapping[str, Any]:
-        """Run-time numbers by name, each (size,) or (N, size)."""
-        del setting
-        return {}
+    def counted(self) -> str:
+        return self.steps
 
     def scale(self, setting: Setting) -> float:
         """The fixed number E's term is divided by."""
         del setting
         return 1.0
-
-    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
-        """The residual of one time step, from its symbols and this term's references."""
-        raise ProblemError(f"{self.label}.residual is missing: write residual(self, step, p)")
 
     def shaped(self, residual: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         """(rows,) what E has the squares of: the residual, with the loss around it.
@@ -98,37 +79,35 @@ class Cost:
         ----------
         residual: of this term. p: its references by name.
         """
-        r = ca.densify(ca.vec(ca.SX(residual)))
+        r = super().shaped(residual, p)
         if self.loss is None:
             return r
         own = {name.removeprefix(LOSS): p[name] for name in p if name.startswith(LOSS)}
         return ca.densify(self.loss.root(r, own))
 
-    def check_square(self, why: str) -> None:
-        """Refuse rows that a solver weights itself, where there are none because of ``why``.
+    def hard(self) -> Constraint:
+        """The constraint that the term means in a problem's ``constraints``: its residual is zero.
 
         Raises
         ------
-        ProblemError: the term's kind is not "square".
+        ProblemError: it has none.
         """
-        if self.kind != "square":
-            raise ProblemError(f"{self.label} {why}: its kind is {self.kind!r}, must be 'square'")
+        self.check_square("has no hard form")
+        return Equality(self, self.weighed_by, **self._kept())
 
-    def _vector(self, name: str, size: int) -> Array:
-        """A field as finite numbers, (size,) or (N, size)."""
-        return vectors(f"{self.label}.{name}", getattr(self, name), size)
+    def _kept(self) -> dict[str, Any]:
+        """What a hard form takes over.
 
-    def _roots(self, name: str, size: int) -> Array:
-        """The square roots of a field of weights, (size,) or (N, size)."""
-        return np.sqrt(shares(f"{self.label}.{name}", getattr(self, name), size))
-
-    def _number(self, name: str) -> Array:
-        """(1,) of a field that is a number."""
-        return np.array([number(f"{self.label}.{name}", getattr(self, name))])
-
-    def _inverse(self, name: str, unit: str = "") -> Array:
-        """(1,) one over a field that is a positive number in ``unit``."""
-        return np.array([1.0 / positive(f"{self.label}.{name}", getattr(self, name), unit)])
+        Raises
+        ------
+        ProblemError: the term has a loss, which no hard form has.
+        """
+        if self.loss is not None:
+            raise ProblemError(
+                f"{self.label} has a loss and is a constraint: a loss has no hard form, leave it "
+                "out"
+            )
+        return {"name": self.label, "at": self.steps}
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         """What the term asks of a motion as a whole, and what came of it; None of a term that asks
@@ -146,6 +125,11 @@ class SizedCost(Cost):
     """
 
     make: Callable[[float, Array], Cost]
+
+    def hard(self) -> Constraint:
+        raise ProblemError(
+            f"{self.label} of a list without length=… has no hard form: give the term itself"
+        )
 
     def sized(self, length: float, times: Array) -> Cost:
         """The term of a robot of ``length`` ℓ (m), at ``times`` (N,) s."""
@@ -224,6 +208,12 @@ class NeighbourCost(FunctionCost):
         before = ca.vertcat(step.x, step.x - step.x_prev)
         return self.between(before, ca.vertcat(step.x_next, step.x_next - step.x), p)
 
+    def hard(self) -> Constraint:
+        raise ProblemError(
+            f"{self.label} is over neighbouring controls and has no hard form: use a "
+            "CustomConstraint over x_next, x, x_prev, u"
+        )
+
     def between(self, control: ca.SX, control_next: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         return self._given("c, c_next, p")(control, control_next, p)
 
@@ -235,6 +225,12 @@ class StepPairCost(Cost):
     Step 0 has none before it and no residual; in a cycle the last step, carried back by a stride,
     comes before it.
     """
+
+    def hard(self) -> Constraint:
+        raise ProblemError(
+            f"{self.label} is over two steps in a row and has no hard form, must be a term over a "
+            "step"
+        )
 
     def pair_residual(
         self, step: StepSymbols, before: StepSymbols, p: Mapping[str, ca.SX]

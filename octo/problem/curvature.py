@@ -23,9 +23,9 @@ from octo.dynamics.codegen import check_curvature
 from octo.dynamics.long import check_length
 from octo.model.character import Character
 from octo.problem.calls import Call, gradient, jacobian, with_numbers_of
-from octo.problem.costs import Cost
 from octo.problem.lane_tables import tables_text
 from octo.problem.symbols import StepSymbols
+from octo.problem.terms import Term
 
 NAME = "octo_state_curvature"
 HINT = 'leave it at curvature="gauss_newton", or write it in fewer operations'
@@ -105,7 +105,7 @@ class CurvedTerms:
     def add(
         self,
         place: int,
-        term: Cost,
+        term: Term,
         view: Mapping[str, ca.SX],
         first: int,
         calls: Sequence[Call] = (),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from octo.errors import ProblemError
 from octo.problem.basis import node_values
+from octo.problem.bounds import Fixed, bounds_of
 from octo.problem.codegen import CostFunctions
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
@@ -26,6 +27,8 @@ class Data:
     ----------
     p: (batch, NP) run-time parameters of FD. q: (batch, N, NQ) coefficients and references of the
         terms, and a weight D, a shift d and a multiplier y of each bounded row.
+    lower, upper: (batch, N, bounded rows) what the bounded rows must stay between, infinite where
+        nothing is asked of them; the same of an equality.
     row_scale: (batch, m) of C's rows, 1/(mg) or 1/(mg·ℓ).
     start: (batch, n) x_0, rad and m.
     constant: (batch, N+2, n) the part of the nodes that no unknown moves.
@@ -35,6 +38,8 @@ class Data:
 
     p: Array
     q: Array
+    lower: Array
+    upper: Array
     row_scale: Array
     start: Array
     constant: Array
@@ -73,20 +78,39 @@ def lowered(problems: Sequence[Problem], functions: CostFunctions) -> tuple[Plan
             ends[member, unit] = value
     if pinned[0]:
         constant = node_values(basis.stencil(steps), ends, constant)
-    q = np.zeros((len(problems), steps, functions.numbers))
-    for member, problem in enumerate(problems):
-        references = functions.references
-        q[member, :, : references.size] = references.pack(problem.costs, problem.setting)
+    rows = len(functions.bounded)
     data = Data(
         np.stack([problem.p for problem in problems]),
-        q,
+        np.zeros((len(problems), steps, functions.numbers)),
+        np.empty((len(problems), steps, rows)),
+        np.empty((len(problems), steps, rows)),
         np.stack([problem.row_scale for problem in problems]),
         start,
         constant,
         ends,
         np.stack([closure.matrix for closure in closures]) if closures else None,
     )
+    fill(data, plan, problems, functions)
     return plan, data
+
+
+def fill(data: Data, plan: Plan, problems: Sequence[Problem], functions: CostFunctions) -> None:
+    """References, weights and bounds of the problems' terms; weights and shifts of bounded rows
+    stay.
+
+    Raises
+    ------
+    OctoError: bounds that contradict each other or a fixed state.
+    """
+    references = functions.references
+    for member, problem in enumerate(problems):
+        data.q[member, :, : references.size] = references.pack(problem.terms, problem.setting)
+        if functions.bounded:
+            lower, upper = bounds_of(problem, functions)
+            if data.carry is None:
+                fixed = Fixed.of(plan, data.constant[member], data.p[member], data.q[member])
+                fixed.take_out(problem, functions, lower, upper)
+            data.lower[member], data.upper[member] = lower, upper
 
 
 def _pinned(problems: Sequence[Problem]) -> list[dict[int, Array]]:

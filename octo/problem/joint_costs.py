@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
+from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
+from octo.problem.limits import PLACE, JointLimits, JointSpeedLimits, TorqueLimits, in_words
+from octo.problem.terms import Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -43,6 +46,7 @@ class Posture(Cost):
 
     reference: Any = None
     joints: Any = 1.0
+    weighed_by: ClassVar[str] = "joints"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         given = self.reference is not None
@@ -127,6 +131,9 @@ class TorqueLimit(Cost):
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.fmax(0, ca.fabs(step.u) * p["inverse_limit"] - p["margin"])
 
+    def hard(self) -> Constraint:
+        return TorqueLimits(None, self.margin, **self._kept())
+
 
 @dataclass(frozen=True, eq=False)
 class JointLimit(Cost):
@@ -154,6 +161,9 @@ class JointLimit(Cost):
         q = step.joints(step.x_next)
         return ca.fmax(0, q - p["upper"]) + ca.fmax(0, p["lower"] - q)
 
+    def hard(self) -> Constraint:
+        return JointLimits(self.margin, **self._kept())
+
 
 @dataclass(frozen=True, eq=False)
 class JointSpeedLimit(Cost):
@@ -177,6 +187,9 @@ class JointSpeedLimit(Cost):
         speed = ca.fabs(step.joints(step.x_next - step.x)) / step.dt
         return ca.fmax(0, speed * p["inverse_limit"] - p["margin"])
 
+    def hard(self) -> Constraint:
+        return JointSpeedLimits(None, self.margin, self.otherwise, **self._kept())
+
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget(Cost):
@@ -185,6 +198,7 @@ class PoseTarget(Cost):
     target: Any = None
     steps: Steps = field(default="last", kw_only=True)
     coordinates: Any = 1.0  # weight of each coordinate
+    weighed_by: ClassVar[str] = "coordinates"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         if self.target is None:
@@ -201,6 +215,10 @@ class PoseTarget(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return p["coordinates"] * (step.x_next - p["target"])
+
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        words = [in_words(setting.character, j, PLACE) for j in range(setting.nx)]
+        return [Row(f"{name} − target", unit) for name, unit in words]
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         chosen = np.broadcast_to(last_row(self.coordinates), (setting.nx,)) > 0.0

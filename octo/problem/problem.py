@@ -16,7 +16,6 @@ from octo.checks import (
     instance,
     number,
     numbers,
-    one_of,
     owned,
     positive,
     time_step,
@@ -30,12 +29,15 @@ from octo.model.terrain import Plane, Terrain
 from octo.problem import scales
 from octo.problem.basis import Basis, Hermite, basis_named
 from octo.problem.closure import Closure, closure_of
+from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
 from octo.problem.joint_costs import PoseTarget
+from octo.problem.lists import constraints_of, costs_of
 from octo.problem.starts import check_above, static_start
 from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
+from octo.problem.terms import Term
 from octo.shown import Shown, listed
 
 Array = NDArray[np.float64]
@@ -54,6 +56,7 @@ class Problem(Shown):
     steps: N.
     dt: s.
     costs: the terms of E.
+    constraints: what must hold; a term of E among them means its hard form.
     basis: "nodes", "hermite", or a basis object.
     terrain, law: the ground and the contact law, for a Character.
     x0: (nx,) the start; by default a static pose near the character's default pose.
@@ -93,6 +96,7 @@ class Problem(Shown):
     displacement: Array | None = None
     cycle: Cycle | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    constraints: Sequence[Constraint | Cost] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
@@ -109,8 +113,8 @@ class Problem(Shown):
         if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
             raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         check_surroundings(self.terrain, self.law)
-        self._check_costs()
-        object.__setattr__(self, "costs", tuple(self.costs))
+        object.__setattr__(self, "costs", costs_of(self.costs))
+        object.__setattr__(self, "constraints", constraints_of(self.constraints))
         object.__setattr__(
             self,
             "parameters",
@@ -168,11 +172,21 @@ class Problem(Shown):
                 f"Problem of {what}: {self.steps} steps of {self.dt:.6g} s ({seconds:.6g} s), "
                 f"{self.basis_object.name}",
                 listed("terms", [term.label for term in self.costs]),
+                *self._constraints_in_words(),
                 "  a stride that repeats itself"
                 if self.cycle is not None
                 else f"  from {begin} to {end}",
             ]
         )
+
+    @property
+    def _hard(self) -> list[Constraint]:
+        """The constraints, which are no costs any more."""
+        return [term for term in self.constraints if isinstance(term, Constraint)]
+
+    def _constraints_in_words(self) -> list[str]:
+        names = [term.label for term in self.constraints]
+        return [listed("constraints", names)] if names else []
 
     def _check_cycle(self, cycle: Cycle) -> None:
         """Refuse what no cycle has, and fill in steps and dt."""
@@ -194,20 +208,6 @@ class Problem(Shown):
         steps, dt = cycle.sampling(int(self.steps), float(self.dt))
         object.__setattr__(self, "steps", steps)
         object.__setattr__(self, "dt", dt)
-
-    def _check_costs(self) -> None:
-        if not isinstance(self.costs, Sequence) or isinstance(self.costs, str):
-            raise ProblemError(f"costs is {said(self.costs)}, must be a list of octo.Cost objects")
-        if not self.costs:
-            raise ProblemError("costs is empty: give at least one term, for example octo.Effort()")
-        labels = [term.label if isinstance(term, Cost) else said(term) for term in self.costs]
-        for term, label in zip(self.costs, labels, strict=True):
-            if not isinstance(term, Cost):
-                raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
-            one_of(f"{label}.steps", term.steps, ("all", "last"))
-        twice = sorted({label for label in labels if labels.count(label) > 1})
-        if twice:
-            raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
 
     def _size_costs(self) -> None:
         """Put the terms of this robot in the place of those that waited for its length."""
@@ -258,6 +258,11 @@ class Problem(Shown):
         return PoseTarget(
             weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR
         )
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """All that generated code is made of: the costs, then the constraints."""
+        return *self.costs, *(term.placed(self.setting) for term in self._hard)
 
     @cached_property
     def p(self) -> Array:
@@ -341,6 +346,7 @@ class Problem(Shown):
             torque_limit=limit,
             torque_reference=self.torque_reference,
             character=robot,
+            terrain=self.dynamics.terrain if isinstance(self.dynamics, RobotDynamics) else None,
         )
 
     def __getstate__(self) -> dict[str, Any]:

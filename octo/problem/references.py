@@ -16,6 +16,7 @@ from octo.checks import numbers
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.problem.costs import LOSS, Cost
 from octo.problem.symbols import Setting
+from octo.problem.terms import Term
 
 Array = NDArray[np.float64]
 
@@ -24,12 +25,12 @@ Array = NDArray[np.float64]
 class References:
     """Where each term's references stand in q, and how q is packed from the terms."""
 
-    terms: tuple[Cost, ...]
+    terms: tuple[Term, ...]
     places: tuple[dict[str, slice], ...]
     size: int
 
     @classmethod
-    def of(cls, terms: Sequence[Cost], setting: Setting) -> References:
+    def of(cls, terms: Sequence[Term], setting: Setting) -> References:
         places, at = [], len(terms)
         for term in terms:
             table = {}
@@ -43,19 +44,14 @@ class References:
     def view(self, q: ca.SX, term: int) -> dict[str, ca.SX]:
         return {name: q[place] for name, place in self.places[term].items()}
 
-    def pack(self, terms: Sequence[Cost], setting: Setting) -> Array:
+    def pack(self, terms: Sequence[Term], setting: Setting) -> Array:
         """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step
-        alone), references."""
+        alone; 0 of a constraint), references."""
         steps = setting.steps
         q = np.zeros((steps, self.size))
         for k, term in enumerate(terms):
-            weight = numbers(f"{term.label}.weight", term.weight)
-            if weight.shape not in ((), (steps,)):
-                raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
-            if not (weight >= 0.0).all():
-                raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
-            on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
-            q[:, k] = weight * on / term.scale(setting)
+            if isinstance(term, Cost):
+                q[:, k] = _coefficients(term, setting)
             found = _references(term, setting)
             if set(found) != set(self.places[k]):
                 raise ProblemError(
@@ -73,11 +69,22 @@ class References:
         return q
 
 
-def _references(term: Cost, setting: Setting) -> dict[str, Array]:
+def _coefficients(term: Cost, setting: Setting) -> Array:
+    """(N,) what the squares of a term are multiplied with at each step."""
+    steps, weight = setting.steps, numbers(f"{term.label}.weight", term.weight)
+    if weight.shape not in ((), (steps,)):
+        raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
+    if not (weight >= 0.0).all():
+        raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
+    on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
+    return np.asarray(weight * on / term.scale(setting))
+
+
+def _references(term: Term, setting: Setting) -> dict[str, Array]:
     """A term's references as finite arrays."""
     with blamed(term, "its references cannot be formed"):
         values = dict(term.references(setting))
-        if term.loss is not None:
+        if isinstance(term, Cost) and term.loss is not None:
             values |= {f"{LOSS}{name}": value for name, value in term.loss.references().items()}
     return {name: numbers(f"{term.label}.{name}", value) for name, value in values.items()}
 
@@ -92,7 +99,7 @@ def sizes(references: References, term: int) -> str:
 
 
 @contextlib.contextmanager
-def blamed(term: Cost, sentence: str) -> Iterator[None]:
+def blamed(term: Term, sentence: str) -> Iterator[None]:
     """Whatever goes wrong inside (a user's code may raise anything) is one sentence that names the
     term."""
     try:

@@ -19,19 +19,20 @@ from octo.dynamics.codegen import check_curvature, lanes_text
 from octo.dynamics.long import check_length
 from octo.errors import ProblemError
 from octo.problem.basis import WINDOW, Basis, Folded, Nodes, PairedNodes, basis_named
-from octo.problem.costs import Cost, StepPairCost
+from octo.problem.costs import StepPairCost
 from octo.problem.curvature import HINT, gated, nonzeros
 from octo.problem.lane_tables import tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import StepSymbols
+from octo.problem.terms import Term
 
 
-def has_step_pairs(terms: Sequence[Cost]) -> bool:
+def has_step_pairs(terms: Sequence[Term]) -> bool:
     """Whether a term looks at two steps in a row."""
     return any(isinstance(term, StepPairCost) for term in terms)
 
 
-def refuse_step_pairs(terms: Sequence[Cost], what: str) -> None:
+def refuse_step_pairs(terms: Sequence[Term], what: str) -> None:
     """Raise where a term looks at two steps in a row, which ``what`` cannot have.
 
     Raises
@@ -45,7 +46,7 @@ def refuse_step_pairs(terms: Sequence[Cost], what: str) -> None:
             )
 
 
-def basis_of(name: str | Basis, terms: Sequence[Cost], cycle: bool) -> Basis:
+def basis_of(name: str | Basis, terms: Sequence[Term], cycle: bool) -> Basis:
     """The basis in which a problem with these terms is solved.
 
     Raises

@@ -23,8 +23,8 @@ from octo.model.feet import touching
 from octo.problem.basis import Hermite
 from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of, step_symbols
 from octo.problem.contact_costs import ContactCost
-from octo.problem.costs import Cost
 from octo.problem.references import blamed, sizes
+from octo.problem.terms import Term
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -62,7 +62,7 @@ class Reader:
         assert isinstance(self.dynamics, RobotDynamics)
         return touching(self.dynamics.character, self.dynamics.terrain, self.problem.setting.x0)
 
-    def read(self, term: Cost) -> Structure:
+    def read(self, term: Term) -> Structure:
         """The structure of a term.
 
         Raises
@@ -73,20 +73,20 @@ class Reader:
         with blamed(term, f"its residual cannot be built from {sizes(made.references, 0)}"):
             return Structure(made.structure, self.contacts(term))
 
-    def contacts(self, term: Cost) -> frozenset[int]:
+    def contacts(self, term: Term) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""
         if not isinstance(term, ContactCost) or not isinstance(self.dynamics, RobotDynamics):
             return frozenset()
         return frozenset(term.chosen(self.dynamics.character, self._feet))
 
-    def fixed_fields(self, term: Cost, values: Mapping[str, Any]) -> list[str]:
+    def fixed_fields(self, term: Term, values: Mapping[str, Any]) -> list[str]:
         """Which of new ``values`` of a term's fields, each on its own, change its structure."""
         own = self.read(term)
         new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
         return [name for name, changed in new.items() if self.read(changed) != own]
 
 
-def _residuals(problem: Problem, terms: Sequence[Cost], **more: Any) -> Residuals:
+def _residuals(problem: Problem, terms: Sequence[Term], **more: Any) -> Residuals:
     """Of terms of a problem, which need not be those that it has; ``more`` as of
     ``residuals_of``."""
     between = isinstance(problem.basis_object, Hermite)
@@ -106,7 +106,7 @@ def functions_of(problem: Problem, exact: bool = False) -> CostFunctions:
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    made = _residuals(problem, problem.costs, exact=exact)
+    made = _residuals(problem, problem.terms, exact=exact)
     key = (problem.dynamics, isinstance(problem.basis_object, Hermite), made.structure)
     found = _functions.pop(key, None)
     if found is None:
@@ -134,7 +134,7 @@ def check_alike(problems: Sequence[Problem]) -> None:
 
 def _check_frame(first: Problem, other: Problem, place: int) -> None:
     """Model, steps, basis and the list of terms."""
-    lists = [[(type(t), t.label, t.steps) for t in p.costs] for p in (first, other)]
+    lists = [[(type(t), t.label, t.counted) for t in p.terms] for p in (first, other)]
     alike = {
         "model": _same_model(first.dynamics, other.dynamics),
         "steps": first.steps == other.steps,
@@ -178,7 +178,7 @@ def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Struc
     """The terms of a problem against those of the first."""
     robots = _same_robot(first.dynamics, other.dynamics)
     stands = robots and np.array_equal(first.problem.start, other.problem.start)
-    for k, (a, b) in enumerate(zip(first.problem.costs, other.problem.costs, strict=True)):
+    for k, (a, b) in enumerate(zip(first.problem.terms, other.problem.terms, strict=True)):
         if robots and same(vars(a), vars(b), but="weight"):
             if not stands and first.contacts(a) != other.contacts(b):
                 raise _different(b, place, AT_THE_START)
@@ -191,7 +191,7 @@ def _check_terms(first: Reader, other: Reader, place: int, read: dict[int, Struc
             raise _different(b, place, _fields(first, a, b) or what)
 
 
-def _fields(first: Reader, a: Cost, b: Cost) -> str:
+def _fields(first: Reader, a: Term, b: Term) -> str:
     """The fields of ``b`` that are to blame, with their values; empty where it is none."""
     names = [f.name for f in dataclasses.fields(a) if f.init and f.name in vars(b)]
     given = {name: vars(b)[name] for name in names if not same(vars(a).get(name), vars(b)[name])}
@@ -230,7 +230,7 @@ def same(one: Any, other: Any, but: str = "") -> bool:
     return False
 
 
-def _different(term: Cost, place: int, what: str) -> ProblemError:
+def _different(term: Term, place: int, what: str) -> ProblemError:
     return ProblemError(
         f"terms differ between problems of one batch: {term.label}.{what} of problem {place} is "
         "not that of problem 0; only weights, references and parameters may differ, solve them "

@@ -16,6 +16,7 @@ from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
+from octo.model.feet import touching
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.terrain import Plane, Terrain
 from octo.problem.calls import Call
@@ -38,6 +39,14 @@ class Setting:
     torque_limit: Array  # (nu,)
     torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
     character: Character | None  # None for user-written dynamics
+    terrain: Plane | Terrain | None = None  # the same
+
+    @cached_property
+    def feet(self) -> list[int]:
+        """Contacts that touch the ground at the start."""
+        robot = self._robot("a contact")
+        assert self.terrain is not None
+        return touching(robot, self.terrain, self.x0)
 
     @cached_property
     def com(self) -> Array:

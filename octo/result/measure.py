@@ -15,6 +15,7 @@ from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
+from octo.result.bounds import bounds_kept
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
 
@@ -36,7 +37,8 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
     """The fields of a Trajectory, of one member's iterate."""
     described, dynamics = problem.problems[member], problem.dynamics
     reduced, pointwise = violations(problem, at)
-    names = [term.label for term in described.costs]
+    names = [term.label for term in described.costs]  # constraints, which come last, have no part
+    energies = problem.term_values(at)[member, : len(names)]
     robot: Character | None = described.character
     p = problem.p[member]
     return {
@@ -47,7 +49,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "x": at.nodes[member].copy(),
         "u": at.fd[member][:, dynamics.actuated].copy(),
         "unknowns": at.unknowns[member].copy(),
-        "terms": dict(zip(names, problem.term_values(at)[member].tolist(), strict=True)),
+        "terms": dict(zip(names, energies.tolist(), strict=True)),
         "violation": float(reduced[member]),
         "pointwise_residual": float(pointwise[member]),
         "weight": described.weight,
@@ -56,6 +58,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "cycle": stride(problem, at, member),
         "parameters": dict(zip(dynamics.layout.names, p.tolist(), strict=True)),
         "asked": asked(problem, at.nodes[member], member),
+        "bounds": bounds_kept(problem, at, member),
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
 

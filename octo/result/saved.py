@@ -15,13 +15,14 @@ from octo.model import store
 from octo.model.archive import Archive, Array
 from octo.model.character import Character
 from octo.problem.asked import Asked
+from octo.result.bounds import Bound
 from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
-DEFAULTS |= {"passes": [], "starts": [], "asked": []}
+DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": []}
 SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
 
@@ -36,7 +37,8 @@ def write(target: Path, values: Mapping[str, Any]) -> None:
         arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
         plain["cycle"] = cycle.plain()
     plain["status"] = values["status"].label
-    plain["asked"] = [one.plain() for one in values["asked"]]
+    for name in ("asked", "bounds"):
+        plain[name] = [one.plain() for one in values[name]]
     plain["character"] = None if robot is None else store.to_plain(robot)
     arrays["plain"] = np.array(json.dumps(plain))
     with replacing(target) as beside, beside.open("wb") as file:
@@ -58,6 +60,7 @@ def fields_of(file: Archive) -> dict[str, Any]:
         "ground": _ground(file),
         "history": file.group("history_"),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
+        "bounds": tuple(_bound(record, finite) for record in file.records("bounds")),
         "terms": file.numbers("terms", finite=finite),
         **{name: file.numbers(name) for name in ("parameters", "stages")},
         **{name: file.records(name) for name in ("passes", "starts")},
@@ -131,6 +134,14 @@ def _asked(record: dict[str, Any], finite: bool) -> Asked:
     name, what, unit = (own.word(key) for key in ("name", "what", "unit"))
     size, each = own.number("size", positive=True), own.flag("each")
     return Asked(name, what, tuple(found.tolist()), tuple(wanted.tolist()), unit, size, each)
+
+
+def _bound(record: dict[str, Any], finite: bool) -> Bound:
+    """What :meth:`Bound.plain` made."""
+    own = Archive({}, record)
+    values: dict[str, Any] = {key: own.word(key) for key in ("name", "row", "unit", "side")}
+    values |= {key: own.number(key, finite=finite) for key in ("value", "bound", "excess")}
+    return Bound(**values, step=own.whole("step"), time=own.number("time"))
 
 
 def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Stride | None:

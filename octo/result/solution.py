@@ -81,6 +81,8 @@ class Solution(Trajectory, Shown):
     passes: a record (dict) per pass.
     starts: a record per start of a batch.
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
+    bounds: of each constraint the row that is nearest to breaking it, or breaks it most: where, its
+        value and its bound, and how far beyond it is.
     """
 
     FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
@@ -134,6 +136,7 @@ class Solution(Trajectory, Shown):
             **{name: getattr(self, name) for name in REPORTED.split()},
             "terms": dict(self.terms),
             "asked": [one.report() for one in self.asked],
+            "bounds": [one.report() for one in self.bounds],
             "warnings": list(self.warnings),
             "largest_step": self.largest_step,
             "com_travel": [float(v) for v in travel],
@@ -169,6 +172,7 @@ class Solution(Trajectory, Shown):
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
+        lines += [f"  {one}" for one in self.bounds]
         lines += [f"  {one}" for one in self.asked if not one.met]
         lines += [f"  warning: {sentence}" for sentence in self.warnings]
         return "\n".join(lines)

@@ -14,6 +14,7 @@ from octo.model.character import Character
 from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
+from octo.result.bounds import Bound
 from octo.result.stride import Stride
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
@@ -51,6 +52,7 @@ class Trajectory:
     parameters: dict[str, float]  # of the dynamics, of the last pass
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
+    bounds: tuple[Bound, ...] = ()
 
     # -- the motion --------------------------------------------------------------------------------
 
