@@ -349,7 +349,11 @@ def node_forces(stencil: Stencil, forces: Array, nc: int, carry: Array | None = 
         total = np.zeros((stencil.units, stencil.parts, n, len(forces)))
         np.add.at(total, at, np.moveaxis(own, 0, -1))
         split += total
-    return np.ascontiguousarray(np.moveaxis(split, -1, 0)).reshape(len(forces), stencil.units, -1) if nc == stencil.parts * n else out
+    return (
+        np.ascontiguousarray(np.moveaxis(split, -1, 0)).reshape(len(forces), stencil.units, -1)
+        if nc == stencil.parts * n
+        else out
+    )
 
 
 # a block of n numbers of a window of nodes, the unit and the block in it, and their coefficient

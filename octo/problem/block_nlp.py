@@ -65,6 +65,26 @@ class BlockNLP(Protocol):
         """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc), without second derivatives."""
         ...
 
+    @property
+    def row_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (batch, N, rows) of the bounded rows, infinite where there is
+        none; (batch, N, 0) where there are no such rows, or nothing bounds them."""
+        ...
+
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
+        """What the bounded rows add to the model from now on, D r' r'ᵀ and d r'."""
+        ...
+
+    def row_products(self, model: Model, delta: Array) -> Array:
+        """R Δ (batch, N, rows)."""
+        ...
+
+    def row_forces(self, model: Model, weights: Array) -> Array:
+        """Rᵀ w (batch, K, nc)."""
+        ...
+
     def linearize(self, at: Evaluation, lam: Array | None, curved: Array | None = None) -> Model:
         """Eq. 9; with multipliers ``lam`` (batch, K, ma) the curvature of lamᵀC and of the torques
         too, and of the terms over contacts for the members ``curved`` (batch,)."""

@@ -133,6 +133,11 @@ class CompiledProblem:
                 "can be given here"
             )
 
+    @property
+    def row_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (batch, N, rows) of the bounded rows."""
+        return self.lower, self.upper
+
     def set_row_weights(
         self, weights: Array, shifts: Array, multipliers: Array | None = None
     ) -> None:

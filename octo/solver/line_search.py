@@ -19,7 +19,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
-from octo.solver.barrier import Barrier, BarrierStep
+from octo.solver.bounds import Bounds
 from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import FilterAcceptance
 from octo.solver.heuristics import (
@@ -85,10 +85,11 @@ class LineSearch:
         options: SqpOptions,
         clock: Clock,
         backend: Backend = CPU,
-        barrier: Barrier | None = None,
+        bounds: Bounds | None = None,
     ):
-        self.options, self.clock, self.backend, self.barrier = options, clock, backend, barrier
-        self.trials = Trials(problem, clock, backend, barrier)
+        self.options, self.clock, self.backend = options, clock, backend
+        self.bounds = Bounds() if bounds is None else bounds
+        self.trials = Trials(problem, clock, backend, self.bounds)
         self.acceptance = (options.acceptance or FilterAcceptance()).started(at)
 
         def chosen(name: str, heuristic: T) -> T | None:
@@ -109,26 +110,23 @@ class LineSearch:
         self.trials.problem = problem
         self.acceptance.take(members)
         self.direction.take(members)
-        if self.barrier is not None:
-            self.barrier.take(members)
+        self.bounds.take(members)
         for heuristic in (self.feasibility, self.restoration):
             if heuristic is not None:
                 heuristic.take(members)
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
-        if self.barrier is not None:
-            at, model, error = self.barrier.aimed(
-                self.trials.problem, at, lam, model, self.backend.blocks(model)
-            )
-            self.acceptance.restored(np.flatnonzero(self.barrier.lowered))
+        at, model, dual = self.bounds.aimed(self.trials.problem, at, lam, model)
+        if dual is not None:
+            self.acceptance.restored(self.bounds.lowered)
         factors = self.backend.factors(self.trials.problem, model, at, lam, self.options)
         attempt, sigma, has = self.direction.step(factors)
-        _, dual, slope = attempt.numbers
-        dual = dual if self.barrier is None else error
+        slope = attempt.numbers[2]
+        dual = attempt.numbers[1] if dual is None else dual
         o, full = self.options, choose(has, attempt.largest, np.inf)
         feasible, level = at.largest <= o.tolerance, dual <= o.dual_tolerance
-        converged = feasible & level & (full <= o.step_tolerance)
+        converged = feasible & level & (full <= o.step_tolerance) & self.bounds.ended
         delta, first, most = attempt.delta, attempt.trial, full
         polish = np.zeros(len(full), dtype=bool)
         if self.feasibility is not None:
@@ -137,15 +135,10 @@ class LineSearch:
                 with self.clock("solve"):
                     delta, slope, most = self.feasibility.step(factors, model, polish, has, delta)
                 first = None
-        longest: Numbers | float = 1.0
-        rows: BarrierStep | None = None
-        if self.barrier is not None:
-            rows = self.barrier.step(at.rows, self.trials.problem.row_products(model, delta))
-            slope = slope + rows.slope
-            converged &= self.barrier.ended
-            longest, first = rows.primal, None
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
+        longest, slope = self.bounds.shortened(self.trials.problem, at, model, delta, slope)
+        first = None if np.less(longest, 1.0).any() else first
         line = Line(delta, attempt.multipliers, size, slope, first, most=longest)
         mend = partial(self._mended, at, model, factors)
         found = search(self.trials, self.acceptance, at, line, pending, HALVINGS, o.cap, mend)
@@ -156,8 +149,7 @@ class LineSearch:
             found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
-        if self.barrier is not None and rows is not None:
-            after = self.barrier.moved(rows, at, after, length, found.accepted)
+        after = self.bounds.moved(at, after, length, found.accepted)
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
@@ -193,7 +185,9 @@ class LineSearch:
                 self.trials, self.acceptance, model, factors, at, trial, moved, step, worse
             )
         if self.damping is not None:
-            self.damping.learn(self.direction.regularisation, at, first, refused & ~mended)
+            self.damping.learn(
+                self.direction.regularisation, at, first, self.bounds.blamed(refused, mended)
+            )
         else:
             self.direction.regularisation.forget()
         return mended, trial, moved

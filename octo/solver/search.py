@@ -12,18 +12,19 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import Acceptance, Mask, Step
 from octo.solver.backend import Backend
-from octo.solver.barrier import Barrier
+from octo.solver.bounds import Bounds
 from octo.solver.rule import Clock
 
 
 class Trials:
-    """Where the steps of a line search are evaluated, and how long that takes. barrier: of rows
-    with bounds, if any."""
+    """Where the steps of a line search are evaluated, and how long that takes. bounds: of rows
+    that have some."""
 
     def __init__(
-        self, problem: BlockNLP, clock: Clock, backend: Backend, barrier: Barrier | None = None
+        self, problem: BlockNLP, clock: Clock, backend: Backend, bounds: Bounds | None = None
     ):
-        self.problem, self.clock, self.backend, self.barrier = problem, clock, backend, barrier
+        self.problem, self.clock, self.backend = problem, clock, backend
+        self.bounds = Bounds() if bounds is None else bounds
 
     def evaluate(
         self, at: Evaluation, step: Array, members: Mask, length: Numbers | float = 1.0
@@ -38,9 +39,7 @@ class Trials:
                 own = like(chosen, step)
                 trial = at.take(np.arange(len(members)))
                 trial.put(chosen, self.problem.take(chosen).evaluate(at.unknowns[own] + step[own]))
-            if self.barrier is None:
-                return trial
-            return self.barrier.seen(trial, self.barrier.slack(trial.rows, at.rows, length))
+            return self.bounds.tried(at, trial, length)
 
 
 # of the first trial, ‖·‖∞ of its step, the step and where it was refused: where it was mended,
@@ -51,8 +50,8 @@ Mender = Callable[[Evaluation, Numbers, Step, Mask], tuple[Mask, Evaluation, Num
 @dataclass(frozen=True, eq=False)
 class Line:
     """Where the line goes: Δ (batch, K, nc), the multipliers of Eq. 12, of Δ ‖·‖∞ and bᵀΔ (batch,),
-    0 where it does not, the first length's
-    trial, and the longest length (batch,). model: of ``Step``."""
+    0 where it does not, and the first length's trial. model: of ``Step``. most: the longest length,
+    (batch,)"""
 
     delta: Array
     multipliers: Array

@@ -20,7 +20,7 @@ from octo.arrays import Array, Numbers, array_module, choose, host, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
-from octo.solver.barrier import Barrier
+from octo.solver.barrier import Slacks, bounds_of
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
@@ -166,14 +166,15 @@ def run(
     options: SqpOptions,
     monitor: Monitor | None = None,
     backend: Backend = CPU,
+    slacks: Slacks | None = None,
 ) -> Result:
     """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by
-    default.
+    default; ``slacks``: of rows with bounds, from a solve before, if any.
 
     ``problem``, ``unknowns`` and ``lam`` are where ``backend`` keeps its arrays; the result is
     NumPy's.
     """
-    return _Run(problem, unknowns, lam, options, monitor or Monitor(), backend).run()
+    return _Run(problem, unknowns, lam, options, monitor or Monitor(), backend, slacks).run()
 
 
 class _Run:
@@ -185,6 +186,7 @@ class _Run:
         options: SqpOptions,
         monitor: Monitor,
         backend: Backend,
+        slacks: Slacks | None,
     ):
         self.options, self.monitor, self.clock = options, monitor, Clock(backend.finish)
         self.problem = problem
@@ -196,10 +198,9 @@ class _Run:
         self.at = problem.evaluate(xp.ascontiguousarray(unknowns))
         shape = (problem.batch, problem.K, problem.ma)
         self.lam = xp.zeros(shape) if lam is None else xp.ascontiguousarray(lam, dtype=float)
-        self.barrier = Barrier.of(problem, self.at)
-        if self.barrier is not None:
-            self.at = self.barrier.seen(self.at, self.barrier.slacks.s)
-        own = () if self.barrier is None else (self.barrier,)
+        self.bounds = bounds_of(problem, self.at, slacks)
+        self.at = self.bounds.seen(self.at)
+        own = (self.bounds,) if kind is LineSearch else ()
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend, *own)
         self.active = np.arange(problem.batch)
         self.records = _Records(problem.batch, options)
@@ -235,8 +236,7 @@ class _Run:
         if self.model is None or some(self.moved) or iteration == first:
             at = (self.problem, self.at, self.lam)
             with self.clock("linearize"):
-                if self.barrier is not None:
-                    self.problem.set_row_weights(*self.barrier.weights(self.at.rows))
+                self.bounds.weigh(self.problem, self.at)
                 self.model = self.backend.linearize(*at, exact, self.settled)
         self._remember()  # while a device linearises
         move = self.rule.move(self.at, self.lam, self.model, iteration)
@@ -247,8 +247,7 @@ class _Run:
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
-            if self.barrier is not None:
-                acceptable &= self.barrier.ended
+            acceptable &= self.bounds.ended
             stalled = move.failed & ~(acceptable | move.converged)
             ended = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE)]
             ended.append((stalled, Status.STALLED))
@@ -264,8 +263,7 @@ class _Run:
     @property
     def score(self) -> Array:
         """(batch,) the smaller, the better an iterate."""
-        energy = self.at.energy if self.barrier is None else host(self.at.terms.sum(axis=(1, 2)))
-        return energy + 100.0 * self.violation / self.problem.weight
+        return self.bounds.objective(self.at) + 100.0 * self.violation / self.problem.weight
 
     @property
     def tolerance(self) -> float:
@@ -287,9 +285,14 @@ class _Run:
         """Where E has not changed lately."""
         lengths, seconds = (move.step, move.taken), time.perf_counter() - self.began
         regularised = (move.ratio, move.radius, move.sigma, move.factorizations)
-        energy = self.at.energy if self.barrier is None else host(self.at.terms.sum(axis=(1, 2)))
         return self.records.add(
-            self.active, energy, self.violation, move.dual, *lengths, *regularised, seconds
+            self.active,
+            self.bounds.objective(self.at),
+            self.violation,
+            move.dual,
+            *lengths,
+            *regularised,
+            seconds,
         )
 
     def _leave(self, *groups: tuple[NDArray[np.bool_], Status]) -> None:

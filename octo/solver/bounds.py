@@ -1,0 +1,75 @@
+"""What a line search asks of whatever keeps rows between their bounds; here, of problems whose rows
+have none."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.arrays import Array, Numbers
+from octo.problem.block_nlp import BlockNLP
+from octo.problem.evaluation import Evaluation, Model
+from octo.solver.acceptance import Mask
+
+
+class Bounds:
+    """None at all. Masks and what is (batch,) are NumPy's."""
+
+    @property
+    def ended(self) -> Mask | bool:
+        """(batch,) whether the problem that is solved now is the last one."""
+        return True
+
+    def weigh(self, problem: BlockNLP, at: Evaluation) -> None:
+        """Set the weights, shifts and multipliers of the rows, before a linearisation at ``at``."""
+
+    def objective(self, at: Evaluation) -> Numbers:
+        """(batch,) E alone, of an iterate as seen."""
+        return at.energy
+
+    def seen(self, at: Evaluation) -> Evaluation:
+        """An iterate with E and ‖C‖ as an acceptance is to see them."""
+        return at
+
+    def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
+        """The same of a trial, a step of ``length`` (batch,) from ``at``."""
+        del at, length
+        return trial
+
+    def aimed(
+        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model
+    ) -> tuple[Evaluation, Model, Numbers | None]:
+        """The iterate and its model as the next step is to see them, and (batch,) their dual
+        infeasibility where it is not ‖b + Aᵀlam‖∞."""
+        del problem, lam
+        return at, model, None
+
+    @property
+    def lowered(self) -> NDArray[np.intp]:
+        """The members that ``aimed`` gave another problem."""
+        return np.empty(0, dtype=np.intp)
+
+    def shortened(
+        self, problem: BlockNLP, at: Evaluation, model: Model, delta: Array, slope: Numbers
+    ) -> tuple[Numbers | float, Numbers]:
+        """(batch,) the longest length of a step ``delta`` (batch, K, nc), and its slope; ``slope``
+        is bᵀΔ."""
+        del problem, at, model, delta
+        return 1.0, slope
+
+    def moved(
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+    ) -> Evaluation:
+        """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
+        ``at``, and the others none: ``after`` it, as seen."""
+        del at, length, accepted
+        return after
+
+    def blamed(self, refused: Mask, mended: Mask) -> Mask:
+        """(batch,) where single units are to blame for a first trial that was ``refused``, whether
+        it was ``mended`` by a correction or not."""
+        del mended
+        return refused
+
+    def take(self, members: NDArray[np.intp]) -> None:
+        """Keep some members only."""
