@@ -23,6 +23,7 @@ from octo.problem.problem import Array
 from octo.result.solution import Solution
 from octo.solver import sqp
 from octo.solver.backend import Backend
+from octo.solver.bounds import Slacks
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -42,6 +43,7 @@ class Continuation:
     monitor: sqp.Monitor
     setup_seconds: float  # so far
     seconds: float = 0.0  # of the solves so far
+    slacks: Slacks | None = None  # of rows with bounds, of the solve before
 
     def run(self, schedules: Sequence[Schedule], seeds: Sequence[int]) -> list[Solution]:
         """Pass after pass, each member by its own schedule; it goes on from a converged pass only,
@@ -79,6 +81,7 @@ class Continuation:
         self.compiled = self.compiled.take(members)
         self.nodes = result.at.nodes[members]
         self.lam = np.ascontiguousarray(result.lam[members])
+        self.slacks = None if result.slacks is None else result.slacks.select(members)
 
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
         """From the end of one pass to the end of the next, in steps of the stiffness."""
@@ -91,6 +94,7 @@ class Continuation:
             limit = self.options.max_iterations if last else INTERMEDIATE_ITERATIONS
             results.append(self._solve(limit))
             self.nodes, self.lam = results[-1].at.nodes, results[-1].lam
+            self.slacks = results[-1].slacks
             if self.monitor.stopped and not last:
                 results[-1].status = [Status.INTERRUPTED] * self.compiled.batch
                 break
@@ -116,6 +120,6 @@ class Continuation:
         options = replace(wanted, time_limit=left, max_iterations=max_iterations)
         problem = self.backend.place(self.compiled)
         start = (problem.unknowns(self.nodes), self.backend.array(self.lam))
-        result = sqp.run(problem, *start, options, monitor, self.backend)
+        result = sqp.run(problem, *start, options, monitor, self.backend, self.slacks)
         self.seconds += result.seconds
         return result

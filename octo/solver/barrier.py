@@ -31,7 +31,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
-from octo.solver.bounds import Bounds
+from octo.solver.bounds import Bounds, Slacks
 
 INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
@@ -104,22 +104,6 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Slacks:
-    """Of one iterate, (batch, N, rows): slacks s, on the bound itself of equalities; multipliers of
-    the lower and the upper bounds and of equalities, zero where a row has none; and μ (batch,)."""
-
-    s: Array
-    lower: Array
-    upper: Array
-    equal: Array
-    mu: Numbers
-
-    def select(self, members: Any) -> Slacks:
-        parts = (self.s, self.lower, self.upper, self.equal, self.mu)
-        return Slacks(*(part[members] for part in parts))
-
-
-@dataclass(frozen=True, eq=False)
 class RowStep:
     """A whole step of slacks and multipliers, and the part of that of the latter (batch,)."""
 
@@ -163,6 +147,9 @@ class Barrier(Bounds):
     @property
     def lowered(self) -> NDArray[np.intp]:
         return np.flatnonzero(self._lowered)
+
+    def state(self, member: int) -> Slacks | None:
+        return self.slacks.select(slice(member, member + 1)).on_host()
 
     def take(self, members: NDArray[np.intp]) -> None:
         self.limits, self.slacks = self.limits.select(members), self.slacks.select(members)

@@ -3,13 +3,46 @@ have none."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers
+from octo.arrays import Array, Numbers, host
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Slacks:
+    """Of one iterate, (batch, N, rows): slacks s, on the bound itself of equalities; multipliers of
+    the lower and the upper bounds and of equalities, zero where a row has none; and μ (batch,)."""
+
+    s: Array
+    lower: Array
+    upper: Array
+    equal: Array
+    mu: Numbers
+
+    def select(self, members: Any) -> Slacks:
+        """Those of some members."""
+        parts = (self.s, self.lower, self.upper, self.equal, self.mu)
+        return Slacks(*(part[members] for part in parts))
+
+    def on_host(self) -> Slacks:
+        """The same in NumPy arrays."""
+        return Slacks(*map(host, (self.s, self.lower, self.upper, self.equal, self.mu)))
+
+
+def joined(parts: Sequence[Slacks | None]) -> Slacks | None:
+    """Of single members, those of a batch."""
+    own = [part for part in parts if part is not None]
+    if not own:
+        return None
+    return Slacks(*(np.concatenate([getattr(p, f.name) for p in own]) for f in fields(Slacks)))
 
 
 class Bounds:
@@ -70,6 +103,11 @@ class Bounds:
         it was ``mended`` by a correction or not."""
         del mended
         return refused
+
+    def state(self, member: int) -> Slacks | None:
+        """What a warm start needs of one member, on the host."""
+        del member
+        return None
 
     def take(self, members: NDArray[np.intp]) -> None:
         """Keep some members only."""

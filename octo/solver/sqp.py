@@ -20,7 +20,8 @@ from octo.arrays import Array, Numbers, array_module, choose, host, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
-from octo.solver.barrier import Slacks, bounds_of
+from octo.solver.barrier import bounds_of
+from octo.solver.bounds import Slacks, joined
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
@@ -94,6 +95,7 @@ class Result:
 
     at: Evaluation
     lam: Array
+    slacks: Slacks | None  # of rows with bounds
     status: list[Status]
     iterations: NDArray[np.intp]
     factorizations: NDArray[np.intp]
@@ -204,7 +206,7 @@ class _Run:
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend, *own)
         self.active = np.arange(problem.batch)
         self.records = _Records(problem.batch, options)
-        self.done: dict[int, tuple[Status, Evaluation, Array]] = {}
+        self.done: dict[int, tuple[Status, Evaluation, Array, Slacks | None]] = {}
         self.best, self.best_lam = self.at, self.lam
         self.best_score = np.full(problem.batch, np.inf)
         self.backend, self.batch = backend, problem.batch
@@ -313,7 +315,7 @@ class _Run:
                 at, lam = (self.at, self.lam) if better else (self.best, self.best_lam)
                 k = int(place)
                 end = (status, at.take([k]).on_host(), host(lam[k : k + 1]))
-                self.done[int(self.active[k])] = end
+                self.done[int(self.active[k])] = (*end, self.bounds.state(k))
         if not some(gone):
             return
         keep = np.flatnonzero(~gone)
@@ -330,12 +332,13 @@ class _Run:
 
     def _result(self) -> Result:
         ends, histories = [self.done[k] for k in range(self.batch)], self.records.histories()
-        status, ats, lams = zip(*ends, strict=True)
+        status, ats, lams, slacks = zip(*ends, strict=True)
         parts = [[getattr(at, part.name) for at in ats] for part in fields(Evaluation)]
         factored = [int(history["factorizations"].max(initial=0.0)) for history in histories]
         return Result(
             at=Evaluation(*map(np.concatenate, parts)),
             lam=np.concatenate(lams),
+            slacks=joined(slacks),
             status=list(status),
             iterations=np.array([len(history["energy"]) for history in histories]),
             factorizations=np.array(factored),
