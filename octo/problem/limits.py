@@ -21,7 +21,7 @@ from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import chosen_contacts
 from octo.problem.constraints import Constraint
-from octo.problem.terms import Curvature, Row
+from octo.problem.terms import Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -319,8 +319,6 @@ class FrictionCones(Constraint):
 
     mu: float = 0.6
     contacts: tuple[str, ...] | Literal["feet"] | None = field(default=None, kw_only=True)
-    # of a contact's way through all joints the exact one is long: 10,000 operations
-    curvature: Curvature = field(default="gauss_newton", kw_only=True)
 
     ROUNDING: ClassVar[float] = TINY_FORCE  # of mg
     RELAX: ClassVar[float] = 1e-4  # of mg
