@@ -11,12 +11,16 @@ import pytest
 from walker import START, walker, wiggle_near_ground
 
 import octo
+from octo import native
 from octo.errors import OctoError
+from octo.gpu.problem import DeviceProblem
 from octo.model.kinematics import body_poses
 from octo.problem.bounds import bounded_rows
 from octo.problem.compiled import CompiledProblem
 from octo.solve import evaluated
 from octo.solver.status import Status
+from tests import emulator
+from tests.emulator import EmulatedDevice
 
 STEPS, DT, INF = 8, 0.05, np.inf
 ROBOT = walker()
@@ -315,6 +319,27 @@ def test_curvature_of_a_constraint_is_exact(name: str, ground: str) -> None:
     ahead, behind = (own(unknowns + side * direction)[1] for side in (h, -h))
     expected = (ahead - behind) / (2 * h)
     np.testing.assert_allclose(product, expected, atol=3e-6 * np.abs(expected).max())
+
+
+@pytest.mark.skipif(native.compiler() is None or emulator.compiler() is None, reason="compiler")
+@pytest.mark.parametrize("backend", ["interpreted", "CUDA"])
+def test_backends_agree(backend: str) -> None:
+    feet = octo.FrictionCones(0.5, contacts=("foot", "front"))
+    compiled = CompiledProblem([described(octo.TorqueLimits(), feet, octo.TiltLimit(0.3))] * 2)
+    device = EmulatedDevice(32, 1)
+    other = compiled.interpreted() if backend == "interpreted" else DeviceProblem(compiled, device)
+    unknowns, random = wiggle_near_ground(compiled), np.random.default_rng(5)
+    at, own = compiled.evaluate(unknowns), other.evaluate(unknowns)
+    np.testing.assert_allclose(np.asarray(own.rows), at.rows, atol=1e-9 * np.abs(at.rows).max())
+    weights, shifts = random.uniform(0.1, 1.0, at.rows.shape), random.standard_normal(at.rows.shape)
+    lam = random.standard_normal((2, compiled.K, compiled.ma))
+    models = []
+    for problem, point in ((compiled, at), (other, own)):
+        problem.set_row_weights(weights, shifts)
+        models.append(problem.linearize(point, lam))
+    for field in ("H", "A", "b", "C"):
+        expected, found = (np.asarray(getattr(model, field)) for model in models)
+        np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
 
 
 # -- reports ---------------------------------------------------------------------------------------
