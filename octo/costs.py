@@ -1,5 +1,6 @@
 """Every term of E by one import path, and the lists of terms that go together."""
 
+from octo.problem.at import At
 from octo.problem.body_costs import (
     BaseAngularVelocity,
     BaseHeight,
@@ -40,6 +41,7 @@ from octo.problem.presets import locomotion, natural, paper, robot
 from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 
 __all__ = [
+    "At",
     "BaseAngularVelocity",
     "BaseHeight",
     "BaseOrientation",

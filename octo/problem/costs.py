@@ -1,9 +1,9 @@
 """What a term of E is (§5): one small class per term; it says its residual, CasADi says its
 derivative.
 
-    E = Σ_terms weight/scale · mean over the steps of |residual|²
+    E = Σ_terms weight/scale · mean over its steps of |residual|²
 
-(steps="last": the last step alone). Terms over bodies, joints and contacts have a file each.
+(at="all": all steps). Terms over bodies, joints and contacts have a file each.
 
 Weights and references are run-time numbers, constant or one row per step: changing them recompiles
 nothing. A new term is a subclass of :class:`Cost` with a residual, its references and, if its size
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from octo.checks import instance, number, one_of, owned, positive, shares, vectors
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
+from octo.problem.at import Steps, check_at
 from octo.problem.losses import Loss
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 LOSS = "loss."  # how the names of a loss's references begin
-Steps = Literal["all", "last"]
 Curvature = Literal["gauss_newton", "exact"]
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
@@ -42,7 +42,10 @@ class Cost:
     Parameters
     ----------
     weight: a number, or one per step (N,).
-    steps: "all", or "last" for the last step alone.
+    at: when it acts: "all" steps, the "last" one, a list of steps from 0 (from the end where they
+        are negative), a mask of one truth for each, or times as ``octo.At(seconds)``. E has its
+        mean over these steps.
+    steps: the old name of ``at``, which takes it over where it is given; None afterwards.
     name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
     curvature: what the solver's model of E has of the term once E has settled: Gauss and
@@ -55,7 +58,8 @@ class Cost:
     kind: ClassVar[Literal["square", "bounded"]] = "square"
 
     weight: float | Array = 1.0
-    steps: Steps = "all"
+    at: Steps = "all"
+    steps: Steps | None = None
     name: str = ""
     loss: Loss | None = None
     curvature: Curvature = "gauss_newton"
@@ -66,11 +70,17 @@ class Cost:
         kind = type(self).__name__
         for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
             instance(f"{kind}.{name}", getattr(self, name), str, "a text")
-        one_of(f"{self.label}.steps", self.steps, ("all", "last"))
+        check_at(f"{self.label}.{'at' if self.steps is None else 'steps'}", self._given_at)
+        object.__setattr__(self, "at", self._given_at)
+        object.__setattr__(self, "steps", None)
         one_of(f"{self.label}.kind", self.kind, ("square", "bounded"))
         one_of(f"{self.label}.curvature", self.curvature, get_args(Curvature))
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
+
+    @property
+    def _given_at(self) -> Steps:
+        return self.at if self.steps is None else self.steps
 
     @property
     def label(self) -> str:
@@ -159,6 +169,7 @@ class SizedCost(Cost):
             made,
             weight=weight,
             name=made.name if self.name == made.label else self.name,
+            at=made.at if isinstance(self.at, str) and self.at == "all" else self.at,
             loss=made.loss if self.loss is None else self.loss,
             curvature=made.curvature if self.curvature == "gauss_newton" else self.curvature,
         )

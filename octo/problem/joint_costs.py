@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
-from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
+from octo.problem.at import Steps
+from octo.problem.costs import Cost, StepPairCost, last_row, mean_square
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -183,7 +184,7 @@ class PoseTarget(Cost):
     """The whole configuration against ``target`` (nx,), at the last step or at every step."""
 
     target: Any = None
-    steps: Steps = field(default="last", kw_only=True)
+    at: Steps = field(default="last", kw_only=True)
     coordinates: Any = 1.0  # weight of each coordinate
 
     def references(self, setting: Setting) -> Mapping[str, Any]:

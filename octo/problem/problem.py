@@ -16,7 +16,6 @@ from octo.checks import (
     instance,
     number,
     numbers,
-    one_of,
     owned,
     positive,
     time_step,
@@ -28,6 +27,7 @@ from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 from octo.problem import scales
+from octo.problem.at import check_at
 from octo.problem.basis import Basis, Hermite, basis_named
 from octo.problem.closure import Closure, closure_of
 from octo.problem.costs import Cost, SizedCost
@@ -204,7 +204,7 @@ class Problem(Shown):
         for term, label in zip(self.costs, labels, strict=True):
             if not isinstance(term, Cost):
                 raise ProblemError(f"costs holds {label}, must hold octo.Cost objects only")
-            one_of(f"{label}.steps", term.steps, ("all", "last"))
+            check_at(f"{label}.at", term.at)
         twice = sorted({label for label in labels if labels.count(label) > 1})
         if twice:
             raise ProblemError(f"costs has two terms named {twice[0]!r}: give one of them name='…'")
@@ -256,7 +256,7 @@ class Problem(Shown):
             return None
         end = self.closure.forward @ self.start + self.closure.forward_constant
         return PoseTarget(
-            weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR
+            weight=HOLD, target=end, coordinates=self.closure.held, at="last", name=ANCHOR
         )
 
     @cached_property

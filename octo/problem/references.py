@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
+from octo.problem.at import shares
 from octo.problem.costs import LOSS, Cost
 from octo.problem.symbols import Setting
 
@@ -44,18 +45,11 @@ class References:
         return {name: q[place] for name, place in self.places[term].items()}
 
     def pack(self, terms: Sequence[Cost], setting: Setting) -> Array:
-        """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step
-        alone), references."""
+        """q (N, NQ): the coefficient of each term, references."""
         steps = setting.steps
         q = np.zeros((steps, self.size))
         for k, term in enumerate(terms):
-            weight = numbers(f"{term.label}.weight", term.weight)
-            if weight.shape not in ((), (steps,)):
-                raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
-            if not (weight >= 0.0).all():
-                raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
-            on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
-            q[:, k] = weight * on / term.scale(setting)
+            q[:, k] = coefficients(term, setting, term.scale(setting))
             found = _references(term, setting)
             if set(found) != set(self.places[k]):
                 raise ProblemError(
@@ -71,6 +65,23 @@ class References:
                     )
                 q[:, place] = rows
         return q
+
+
+def coefficients(term: Cost, setting: Setting, scale: float) -> Array:
+    """(N,) what |residual|² is multiplied with in E: weight/scale over the number of steps at which
+    the term acts, there.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError: name the term and the field.
+    """
+    steps = setting.steps
+    weight = numbers(f"{term.label}.weight", term.weight)
+    if weight.shape not in ((), (steps,)):
+        raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
+    if not (weight >= 0.0).all():
+        raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
+    return weight * shares(f"{term.label}.at", term.at, steps, setting.dt) / scale
 
 
 def _references(term: Cost, setting: Setting) -> dict[str, Array]:
