@@ -206,8 +206,8 @@ octo_cost_derivatives(int steps, int rows, int tests, const int *test_row, const
 #pragma unroll 8
     for (int z = NZ - NZU; z < NZ; ++z) { /* those of u */
       int row = octo_state_entry_row[z];
-      double shift = octo_row_shift(at.q + s * NQ, row, r[s * MROWS + row]), slope = jac[s * NZ + z];
-      sum += octo_state_entry_column[z] - W3 == j && octo_row_weight(at.q + s * NQ, row) != 0.0 ? shift * slope : 0.0;
+      double multiplier = octo_row_multiplier(at.q + s * NQ, row, r[s * MROWS + row]), slope = jac[s * NZ + z];
+      sum += octo_state_entry_column[z] - W3 == j && octo_row_weight(at.q + s * NQ, row) != 0.0 ? multiplier * slope : 0.0;
     }
 #endif
     lam[s * NX + octo_actuated[j]] = sum;

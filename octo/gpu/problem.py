@@ -14,7 +14,7 @@ from octo.gpu.tables import Gather, Tables
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.neighbours import anchors
 
-BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry")
+BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry", "rest")
 
 
 class DeviceProblem:
@@ -32,6 +32,10 @@ class DeviceProblem:
             anchors(problem.plan, problem.data) if between else np.zeros((problem.batch, 1))
         )
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
+        # of the nodes where nothing moves
+        self.rest: Array | None = None
+        if self.program.kept is not None:
+            self.rest = device.array(np.zeros(problem.constant.shape))
         self._tables: dict[str, Array] = (
             like._tables if like is not None and like._fits(problem) else self._upload()
         )
@@ -82,11 +86,14 @@ class DeviceProblem:
         part.batch = len(part.p)
         return part
 
-    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
         """As :meth:`CompiledProblem.set_row_weights`, of arrays on the device; nothing is
         checked."""
-        of_weights, of_shifts = self.functions.row_weights
-        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
+        values = (weights, shifts, shifts if multipliers is None else multipliers)
+        for place, own in zip(self.functions.row_weights, values, strict=True):
+            self.q[:, :, place] = own
 
     def release(self) -> None:
         """Gives back what ``linearize`` writes on its way; the next one takes it anew."""
@@ -124,10 +131,7 @@ class DeviceProblem:
     def evaluate_into(self, at: Evaluation) -> None:
         """Everything of ``at`` from its unknowns."""
         program, tables = self.program, self._tables
-        sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
-        slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
-        given = (self.constant, self.carry, at.unknowns, at.nodes)
-        program.flat("octo_nodes", at.nodes.size, *sizes, *slots, *given)
+        self._fill_nodes(self.constant, at.unknowns, at.nodes)
         kin = self._kin(at.nodes)
         self._each_step("octo_value", SMALL, 8 * program.work, at.nodes, kin, self.p, at.fd)
         room = 8 * (program.rows + program.arguments)
@@ -173,14 +177,36 @@ class DeviceProblem:
             self._each_step("octo_touch", TILED, program.touching, *own)
         if pairs is not None:
             pairs.chain(scratch["jac"], lam is not None, curved)
+        kept = self._kept_rows()
         if self.carry is not None:
             grid, carried = (2, 10, self.batch), (self.steps, self.carry, scratch["jac"], *squares)
             room = 8 * self.n**2
             program.each("octo_carry_back", grid, *carried, threads=SMALL, shared=room)
         model = self._gather(at, lam is not None, curved)
+        model.R = kept
         if pairs is not None:
             pairs.add(self._tables, model.H, model.b)
         return model
+
+    def row_products(self, model: Model, delta: Array) -> Array:
+        """As :meth:`CompiledProblem.row_products`."""
+        products = self.device.empty((self.batch, self.steps, len(self.functions.bounded)))
+        if self.program.kept is None:
+            return products
+        moved = self.device.empty((self.batch, self.steps + 2, self.n))
+        self._fill_nodes(self.rest, delta, moved)
+        room = 8 * (3 * self.n + len(self.program.kept.motors))
+        self._each_step("octo_row_products", SMALL, room, model.R, moved, products)
+        return products
+
+    def _kept_rows(self) -> Array | None:
+        """R of a model, out of the slopes in ``scratch``."""
+        if self.program.kept is None:
+            return None
+        kept = self.device.empty((self.batch, self.steps, max(self.program.kept.size, 1)))
+        slopes = (self.scratch["cost_jac"], self.scratch["jac"])
+        self._each_step("octo_keep_rows", SMALL, 0, self.q, *slopes, kept)
+        return kept
 
     def _pair_numbers(self, at: Evaluation) -> Numbers:
         return at.nodes, at.fd, self.p, self.q, self.carry
@@ -233,6 +259,14 @@ class DeviceProblem:
             rows, grid = (*jacobian, self.row_scale, scratch["jac"], A), (self.K, 3, self.batch)
             self.program.each("octo_gather_constraints", grid, *sizes, *rows, threads=SMALL)
         return Model(H, A, b, at.C)
+
+    def _fill_nodes(self, constant: Array | None, unknowns: Array, nodes: Array) -> None:
+        """What the unknowns make of the nodes, whose ``constant`` part they do not move."""
+        tables = self._tables
+        sizes = (self.steps, self.K, tables["slot_unit"].shape[1], self.host.stencil.parts)
+        slots = (tables["slot_unit"], tables["slot_part"], tables["slot_value"])
+        given = (constant, self.carry, unknowns, nodes)
+        self.program.flat("octo_nodes", nodes.size, *sizes, *slots, *given)
 
     def _kin(self, nodes: Array) -> Array:
         program, grid = self.program, (self.steps + 2, self.batch)

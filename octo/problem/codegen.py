@@ -33,6 +33,7 @@ from octo.problem.costs import NeighbourCost, StepPairCost
 from octo.problem.curvature import CenteredStep, CurvedTerms, StateCurvature, nonzeros
 from octo.problem.lane_tables import contact_tables, row_tables, tables_text
 from octo.problem.references import References, blamed, sizes
+from octo.problem.row_products import RowSlopes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 from octo.problem.terms import Term
@@ -70,15 +71,29 @@ class CostFunctions:
 
     @property
     def numbers(self) -> int:
-        """Of a step, in q: coefficients, references, and a weight and a shift of each bounded
-        row."""
-        return max(self.references.size, 1) + 2 * len(self.bounded)
+        """Of a step, in q: coefficients, references, and a weight, a shift and a multiplier of
+        each bounded row."""
+        return max(self.references.size, 1) + 3 * len(self.bounded)
 
     @property
-    def row_weights(self) -> tuple[slice, slice]:
-        """Where weights and shifts of the bounded rows stand in q."""
-        shifts = self.numbers - len(self.bounded)
-        return slice(shifts - len(self.bounded), shifts), slice(shifts, self.numbers)
+    def row_weights(self) -> tuple[slice, slice, slice]:
+        """Where weights, shifts and multipliers of the bounded rows stand in q."""
+        count = len(self.bounded)
+        first = self.numbers - 3 * count
+        weights, shifts, multipliers = (slice(k, k + count) for k in first + count * np.arange(3))
+        return weights, shifts, multipliers
+
+    @cached_property
+    def kept(self) -> RowSlopes | None:
+        """What a linearisation keeps of the slopes of the bounded rows, if any."""
+        places = np.array(self.state_sparsity.row()), np.array(self.state_sparsity.get_col())
+        return self.kept_of(*places) if self.bounded else None
+
+    def kept_of(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> RowSlopes:
+        """The same of derivatives over the state in another order."""
+        count = len(self.bounded)
+        sizes = len(self.state_terms) - count, count, self.state.numel_in(0)
+        return RowSlopes.of(rows.astype(int), columns.astype(int), *sizes)
 
     @property
     def rows(self) -> int:
@@ -122,7 +137,7 @@ class Residuals:
         """What tells one list of terms from another: their expressions, and the names and sizes of
         their references."""
         references = self.references
-        kinds = tuple((type(term), term.label, term.counted) for term in references.terms)
+        kinds = tuple((type(term), term.label) for term in references.terms)
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
         written = [self.function.serialize()]
         if self.between:
@@ -280,6 +295,8 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
     if functions.pairs is not None:
         parts.insert(-1, functions.pairs.c_text)
+    if functions.kept is not None:
+        parts.insert(-1, functions.kept.c_text())
     return "\n".join([*text, tables, native.threads(), *parts])
 
 

@@ -133,25 +133,36 @@ class CompiledProblem:
                 "can be given here"
             )
 
-    def set_row_weights(self, weights: Array, shifts: Array) -> None:
+    @property
+    def used_rows(self) -> NDArray[np.bool_]:
+        """(batch, N, rows) the bounded rows at the steps at which their terms act."""
+        return np.asarray(self.q[:, :, list(self.functions.bounded)] != 0.0)
+
+    def set_row_weights(
+        self, weights: Array, shifts: Array, multipliers: Array | None = None
+    ) -> None:
         """What the bounded rows r (of terms whose kind is "bounded") add to the model from now on:
-        D r' r'ᵀ to H and d r' to b, with d also in the curvature of FD through their torques.
+        D r' r'ᵀ to H and d r' to b; to H also second derivatives of Σ y r: those of FD through the
+        torques, and of terms with ``curvature="exact"`` their own.
 
         Parameters
         ----------
         weights: D (batch, N, rows) ≥ 0; where it is zero the row is left out.
         shifts: d (batch, N, rows).
+        multipliers: y (batch, N, rows); by default d.
 
         Raises
         ------
-        ShapeError, ValueRangeError: ``weights`` or ``shifts`` are not of that kind.
+        ShapeError, ValueRangeError: ``weights``, ``shifts`` or ``multipliers`` are not of that
+            kind.
         """
         shape = (self.batch, self.steps, len(self.functions.bounded))
         weights, shifts = numbers("weights", weights, shape), numbers("shifts", shifts, shape)
         if (weights < 0.0).any():
             raise ValueRangeError("weights of rows have a negative one, must not be negative")
-        of_weights, of_shifts = self.functions.row_weights
-        self.q[:, :, of_weights], self.q[:, :, of_shifts] = weights, shifts
+        given = shifts if multipliers is None else numbers("multipliers", multipliers, shape)
+        for place, values in zip(self.functions.row_weights, (weights, shifts, given), strict=True):
+            self.q[:, :, place] = values
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
@@ -208,15 +219,34 @@ class CompiledProblem:
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, lam, curved, (H, A, b, C))
+        kept = self.functions.kept
+        R = None if kept is None else np.empty((self.batch, self.steps, kept.size))
+        self.steps_code.linearize(at, lam, curved, (H, A, b, C, R))
         self.plan.fill_dummies(H)
-        return Model(H, A, b, C)
+        return Model(H, A, b, C, R)
+
+    def row_products(self, model: Model, delta: Array) -> Array:
+        """R Δ (batch, N, rows): how the bounded rows change along a step of the unknowns, to first
+        order.
+
+        Parameters
+        ----------
+        model: of ``linearize``; where the weight D was zero then the slope of a row is zero, for a
+            row that is left out may have none.
+        delta: Δ (batch, K, nc).
+        """
+        products = np.empty((self.batch, self.steps, len(self.functions.bounded)))
+        if model.R is not None:
+            rest = np.zeros_like(self.constant)
+            moved = node_values(self.stencil, delta, rest, self.carry)
+            self.steps_code.row_products(model.R, moved, products)
+        return products
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:
         """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
         second derivatives."""
         A, b, C = self._first_order()
-        self.steps_code.linearize(at, None, None, (None, A, b, C))
+        self.steps_code.linearize(at, None, None, (None, A, b, C, None))
         return b, A
 
     def _first_order(self) -> tuple[Array, Array, Array]:

@@ -1,9 +1,9 @@
 """Exact second derivatives of terms over the state: what Gauss and Newton's model of E leaves out.
 
 Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
-rows with shifts d it is Σ d ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left to
-those who have the slopes of FD, and FD's own curvature to ∂E/∂u (``octo_derive_rows`` of
-sparse_rows.c).
+rows with multipliers y it is Σ y ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left
+to those who have the slopes of FD, and FD's own curvature to ∂E/∂u, of bounded rows ∂(Σ y r)/∂u
+(``octo_derive_rows`` of sparse_rows.c).
 
 A centre of mass is a long expression of all coordinates, a contact's place of those that move it:
 terms are differentiated to these, whose own derivatives have a closed form.
@@ -159,16 +159,16 @@ class CurvedTerms:
         self, q: ca.SX, own: ca.SX, squares: int
     ) -> Iterator[tuple[CurvedTerm, ca.SX, ca.SX, ca.SX]]:
         """Terms, residuals, and what is their weight and what their second derivatives are
-        multiplied with: those of a square together, bounded ones one by one. ``own``: weights and
-        shifts of the bounded rows, which stand after ``squares`` others."""
-        bounded = own.numel() // 2
+        multiplied with: those of a square together, bounded ones one by one. ``own``: weights,
+        shifts and multipliers of the bounded rows, which stand after ``squares`` others."""
+        bounded = own.numel() // 3
         for term in self.terms:
             if term.first < squares:
                 yield term, term.r, q[term.place], 2.0 * q[term.place] * term.r
                 continue
             for i in range(term.r.numel()):
                 at = term.first - squares + i
-                yield term, term.r[i], own[at], own[bounded + at]
+                yield term, term.r[i], own[at], own[2 * bounded + at]
 
     def derived(self, inputs: Sequence[ca.SX], squares: int, bounded: int) -> StateCurvature | None:
         """S as a function; None where it is zero whatever the numbers. Of the rows over the state
@@ -181,7 +181,7 @@ class CurvedTerms:
         if not self.terms:
             return None
         p, q, *v = inputs
-        step, own = self.step, ca.SX.sym("own", 2 * bounded)
+        step, own = self.step, ca.SX.sym("own", 3 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
         size, inner = state.numel(), step.inner

@@ -26,7 +26,7 @@ class Data:
     Attributes
     ----------
     p: (batch, NP) run-time parameters of FD. q: (batch, N, NQ) coefficients and references of the
-        terms, and a weight D and a shift d of each bounded row.
+        terms, and a weight D, a shift d and a multiplier y of each bounded row.
     lower, upper: (batch, N, bounded rows) what the bounded rows must stay between, infinite where
         nothing is asked of them; the same of an equality.
     row_scale: (batch, m) of C's rows, 1/(mg) or 1/(mg·ℓ).
@@ -55,7 +55,7 @@ class Data:
 
 
 def lowered(problems: Sequence[Problem], functions: CostFunctions) -> tuple[Plan, Data]:
-    """Plan and numbers of problems of one structure; weights and shifts of bounded rows are 0.
+    """Plan and numbers of problems of one structure; weights and the like of bounded rows are 0.
 
     Raises
     ------

@@ -115,16 +115,21 @@ class Evaluation:
         return Evaluation(*(host(getattr(self, field.name)) for field in fields(self)))
 
 
-# H (batch, K, 3, nc, nc) or none, A (batch, K, 3, ma, nc), b (batch, K, nc), C (batch, K, ma)
-Blocks = tuple[Array | None, Array, Array, Array]
+# H (batch, K, 3, nc, nc) or none, A (batch, K, 3, ma, nc), b (batch, K, nc), C (batch, K, ma), R or
+# none
+Blocks = tuple[Array | None, Array, Array, Array, Array | None]
 
 
 @dataclass(eq=False)
 class Model:
     """Eq. 9 at one iterate: H (batch, K, 3, nc, nc), A (batch, K, 3, ma, nc), b (batch, K, nc), C
-    (batch, K, ma)."""
+    (batch, K, ma).
+
+    R (batch, N, size): slopes of the bounded rows as ``CompiledProblem.row_products`` reads them
+    (octo.problem.row_products); None where there are none."""
 
     H: Array
     A: Array
     b: Array
     C: Array
+    R: Array | None = None

@@ -165,13 +165,13 @@ class Interpreted:
     def linearize(
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, if any, A, b, C."""
+        """Fills H, if any, A, b, C, and R, if any."""
         dynamics, plan, n = self.program.dynamics, self.plan, self.plan.n
         scale = self.data.row_scale
         given = [self._arguments(k, at.nodes, at.fd) for k in range(len(at.nodes))]
-        weight, shift, jac = self._rows(given)
+        weight, shift, multiplier, jac = self._rows(given)
         pull = np.zeros_like(at.fd)
-        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", shift, jac[..., 3 * n :])
+        pull[..., dynamics.actuated] = np.einsum("kir,kirj->kij", multiplier, jac[..., 3 * n :])
         whole = np.full(len(shift), lam is not None)
         if curved is not None:
             whole &= np.asarray(curved, dtype=bool)
@@ -189,6 +189,10 @@ class Interpreted:
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
         slopes = fd_jac  # before they are carried back
+        kept = self.program.functions.kept
+        if kept is not None and out[4] is not None:
+            own = jac[:, :, self._squares :]
+            out[4][:] = kept.packed(own, fd_jac[:, :, dynamics.actuated])
         chained = jac[..., : 3 * n] + jac[..., 3 * n :] @ fd_jac[:, :, dynamics.actuated]
         step_hess = np.einsum("kir,kira,kirb->kiab", weight, chained, chained)
         if hess is not None:
@@ -212,9 +216,16 @@ class Interpreted:
         if self._between is not None:
             self._between.add(self.data, at.unknowns, whole, H, out[2])
 
-    def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array]:
-        """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
-        rows), 2c and 2cr of squares, and r' to (z, u). given: each member's arguments."""
+    def row_products(self, kept: Array, moved: Array, out: Array) -> None:
+        """Fills R Δ (batch, N, rows), of R of a model and the step of the nodes."""
+        slopes = self.program.functions.kept
+        assert slopes is not None
+        out[:] = slopes.products(kept, moved)
+
+    def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array, Array]:
+        """What the rows over the state add to the model, D r' r'ᵀ, d r' and curvature of y r: D, d
+        and y (batch, N, rows), of squares 2c, 2cr and 2cr, and r' to (z, u). given: each member's
+        arguments."""
         functions, steps = self.program.functions, self.plan.steps
         terms = np.array(functions.state_terms, dtype=np.intp)
         made = [
@@ -222,12 +233,14 @@ class Interpreted:
         ]
         r, jac = (np.stack(part) for part in zip(*made, strict=True))
         weight, first = 2.0 * self.data.q[:, :, terms], self._squares
-        of_weights, of_shifts = functions.row_weights
+        of_weights, *others = functions.row_weights
         weight[..., first:] = self.data.q[:, :, of_weights]
         live = weight != 0.0  # a step that a term leaves out may have no finite residual
         shift = weight * np.where(live, r, 0.0)
-        shift[..., first:] = np.where(live[..., first:], self.data.q[:, :, of_shifts], 0.0)
-        return weight, shift, np.where(live[..., None], jac, 0.0)
+        multiplier = shift.copy()
+        for values, place in zip((shift, multiplier), others, strict=True):
+            values[..., first:] = np.where(live[..., first:], self.data.q[:, :, place], 0.0)
+        return weight, shift, multiplier, np.where(live[..., None], jac, 0.0)
 
     def _add_bends(
         self, given: list[list[Array]], curved: NDArray[np.bool_], torque_jac: Array, hess: Array

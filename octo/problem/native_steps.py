@@ -53,7 +53,7 @@ class NativeSteps:
     def linearize(
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None, out: Blocks
     ) -> None:
-        """Fills H, if any, A, b, C."""
+        """Fills H, if any, A, b, C, and R, if any."""
         batch, steps, n = len(self.data.p), self.plan.steps, self.plan.n
         nodes = doubles("nodes", at.nodes, (batch, steps + 2, n))
         fd = doubles("fd", at.fd, (batch, steps, n))
@@ -63,7 +63,7 @@ class NativeSteps:
         task.lam = None if lam is None else lam.ctypes.data
         members = None if curved is None else np.ascontiguousarray(curved, dtype=np.int32)
         task.curved = None if members is None else members.ctypes.data
-        task.h, task.a, task.b, task.c = (
+        task.h, task.a, task.b, task.c, task.kept = (
             None if array is None else array.ctypes.data for array in out
         )
         if self.library.octo_linearize(ctypes.byref(task), self.threads):
@@ -71,6 +71,14 @@ class NativeSteps:
         if self.between:
             self._add_between(task, at.unknowns)
         self._free_tasks.append(own)
+
+    def row_products(self, kept: Array, moved: Array, out: Array) -> None:
+        """Fills R Δ (batch, N, rows), of R of a model and the step of the nodes."""
+        batch, steps, rows = out.shape
+        functions = self.library.octo_row_products
+        given = doubles("moved", moved, (batch, steps + 2, self.plan.n))
+        arrays = (ctypes.c_void_p(array.ctypes.data) for array in (kept, given, out))
+        functions(batch, steps, *arrays, self.threads)
 
     def _add_between(self, task: Task, unknowns: Array) -> None:
         """What the terms over neighbouring controls add to H and b."""
@@ -130,7 +138,7 @@ TABLES = (
 NUMBERS = ("p", "q", "row_scale")
 FIELDS = (
     *(*TABLES, "nodes", *NUMBERS, "fd", "terms", "rows", "lam", "h", "a", "b", "c"),
-    *("halo", "carry", "curved", "pairs"),
+    *("halo", "carry", "curved", "kept", "pairs"),
 )
 
 

@@ -1,5 +1,6 @@
 /* The rows of a step's costs, those over the state before those over contacts: after the tables of the costs (codegen.py), in C
- * that is CUDA too. Of those over the state the last NBOUNDED are no squares of E: q ends with a weight D and a shift d of each. */
+ * that is CUDA too. Of those over the state the last NBOUNDED are no squares of E: q ends with a weight D, a shift d and a multiplier y
+ * of each. */
 
 #define MROWS (NR + NFC * CR)
 
@@ -28,16 +29,24 @@ static inline double octo_coefficient(const double *q, int row) {
 /* What a row over the state adds to the model: D r' r'ᵀ to H and d r' to b, of a square 2c and 2cr. */
 static inline octo_row_number octo_row_weight(const octo_row_number *q, int row) {
 #if NBOUNDED > 0
-  if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
+  if (row >= SQUARES) return q[NQ - 3 * NBOUNDED + row - SQUARES];
 #endif
   return 2.0 * q[octo_state_row_term[row]];
 }
 
 static inline octo_row_number octo_row_shift(const octo_row_number *q, int row, octo_row_number r) {
 #if NBOUNDED > 0
-  if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
+  if (row >= SQUARES) return q[NQ - 2 * NBOUNDED + row - SQUARES];
 #endif
   return 2.0 * q[octo_state_row_term[row]] * r;
+}
+
+/* What the second derivatives of a row over the state, and of FD through its torques, are multiplied with: y, of a square 2cr. */
+static inline octo_row_number octo_row_multiplier(const octo_row_number *q, int row, octo_row_number r) {
+#if NBOUNDED > 0
+  if (row >= SQUARES) return q[NQ - NBOUNDED + row - SQUARES];
+#endif
+  return octo_row_shift(q, row, r);
 }
 
 /* The term that a row belongs to. */

@@ -31,6 +31,7 @@ typedef struct {
   double *halo;          /* (batch, chunks, HALO) */
   const double *carry;   /* (batch, NX, NX) of cycles: what the unknowns in nodes -1 and 0 are multiplied with; else NULL */
   const int *curved;     /* (batch) with lam: whether terms over contacts and exact ones have all of their curvature, or Gauss and Newton's; NULL: all do */
+  double *kept;          /* (batch, steps, KEPT_ROOM) out of octo_linearize: slopes of the bounded rows (row_products.c); or NULL */
   double *pairs;         /* (batch, steps, PAIR_ROOM) what is kept of terms over two steps in a row; NULL where there are none */
   int apart;             /* each step has its own nodes, and its own h (batch, steps, W3, W3), a (batch, steps, MU, W3), b (batch, steps, W3), c */
 } octo_task;

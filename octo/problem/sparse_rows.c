@@ -23,20 +23,26 @@ static void octo_sum_rows(const real *q, const real *r, real *terms) {
   }
 }
 
-/* Sums of residuals r and their slopes, ∂E/∂u as pull (NU), and the gradient (W3) of the rows of few entries. */
+/* Sums of residuals r and their slopes, the multipliers of FD's curvature through the torques as pull (NU), and the gradient (W3) of the rows of few entries. */
 static void octo_derive_rows(const real *q, const real *r, real *slopes, octo_row_sums *out, real *pull, real *gradient) {
   real weight[NR + 1], shift[NR + 1], single[NU + 1];
   for (int row = 0; row < NR; ++row) {
     weight[row] = octo_row_weight(q, row);
     shift[row] = WHERE(weight[row] != 0.0, octo_row_shift(q, row, r[row]));
   }
+#if NBOUNDED > 0
+  real multiplier[NR];
+  for (int row = 0; row < NR; ++row) multiplier[row] = WHERE(weight[row] != 0.0, octo_row_multiplier(q, row, r[row]));
+#else
+  const real *multiplier = shift;
+#endif
   for (int j = 0; j < NU; ++j) pull[j] = single[j] = out->single_value[j] = ZERO;
   for (int k = 0; k < NPLACE; ++k) out->square[k] = ZERO;
   for (int j = 0; j < W3; ++j) gradient[j] = ZERO;
   for (int z = 0; z < NZ; ++z) {
     int row = octo_state_entry_row[z], u = octo_state_entry_column[z] - W3;
     slopes[z] = WHERE(weight[row] != 0.0, slopes[z]);
-    if (u >= 0) pull[u] += shift[row] * slopes[z];
+    if (u >= 0) pull[u] += multiplier[row] * slopes[z];
   }
   for (int k = 0; k < NFEW; ++k) {
     int z = octo_few_entry[k];

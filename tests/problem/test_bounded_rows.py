@@ -18,6 +18,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
 from octo.reference import nlp
+from octo.solver.blocks import KKTBlocks
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
@@ -130,6 +131,45 @@ def test_shifts_are_a_slope_of_their_own(pair):
     assert np.log10(left[0] / left[1]) > 1.85
 
 
+@pytest.mark.parametrize("exact", [False, True], ids=["gauss_newton", "exact"])
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_multipliers_bend_and_do_not_pull(pair, backend, exact):
+    """b has d alone. H has the second derivatives of Σ y r whatever d is: all of them where terms
+    are exact, else those of FD, which are all that a row linear in the torques has."""
+    _, bounded, _ = pair
+    if exact:
+        bounded = CompiledProblem(bounded.problems, exact=True)
+    unknowns, rng = wiggle_near_ground(bounded), np.random.default_rng(5)
+    own, shape = BACKENDS[backend](bounded), (2, STEPS, 2)
+    y, direction = rng.standard_normal(shape), rng.standard_normal(unknowns.shape)
+    ones, d, lam = np.ones(shape), rng.standard_normal(shape), np.zeros((2, bounded.K, bounded.ma))
+    direction[:, bounded.fixed] = 0.0
+
+    def model(at: np.ndarray, shifts: Any, multipliers: Any) -> tuple[np.ndarray, np.ndarray]:
+        own.set_row_weights(ones, shifts, multipliers)
+        made = own.linearize(own.evaluate(at), lam)
+        return np.asarray(made.H), np.asarray(made.b)
+
+    plain, slope = model(unknowns, d, 0.0 * d)
+    bent, same = model(unknowns, d, y)
+    close(same, slope)
+    assert np.abs(bent - plain).max() > 1e-3
+    for found, wanted in zip(model(unknowns, d, None), model(unknowns, d, d), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    if not exact:  # of a square of a torque FD's curvature is a part
+        return
+    system = KKTBlocks(bent - plain, np.zeros((2, bounded.K, 3, 0, bounded.nc)), slope, lam)
+    product = system.hessian_times(direction)
+
+    def pulled(h: float) -> np.ndarray:
+        at = unknowns + h * direction
+        return model(at, y, y)[1] - model(at, 0.0 * y, y)[1]
+
+    h = 1e-5
+    change = (pulled(h) - pulled(-h)) / (2.0 * h)
+    close(np.delete(product, bounded.fixed, axis=1), np.delete(change, bounded.fixed, axis=1), 1e-6)
+
+
 def test_references_change_and_the_weights_stay(pair):
     _, bounded, _ = pair
     at = bounded.evaluate(wiggle_near_ground(bounded))
@@ -148,8 +188,9 @@ def test_what_is_refused(pair):
         bounded.set_row_weights(good[:, 1:], good)
     with pytest.raises(ValueRangeError, match="negative"):
         bounded.set_row_weights(-good, good)
-    for given in ((np.nan * good, good), (good, np.nan * good)):
-        with pytest.raises(ValueRangeError, match="(weights|shifts) is not finite at index 0, 0"):
+    for place, name in enumerate(("weights", "shifts", "multipliers")):
+        given = [np.nan * good if place == k else good for k in range(3)]
+        with pytest.raises(ValueRangeError, match=f"{name} is not finite at index 0, 0"):
             bounded.set_row_weights(*given)
     described = problem(Bounded, 1.0, "nodes")
     once = partial(octo.solve, passes=1)

@@ -101,7 +101,7 @@ ROWS: dict[str, tuple[Any, Callable[[octo.Solution], np.ndarray], Any, Any]] = {
         2.0,
     ),
     "a pose": (
-        octo.PoseTarget(target=TARGET, coordinates=[4.0] * 6 + [0.0] * 3, steps="all"),
+        octo.PoseTarget(target=TARGET, coordinates=[4.0] * 6 + [0.0] * 3, at="all"),
         lambda m: (m.x[2:] - TARGET) * ([1.0] * 6 + [0.0] * 3),
         [0.0] * 6 + [-INF] * 3,
         [0.0] * 6 + [INF] * 3,
@@ -157,6 +157,17 @@ def test_bounds_stand_in_the_order_of_the_rows_and_go_with_members() -> None:
     np.testing.assert_array_equal(part.lower, compiled.lower[1:])
 
 
+@pytest.mark.parametrize(
+    "at, steps",
+    [([0, 3, -1], [0, 3, 7]), (octo.At([0.1, 0.26]), [1, 4]), (np.arange(8) > 5, [6, 7])],
+)
+def test_when_it_must_hold(at: Any, steps: list[int]) -> None:
+    compiled = CompiledProblem([described(octo.StepLimit(at=at), octo.PointPosition(at=at))])
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(compiled.upper[0, :, 0])), steps)
+    np.testing.assert_array_equal(np.flatnonzero(compiled.upper[0, :, 9] == 0.0), steps)
+    np.testing.assert_array_equal(np.flatnonzero(compiled.used_rows[0, :, 0]), steps)
+
+
 def test_bounds_change_without_a_new_compilation() -> None:
     bounds = np.array([-0.3, 0.4])
     problem = described(octo.CustomConstraint(lambda s, p: s.x_next[6:8], lower=bounds, upper=2.0))
@@ -193,6 +204,7 @@ def test_what_a_fixed_state_settles_is_taken_out_where_it_holds() -> None:
 
 
 REFUSED: dict[str, tuple[list[Any], dict[str, Any], str]] = {
+    "a step that is none": ([octo.StepLimit(at=[9])], {}, "StepLimit.at has the step 9"),
     "no list": (["x"], {}, "constraints holds 'x', must hold octo.Constraint or octo.Cost"),
     "two of a name": ([octo.StepLimit(), octo.StepLimit(0.1)], {}, "two terms named 'StepLimit'"),
     "a loss": ([octo.Posture(loss=octo.Huber(1.0))], {}, "Posture has a loss"),
