@@ -17,11 +17,12 @@ from octo.model.character import Character
 from octo.model.feet import chosen_contacts
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost
-from octo.problem.limits import TINY_FORCE, FrictionCones
+from octo.problem.limits import FrictionCones
 
 if TYPE_CHECKING:
     from octo.problem.symbols import ContactSymbols, Setting
 
+TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 TINY_LOAD = 1e-6  # of the weight; rounds the root of a load off at zero
 
 

@@ -2,8 +2,8 @@
 
 Of rows r with coefficients c it is S = Σ 2 c r ∂²r/∂(z, u)², z = (x_next, x, x_prev); of bounded
 rows with multipliers y it is Σ y ∂²r/∂(z, u)². The chain rule over the torques, u = U·FD, is left
-to those who have the slopes of FD, and FD's own curvature to ∂E/∂u, of bounded rows ∂(Σ y r)/∂u
-(``octo_derive_rows`` of sparse_rows.c).
+to those who have the slopes of FD, and FD's own curvature to ∂E/∂u, of bounded rows to that of
+Σ y r (``octo_derive_rows`` of sparse_rows.c).
 
 A centre of mass is a long expression of all coordinates, a contact's place of those that move it:
 terms are differentiated to these, whose own derivatives have a closed form.

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import floats, number, numbers, positive
-from octo.dynamics.balance import GRAVITY
 from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import chosen_contacts
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-TINY_FORCE = 1e-3  # of the weight; rounds |f_t| off at zero
 SPEED = ("rad/s", "m/s")
 PLACE = ("rad", "m")
 
@@ -305,10 +303,12 @@ class TiltLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class FrictionCones(Constraint):
-    """|f_t| ≤ ``mu``·f_n at every contact: μ f_n − (√(|f_t|² + ε²) − ε) ≥ −relax, in parts of mg.
+    """|f_t| ≤ ``mu``·f_n at every contact: (√(|f_t|² + ε²) − ε)/(f_n + ε) ≤ μ, forces in parts of
+    mg.
 
-    A contact that carries nothing is exactly on the edge of its cone, where an interior point has
-    no room: ``RELAX`` is that room. ``ROUNDING`` is ε, which rounds |f_t| off at zero.
+    A contact that carries nothing is in the middle of its cone, and one that carries much uses
+    |f_t|/f_n of it: the row is about one whatever the load, so that a solver sees how a foot must
+    land. ``ROUNDING`` is ε; a foot may push ε μ to the side before it carries anything.
 
     Parameters
     ----------
@@ -319,9 +319,7 @@ class FrictionCones(Constraint):
 
     mu: float = 0.6
     contacts: tuple[str, ...] | Literal["feet"] | None = field(default=None, kw_only=True)
-
-    ROUNDING: ClassVar[float] = TINY_FORCE  # of mg
-    RELAX: ClassVar[float] = 1e-4  # of mg
+    ROUNDING: ClassVar[float] = 1e-2  # of mg
 
     def placed(self, setting: Setting) -> Constraint:
         if self.contacts != "feet":
@@ -347,24 +345,22 @@ class FrictionCones(Constraint):
         return [own.contacts[k].name for k in sorted(chosen)]
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        mu = number(f"{self.label}.mu", self.mu)
-        if mu < 0.0:
-            raise ValueRangeError(f"{self.label}.mu is {mu:g}, must not be negative")
         self._names(setting.character)
-        return {"mu": mu}
+        return {}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         made = []
         for name in self._names(step.character):
             contact = step.contact(name)
-            rounded = ca.sumsqr(contact.tangential_force) + self.ROUNDING**2
-            made.append(p["mu"] * contact.normal_force - (ca.sqrt(rounded) - self.ROUNDING))
+            rounded = ca.sqrt(ca.sumsqr(contact.tangential_force) + self.ROUNDING**2)
+            made.append((rounded - self.ROUNDING) / (contact.normal_force + self.ROUNDING))
         return ca.vertcat(*made)
 
     def bounds(self, setting: Setting) -> tuple[Any, Any]:
-        return -self.RELAX, np.inf
+        mu = number(f"{self.label}.mu", self.mu)
+        if mu < 0.0:
+            raise ValueRangeError(f"{self.label}.mu is {mu:g}, must not be negative")
+        return -np.inf, mu
 
     def rows(self, setting: Setting) -> Sequence[Row]:
-        robot = self._robot(setting.character)
-        weight = robot.mass * GRAVITY
-        return [Row(f"contact {name!r}", "N", weight) for name in self._names(robot)]
+        return [Row(f"contact {name!r}") for name in self._names(setting.character)]

@@ -51,7 +51,7 @@ def _cones(motion: octo.Solution) -> np.ndarray:
     normal, force = motion.contact_normal, motion.contact_force / motion.weight
     along = np.sum(normal * force, axis=2)
     across = np.linalg.norm(force - along[..., None] * normal, axis=2)
-    return 0.5 * along - (np.sqrt(across**2 + 1e-6) - 1e-3)
+    return (np.sqrt(across**2 + 1e-4) - 1e-2) / (along + 1e-2)
 
 
 JOINTS = [6, 7, 8]  # hip, knee, mast
@@ -87,12 +87,12 @@ ROWS: dict[str, tuple[Any, Callable[[octo.Solution], np.ndarray], Any, Any]] = {
         np.cos(0.3),
         INF,
     ),
-    "friction": (octo.FrictionCones(0.5), _cones, -1e-4, INF),
+    "friction": (octo.FrictionCones(0.5), _cones, -INF, 0.5),
     "friction of feet": (
         octo.FrictionCones(0.5, contacts="feet"),
         lambda m: _cones(m)[:, :2],
-        -1e-4,
-        INF,
+        -INF,
+        0.5,
     ),
     "own": (
         octo.CustomConstraint(lambda s, p: s.x_next[6:8] * p["k"], [0, -INF], 2, {"k": (2.0, 3.0)}),
@@ -387,7 +387,7 @@ def test_a_solution_says_the_worst_row_of_each_constraint(tmp_path) -> None:
     assert octo.Solution.load(tmp_path / "motion.npz").bounds == motion.bounds
 
 
-def test_torques_and_forces_are_said_in_newtons() -> None:
+def test_torques_are_said_in_newton_metres_and_friction_as_a_share() -> None:
     problem = described(octo.TorqueLimits(), octo.FrictionCones(0.1, contacts=("foot",)))
     compiled = CompiledProblem([problem])
     nodes = compiled.evaluate(wiggle_near_ground(compiled)).nodes[0, 1:]
@@ -402,7 +402,8 @@ def test_torques_and_forces_are_said_in_newtons() -> None:
     )
     assert abs(torque.value) == pytest.approx(abs(motion.u[step, joint]))
     assert abs(torque.bound) == pytest.approx([8.0, 6.0][joint])
-    assert cone.unit == "N" and cone.bound == pytest.approx(-1e-4 * motion.weight)
+    assert (cone.unit, cone.bound, cone.row) == ("", 0.1, "contact 'foot'")
+    assert cone.value == pytest.approx(_cones(motion)[:, 0].max())
 
 
 def test_a_constraint_that_a_fixed_state_settles_has_no_line() -> None:
