@@ -32,7 +32,7 @@ def stand_up_problem(robot: octo.Character) -> octo.Problem:
     weights[base + 4 : base + 6] = 1.0
     weights[robot.actuated] = 0.05
     costs = [
-        octo.PoseTarget(target=standing.start, coordinates=weights, steps="all", weight=0.01),
+        octo.PoseTarget(target=standing.start, coordinates=weights, at="all", weight=0.01),
         octo.BaseAngularVelocity(weight=0.02 * length),
         octo.CenterOfMassVelocity(weight=0.003 / length),
         octo.JointVelocity(weight=0.02 * length),
@@ -72,10 +72,7 @@ def first_plan(problem: octo.Problem, x: np.ndarray, starts: int) -> octo.Soluti
         begin[roll] += side
         scale = max(float(np.sum((problem.start - begin) ** 2)), 0.01)  # what PoseTarget divides by
         aim = octo.PoseTarget(
-            target=problem.start,
-            coordinates=problem.costs[0].coordinates,
-            steps="all",
-            weight=scale,
+            target=problem.start, coordinates=problem.costs[0].coordinates, at="all", weight=scale
         )
         lying_down = problem.replace(x0=begin, costs=[aim, *problem.costs[1:]])
         share = np.clip(np.linspace(0.0, 2.0, STEPS + 1), 0.0, 1.0)[:, None]

@@ -21,7 +21,7 @@ logging.getLogger("octo").addHandler(logging.NullHandler())
 
 _NAMES = {  # by the module that defines them
     "octo.costs": (
-        "BaseAngularVelocity BaseHeight BaseOrientation BodyLoad CenterOfMassDisplacement "
+        "At BaseAngularVelocity BaseHeight BaseOrientation BodyLoad CenterOfMassDisplacement "
         "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Effort "
         "FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointSpeedLimit "
         "JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity PoseTarget "
@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
+    from octo.costs import At as At
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
     from octo.costs import BaseOrientation as BaseOrientation

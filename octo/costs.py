@@ -1,5 +1,6 @@
 """Every term of E by one import path, and the lists of terms that go together."""
 
+from octo.problem.at import At
 from octo.problem.body_costs import (
     BaseAngularVelocity,
     BaseHeight,
@@ -41,6 +42,7 @@ from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 from octo.problem.terms import Row
 
 __all__ = [
+    "At",
     "BaseAngularVelocity",
     "BaseHeight",
     "BaseOrientation",

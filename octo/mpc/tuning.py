@@ -6,14 +6,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
 from octo.model.quantities import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.costs import Cost
 from octo.problem.problem import Problem
+from octo.problem.references import coefficients
 from octo.problem.structure import Reader, same
 
 
@@ -65,11 +64,8 @@ class Tuning:
         packed = scratch.pack([changed], setting)
         for place in places.values():
             q[:, place] = packed[:, place]
-        if "weight" in values:
-            on = np.full(setting.steps, 1.0 / setting.steps)
-            if term.steps != "all":
-                on = np.eye(setting.steps)[-1]
-            q[:, k] = np.asarray(values["weight"], dtype=float) * on / self._scales[k]
+        if not {"weight", "at", "steps"}.isdisjoint(values):
+            q[:, k] = coefficients(changed, setting, self._scales[k])
         return problem.replace(costs=[*problem.costs[:k], changed, *problem.costs[k + 1 :]])
 
     def _changed(self, term: Cost, values: Mapping[str, Any]) -> Cost:

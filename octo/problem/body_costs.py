@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.errors import ShapeError
 from octo.problem.asked import Asked, Motion
-from octo.problem.costs import Cost, Steps, last_row, mean_square
+from octo.problem.at import Steps
+from octo.problem.costs import Cost, last_row, mean_square
 from octo.problem.terms import Row
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class CenterOfMassPosition(Cost):
     """Eq. 18: the centre of mass (m) against ``target`` (3,), at the last step or at every step."""
 
     target: Any = (0.0, 0.0, 0.0)
-    steps: Steps = field(default="last", kw_only=True)
+    at: Steps = field(default="last", kw_only=True)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         return {"target": self._vector("target", 3)}

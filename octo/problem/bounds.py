@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from octo.checks import floats
 from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.problem.at import shares
 from octo.problem.codegen import CostFunctions
 from octo.problem.constraints import Constraint
 from octo.problem.plan import Plan
@@ -55,7 +56,7 @@ def bounds_of(problem: Problem, functions: CostFunctions) -> tuple[Array, Array]
     for k, term in enumerate(problem.terms):
         if isinstance(term, Constraint):
             own = np.flatnonzero(bounded == k)
-            at = np.full(steps, True) if term.at == "all" else np.arange(steps) == steps - 1
+            at = shares(f"{term.label}.at", term.at, steps, problem.setting.dt) > 0.0
             given = _given(problem, term, len(own))
             for bound, values in zip((lower, upper), given, strict=True):
                 bound[np.ix_(at, own)] = np.broadcast_to(values, (steps, len(own)))[at]

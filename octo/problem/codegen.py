@@ -137,7 +137,7 @@ class Residuals:
         """What tells one list of terms from another: their expressions, and the names and sizes of
         their references."""
         references = self.references
-        kinds = tuple((type(term), term.label, term.counted) for term in references.terms)
+        kinds = tuple((type(term), term.label) for term in references.terms)
         places = tuple(tuple((k, v.start, v.stop) for k, v in t.items()) for t in references.places)
         written = [self.function.serialize()]
         if self.between:

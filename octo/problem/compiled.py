@@ -138,6 +138,11 @@ class CompiledProblem:
         """Lower and upper bounds (batch, N, rows) of the bounded rows."""
         return self.lower, self.upper
 
+    @property
+    def used_rows(self) -> NDArray[np.bool_]:
+        """(batch, N, rows) the bounded rows at the steps at which their terms act."""
+        return np.asarray(self.q[:, :, list(self.functions.bounded)] != 0.0)
+
     def set_row_weights(
         self, weights: Array, shifts: Array, multipliers: Array | None = None
     ) -> None:

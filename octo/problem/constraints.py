@@ -16,14 +16,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from octo.checks import one_of
 from octo.errors import ProblemError
 from octo.problem.terms import Curvature, Row, Term
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
-
-At = Literal["all", "last"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,7 +29,8 @@ class Constraint(Term):
 
     Parameters
     ----------
-    at: "all", or "last" for the last step alone.
+    at: when it must hold: "all" steps, the "last" one, a list of steps from 0 (from the end where
+        they are negative), a mask of one truth for each, or times as ``octo.At(seconds)``.
     name: what reports and messages call it; by default the class's name.
     curvature: what the solver's model has of it, "exact" by default: a multiplier does not vanish
         at a solution as a residual does.
@@ -40,12 +38,7 @@ class Constraint(Term):
 
     kind: ClassVar[Literal["square", "bounded"]] = "bounded"
 
-    at: At = "all"
     curvature: Curvature = "exact"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        one_of(f"{self.label}.at", self.at, ("all", "last"))
 
     def bounds(self, setting: Setting) -> tuple[Any, Any]:
         """Lower and upper bounds of the rows, each a number, (rows,) or (N, rows): infinite where

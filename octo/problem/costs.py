@@ -1,9 +1,9 @@
 """What a term of E is (§5): one small class per term; it says its residual, CasADi says its
 derivative.
 
-    E = Σ_terms weight/scale · mean over the steps of |residual|²
+    E = Σ_terms weight/scale · mean over its steps of |residual|²
 
-(steps="last": the last step alone). Terms over bodies, joints and contacts have a file each.
+(at="all": all steps). Terms over bodies, joints and contacts have a file each.
 
 Weights and references are run-time numbers, constant or one row per step: changing them recompiles
 nothing. A new term is a subclass of :class:`Cost` with a residual, its references and, if its size
@@ -14,15 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, one_of
+from octo.checks import instance
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
+from octo.problem.at import Steps, check_at
 from octo.problem.constraints import Constraint, Equality
 from octo.problem.losses import Loss
 from octo.problem.terms import Term
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 LOSS = "loss."  # how the names of a loss's references begin
-Steps = Literal["all", "last"]
 FLOOR = 0.1**2  # of every scale, so that a target of zero stays defined
 
 
@@ -43,7 +43,10 @@ class Cost(Term):
     Parameters
     ----------
     weight: a number, or one per step (N,).
-    steps: "all", or "last" for the last step alone.
+    at: when it acts: "all" steps, the "last" one, a list of steps from 0 (from the end where they
+        are negative), a mask of one truth for each, or times as ``octo.At(seconds)``. E has its
+        mean over these steps.
+    steps: the old name of ``at``, which takes it over where it is given; None afterwards.
     name: what reports and ``Controller.update`` call it; by default the class's name.
     loss: what is put around each number of its residual; by default its square counts.
     curvature: what the solver's model of E has of the term once E has settled: Gauss and
@@ -54,18 +57,17 @@ class Cost(Term):
     weighed_by: ClassVar[str] = ""  # the reference whose entries weigh a row each, if any
 
     weight: float | Array = 1.0
-    steps: Steps = "all"
+    steps: Steps | None = None
     loss: Loss | None = None
 
     def __post_init__(self) -> None:
+        if self.steps is not None:
+            check_at(f"{self.label}.steps", self.steps)
+            object.__setattr__(self, "at", self.steps)
+            object.__setattr__(self, "steps", None)
         super().__post_init__()
-        one_of(f"{self.label}.steps", self.steps, ("all", "last"))
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
-
-    @property
-    def counted(self) -> str:
-        return self.steps
 
     def scale(self, setting: Setting) -> float:
         """The fixed number E's term is divided by."""
@@ -107,7 +109,7 @@ class Cost(Term):
                 f"{self.label} has a loss and is a constraint: a loss has no hard form, leave it "
                 "out"
             )
-        return {"name": self.label, "at": self.steps}
+        return {"name": self.label, "at": self.at}
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         """What the term asks of a motion as a whole, and what came of it; None of a term that asks
@@ -143,6 +145,7 @@ class SizedCost(Cost):
             made,
             weight=weight,
             name=made.name if self.name == made.label else self.name,
+            at=made.at if isinstance(self.at, str) and self.at == "all" else self.at,
             loss=made.loss if self.loss is None else self.loss,
             curvature=made.curvature if self.curvature == "gauss_newton" else self.curvature,
         )

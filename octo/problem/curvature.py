@@ -5,14 +5,15 @@ rows with multipliers y it is Σ y ∂²r/∂(z, u)². The chain rule over the t
 to those who have the slopes of FD, and FD's own curvature to ∂E/∂u, of bounded rows to that of
 Σ y r (``octo_derive_rows`` of sparse_rows.c).
 
-A centre of mass is a long expression of all coordinates: terms are differentiated to the two
-centres, whose own derivatives have a closed form.
+A centre of mass is a long expression of all coordinates, a contact's place of those that move it:
+terms are differentiated to these, whose own derivatives have a closed form.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -22,10 +23,12 @@ from octo.dynamics import slots, symbolic
 from octo.dynamics.codegen import check_curvature
 from octo.dynamics.long import check_length
 from octo.model.character import Character
+from octo.model.terrain import Plane
 from octo.problem.calls import Call, gradient, jacobian, with_numbers_of
 from octo.problem.lane_tables import tables_text
-from octo.problem.symbols import StepSymbols
+from octo.problem.symbols import ContactSymbols, StepSymbols
 from octo.problem.terms import Term
+from octo.problem.touch_points import SIZE, TouchPoint, Twist
 
 NAME = "octo_state_curvature"
 HINT = 'leave it at curvature="gauss_newton", or write it in fewer operations'
@@ -61,12 +64,47 @@ class StateCurvature:
 
 @dataclass(frozen=True, eq=False)
 class CenteredStep(StepSymbols):
-    """A time step whose centres of mass are symbols of their own.
+    """A time step whose centres of mass, and the places of contacts with a plane, are symbols of
+    their own.
 
-    centers: (6,) m, at x_next and at x.
+    centers: (6,) m, at x_next and at x. points: by name, those that a term has asked for.
     """
 
     centers: ca.SX = field(kw_only=True)
+    points: dict[str, TouchPoint] = field(default_factory=dict, kw_only=True)
+
+    def contact(self, name: str) -> ContactSymbols:
+        own = super().contact(name)
+        if not isinstance(own.terrain, Plane):
+            return own
+        if name not in self.points:
+            robot = self._robot()
+            path = robot.path[robot.contacts[robot.contact_index(name)].body]
+            twists = [[t[i] for i in path] for t in self._twists]
+            symbols = ca.SX.sym(f"point_{len(self.points)}", SIZE)
+            self.points[name] = TouchPoint(own, symbols, path, *twists)
+        symbols = self.points[name].symbols
+        return replace(own, places=((symbols[:3], symbols[3:]), own.places[1]))
+
+    @cached_property
+    def _twists(self) -> tuple[list[Twist], list[Twist]]:
+        """Of all joints, at x_next and at x."""
+        robot = self._robot()
+        return symbolic.joint_twists(robot, self.x_next), symbolic.joint_twists(robot, self.x)
+
+    @property
+    def inner(self) -> ca.SX:
+        """(6 + 6 points,) the symbols of centres and points."""
+        return ca.vertcat(self.centers, *(point.symbols for point in self.points.values()))
+
+    @property
+    def inner_values(self) -> ca.SX:
+        """What they stand for; nothing for user-written dynamics."""
+        if self.character is None:
+            return ca.SX(0, 1)
+        nodes = (self.x_next, self.x)
+        at_nodes = [symbolic.center_of_mass(self.character, node) for node in nodes]
+        return ca.vertcat(*at_nodes, *(point.value for point in self.points.values()))
 
     @classmethod
     def of(cls, step: StepSymbols) -> CenteredStep:
@@ -146,17 +184,17 @@ class CurvedTerms:
         step, own = self.step, ca.SX.sym("own", 3 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
         state = ca.vertcat(*nodes, step.u)
-        size, centers = state.numel(), step.centers
-        whole, pull = ca.SX(size, size), ca.SX(centers.numel(), 1)
-        motion = _center_slopes(step)
+        size, inner = state.numel(), step.inner
+        whole, pull = ca.SX(size, size), ca.SX(inner.numel(), 1)
+        motion = _inner_slopes(step)
         for term, r, weight, shift in self._weighted(q, own, squares):
             held = ca.SX.sym("held", r.numel())
-            pulled, both = ca.dot(held, r), ca.vertcat(state, centers)
+            pulled, both = ca.dot(held, r), ca.vertcat(state, inner)
             what, slopes = f"second derivatives of {term.label}", gradient(term.calls, pulled, both)
             check_curvature(what, [both, held, p, q, *v], slopes, HINT)
             second, mixed, centered, slope = (
                 gated(value, held, shift, weight)
-                for value in _second(pulled, term.calls, state, centers)
+                for value in _second(pulled, term.calls, state, inner)
             )
             whole += second
             if mixed.nnz():
@@ -164,7 +202,8 @@ class CurvedTerms:
             if centered.nnz():
                 whole += motion.T @ centered @ motion
             pull += slope
-        if pull.nnz():
+        first = step.centers.numel()
+        if pull[:first].nnz():
             assert step.character is not None
             n = step.x.numel()
             for t in range(2):
@@ -172,13 +211,15 @@ class CurvedTerms:
                 whole[at, at] += _center_curvature(
                     step.character, motion[3 * t : 3 * t + 3, at], nodes[t], pull[3 * t : 3 * t + 3]
                 )
+        for k, point in enumerate(step.points.values()):
+            at = first + SIZE * k
+            whole += point.curvature(pull[at : at + SIZE], step.x.numel(), size)
         upper = ca.sparsify(ca.triu(whole))
         if not upper.nnz():
             return None
         value = ca.vertcat(*upper.nonzeros())
         if step.character is not None:
-            at_nodes = [symbolic.center_of_mass(step.character, node) for node in nodes[:2]]
-            value = ca.substitute(value, centers, ca.vertcat(*at_nodes))
+            value = ca.substitute(value, inner, step.inner_values)
         function = ca.Function(
             NAME, [*nodes, step.u, p, ca.vertcat(q, own), *v], [value], {"cse": True}
         )
@@ -208,6 +249,13 @@ def gated(value: ca.SX, held: ca.SX, shift: ca.SX, weight: ca.SX) -> ca.SX:
     value = ca.sparsify(value)
     numbers = ca.substitute(nonzeros(value), held, shift)
     return ca.SX(value.sparsity(), ca.if_else(weight != 0.0, numbers, 0.0))
+
+
+def _inner_slopes(step: CenteredStep) -> ca.SX:
+    """(6 + 6 points, 3n + nu) derivatives of centres and points, to (z, u)."""
+    n, centers = step.x.numel(), _center_slopes(step)
+    points = (point.slopes(n, centers.size2()) for point in step.points.values())
+    return ca.vertcat(centers, *points)
 
 
 def _center_slopes(step: CenteredStep) -> ca.SX:

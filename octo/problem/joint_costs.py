@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from octo.checks import numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
+from octo.problem.at import Steps
 from octo.problem.constraints import Constraint
-from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
+from octo.problem.costs import Cost, StepPairCost, last_row, mean_square
 from octo.problem.limits import PLACE, JointLimits, JointSpeedLimits, TorqueLimits, in_words
 from octo.problem.terms import Row
 
@@ -196,7 +197,7 @@ class PoseTarget(Cost):
     """The whole configuration against ``target`` (nx,), at the last step or at every step."""
 
     target: Any = None
-    steps: Steps = field(default="last", kw_only=True)
+    at: Steps = field(default="last", kw_only=True)
     coordinates: Any = 1.0  # weight of each coordinate
     weighed_by: ClassVar[str] = "coordinates"
 

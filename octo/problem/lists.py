@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from octo.checks import one_of
 from octo.errors import ProblemError, said
+from octo.problem.at import check_at
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost
 
@@ -23,7 +23,7 @@ def costs_of(given: Any) -> tuple[Cost, ...]:
     if not terms:
         raise ProblemError("costs is empty: give at least one term, for example octo.Effort()")
     for term in terms:
-        one_of(f"{term.label}.steps", term.steps, ("all", "last"))
+        check_at(f"{term.label}.at", term.at)
     return terms
 
 

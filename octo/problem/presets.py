@@ -266,7 +266,7 @@ def locomotion(
         ),
         BaseHeight(weight=5.5 / length**2),
         BaseOrientation(weight=12.5, axes=(1.0, 1.0, 0.36)),
-        Leash(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), steps="all"),
+        Leash(name="Position", weight=0.22 * 0.1**2 / length**2, axes=(1.0, 1.0, 0.0), at="all"),
         LegPosture(name="Posture", weight=0.5),
         JointVelocity(weight=0.0135 / rate),
         Effort(weight=0.04),

@@ -256,7 +256,7 @@ class Problem(Shown):
             return None
         end = self.closure.forward @ self.start + self.closure.forward_constant
         return PoseTarget(
-            weight=HOLD, target=end, coordinates=self.closure.held, steps="last", name=ANCHOR
+            weight=HOLD, target=end, coordinates=self.closure.held, at="last", name=ANCHOR
         )
 
     @cached_property

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
+from octo.problem.at import shares
 from octo.problem.costs import LOSS, Cost
 from octo.problem.symbols import Setting
 from octo.problem.terms import Term
@@ -45,13 +46,15 @@ class References:
         return {name: q[place] for name, place in self.places[term].items()}
 
     def pack(self, terms: Sequence[Term], setting: Setting) -> Array:
-        """q (N, NQ): coefficient weight/(scale·N) of each term (weight/scale at the last step
-        alone; 0 of a constraint), references."""
+        """q (N, NQ): the coefficient of each term (of a constraint 1 over the number of steps at
+        which it acts, there), references."""
         steps = setting.steps
         q = np.zeros((steps, self.size))
         for k, term in enumerate(terms):
             if isinstance(term, Cost):
-                q[:, k] = _coefficients(term, setting)
+                q[:, k] = coefficients(term, setting, term.scale(setting))
+            else:
+                q[:, k] = shares(f"{term.label}.at", term.at, steps, setting.dt)
             found = _references(term, setting)
             if set(found) != set(self.places[k]):
                 raise ProblemError(
@@ -69,15 +72,21 @@ class References:
         return q
 
 
-def _coefficients(term: Cost, setting: Setting) -> Array:
-    """(N,) what the squares of a term are multiplied with at each step."""
-    steps, weight = setting.steps, numbers(f"{term.label}.weight", term.weight)
+def coefficients(term: Cost, setting: Setting, scale: float) -> Array:
+    """(N,) what |residual|² is multiplied with in E: weight/scale over the number of steps at which
+    the term acts, there.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError: name the term and the field.
+    """
+    steps = setting.steps
+    weight = numbers(f"{term.label}.weight", term.weight)
     if weight.shape not in ((), (steps,)):
         raise ShapeError(f"{term.label}.weight", weight.shape, f"() or ({steps},)")
     if not (weight >= 0.0).all():
         raise ValueRangeError(f"{term.label}.weight is {term.weight}, must not be negative")
-    on = np.full(steps, 1.0 / steps) if term.steps == "all" else np.eye(steps)[-1]
-    return np.asarray(weight * on / term.scale(setting))
+    return weight * shares(f"{term.label}.at", term.at, steps, setting.dt) / scale
 
 
 def _references(term: Term, setting: Setting) -> dict[str, Array]:

@@ -134,7 +134,7 @@ def check_alike(problems: Sequence[Problem]) -> None:
 
 def _check_frame(first: Problem, other: Problem, place: int) -> None:
     """Model, steps, basis and the list of terms."""
-    lists = [[(type(t), t.label, t.counted) for t in p.terms] for p in (first, other)]
+    lists = [[(type(t), t.label) for t in p.terms] for p in (first, other)]
     alike = {
         "model": _same_model(first.dynamics, other.dynamics),
         "steps": first.steps == other.steps,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from octo.checks import instance, number, one_of, owned, positive, shares, vectors
 from octo.errors import ProblemError
+from octo.problem.at import Steps, check_at
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
@@ -62,6 +63,8 @@ class Term:
 
     Parameters
     ----------
+    at: when it acts: "all" steps, the "last" one, a list of steps from 0 (from the end where they
+        are negative), a mask of one truth for each, or times as ``octo.At(seconds)``.
     name: what reports and ``Controller.update`` call it; by default the class's name.
     curvature: what the solver's model has of it: Gauss and Newton's, which leaves out how its
         residual bends, or the exact second derivative.
@@ -71,6 +74,7 @@ class Term:
     # at every iterate (CompiledProblem.set_row_weights)
     kind: ClassVar[Literal["square", "bounded"]] = "square"
 
+    at: Steps = "all"
     name: str = ""
     curvature: Curvature = "gauss_newton"
 
@@ -80,6 +84,7 @@ class Term:
         kind = type(self).__name__
         for name in ("name", *(("body",) if getattr(self, "body", None) is not None else ())):
             instance(f"{kind}.{name}", getattr(self, name), str, "a text")
+        check_at(f"{self.label}.at", self.at)
         one_of(f"{self.label}.kind", self.kind, ("square", "bounded"))
         one_of(f"{self.label}.curvature", self.curvature, get_args(Curvature))
 
@@ -87,11 +92,6 @@ class Term:
     def label(self) -> str:
         """The name the term goes by in reports and in ``Controller.update``."""
         return self.name or type(self).__name__
-
-    @property
-    def counted(self) -> str:
-        """The steps that it counts at, as far as terms of one structure must agree on them."""
-        return "all"
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
         """Run-time numbers by name, each (size,) or (N, size)."""

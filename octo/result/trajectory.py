@@ -250,7 +250,8 @@ class Trajectory:
             many = f"{leaps} steps change" if leaps > 1 else "one step changes"
             said.append(
                 f"{many} a coordinate by more than {LEAP:g} rad or m ({which.format(**largest)}): "
-                "between two nodes no law of physics is looked at, take a smaller dt"
+                "between two nodes no law of physics is looked at, take a smaller dt or forbid it "
+                "with octo.StepLimit()"
             )
         fall = float(np.sqrt(self.length / GRAVITY))
         if self.character is not None and self.dt > fall:

@@ -44,7 +44,7 @@ TERMS: dict[str, list[octo.Cost]] = {
     "two steps in a row": [octo.Effort(), TorqueChange(weight=2.0)],
     "a loss over two steps in a row": [
         PowerChange(loss=PseudoHuber(0.1)),
-        octo.TorqueRate(steps="last"),
+        octo.TorqueRate(at="last"),
     ],
     "a stage of code": [OverGrid(body="shank", weight=3.0, name="grid")],
     "a loss over a stage": [OverGrid(body="shank", loss=PseudoHuber(0.02))],

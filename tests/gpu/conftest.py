@@ -50,7 +50,7 @@ def _costs(steps: int) -> list[octo.costs.Cost]:
         c.Posture(reference=rows[:, :9], joints=(1.0, 0.5, 2.0)),
         c.JointAcceleration(weight=1e-3),
         c.Effort(),
-        c.CustomCost(residual, {"gain": 0.7}, steps="last"),
+        c.CustomCost(residual, {"gain": 0.7}, at="last"),
         c.Slip(length=0.03),
         c.FootLift(height=0.01, contacts=("foot", "front")),
         c.FrictionCone(mu=0.1, contacts=("foot",)),

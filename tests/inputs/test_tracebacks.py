@@ -328,7 +328,7 @@ TYPES: dict[str, tuple[Callable[[], Any], str]] = {
     "a list for a label": (lambda: octo.Effort(name=["a"]), "Effort.name is ['a'], must be a text"),
     "an array for steps": (
         lambda: octo.Effort(steps=WORDS),
-        "Effort.steps an array of shape (2,) is not known",
+        "Effort.steps is an array of shape (2,), must be 'all', 'last'",
     ),
     "an array for a joint": (
         lambda: ROBOT.joint_index(WORDS),

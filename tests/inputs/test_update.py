@@ -14,7 +14,7 @@ from octo.mpc import Controller
 
 ROBOT = mammal()
 TERMS = [
-    octo.PointPosition(body="front_left_shank", target=(0.3, 0.1, 0.0), steps="all"),
+    octo.PointPosition(body="front_left_shank", target=(0.3, 0.1, 0.0), at="all"),
     octo.BaseOrientation(),
     octo.Slip(),
     octo.JointLimit(weight=20.0),
@@ -49,7 +49,6 @@ FIXED: dict[str, tuple[str, Mapping[str, object], str]] = {
     "function": ("CustomCost", {"function": lambda step, p: step.u**2}, "function"),
     "names of values": ("CustomCost", {"values": {"other": 1.0}}, "values"),
     "size of values": ("CustomCost", {"values": {"gain": np.ones(ROBOT.nu)}}, "values"),
-    "steps": ("PointPosition", {"steps": "last"}, "steps"),
     "name": ("Effort", {"name": "Torque"}, "name"),
     "a number beside it": ("PointPosition", {"target": (0.0, 0.0, 0.0), "body": None}, "body"),
     "scale": ("CustomCost", {"fixed_scale": 2.0}, "fixed_scale"),
@@ -68,6 +67,8 @@ def test_what_is_compiled_is_refused_by_name_and_nothing_changes(controller, wha
 
 
 NUMBERS: dict[str, tuple[str, Mapping[str, object]]] = {
+    "at": ("PointPosition", {"at": [0, -1]}),
+    "steps": ("PointPosition", {"steps": "last", "weight": 2.0}),
     "target": ("PointPosition", {"target": (0.0, -0.4, 0.3)}),
     "point and axes": ("PointPosition", {"point": (0.0, 0.0, -0.1), "axes": (1.0, 0.0, 0.0)}),
     "angles": ("BaseOrientation", {"roll_pitch_yaw": (0.2, 0.0, 0.1)}),

@@ -51,10 +51,7 @@ def arm(tmp_path_factory):
 @pytest.fixture(scope="module")
 def cart(tmp_path_factory):
     robot = loaded(tmp_path_factory, CART, "cart")
-    costs = [
-        octo.PoseTarget(target=np.zeros(2), steps="all", weight=10.0),
-        octo.Effort(weight=1e-3),
-    ]
+    costs = [octo.PoseTarget(target=np.zeros(2), at="all", weight=10.0), octo.Effort(weight=1e-3)]
     return octo.Problem(robot, steps=25, dt=0.04, costs=costs, x0=np.array([0.0, 0.3]))
 
 

@@ -52,7 +52,7 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.JointLimit(margin=0.3),
         costs.JointSpeedLimit(margin=0.1, otherwise=1.0),
         costs.PoseTarget(target=rows[0, :9], coordinates=np.linspace(0.1, 1.0, 9)),
-        costs.CustomCost(_custom, {"gain": 0.7}, steps="last"),
+        costs.CustomCost(_custom, {"gain": 0.7}, at="last"),
         costs.NeighbourCost(_neighbour, {"gain": 0.5 + rows[:, :1]}, weight=per_step),
         costs.Slip(length=0.03),
         costs.FootLift(height=0.01, contacts=("foot", "front")),

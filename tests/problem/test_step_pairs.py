@@ -67,7 +67,7 @@ def mammal() -> octo.Character:
 @lru_cache
 def compiled(basis: str, steps: int, end: bool, threads: int = 1) -> CompiledProblem:
     per_step = np.linspace(0.0, 2.0, steps)[::-1]
-    terms = [octo.TorqueRate(weight=per_step), PowerChange(steps="last")]
+    terms = [octo.TorqueRate(weight=per_step), PowerChange(at="last")]
     return CompiledProblem([problem(basis, steps, end, *terms)] * 2, threads)
 
 
