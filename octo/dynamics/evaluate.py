@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.checks import doubles
+from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
@@ -25,7 +25,6 @@ from octo.model.character import Character
 from octo.model.element import parameters_of
 from octo.model.terrain import Plane, Terrain
 
-Array = NDArray[np.float64]
 Evaluation = tuple[Array, Array | None, Array | None]
 
 

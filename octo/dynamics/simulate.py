@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import (
+    Array,
     instance,
     number,
     numbers,
@@ -25,7 +26,6 @@ from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
-Array = NDArray[np.float64]
 Controls = Array | Callable[[float, Array, Array], Array]
 
 # m or rad: the displacement that the remaining force gives the joint's own inertia in one step

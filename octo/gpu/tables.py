@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.slots import BLOCKS
 from octo.problem.basis import Stencil
 
 Integers = NDArray[np.int32]
-Array = NDArray[np.float64]
 BLOCK = {nodes: k for k, nodes in enumerate(BLOCKS)}  # of a step's Hessian
 
 

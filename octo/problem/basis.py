@@ -19,10 +19,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import one_of
+from octo.checks import Array, one_of
 from octo.errors import ProblemError, said
 
-Array = NDArray[np.float64]
 WINDOW = 4  # nodes that a step and the one before it look at
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
 

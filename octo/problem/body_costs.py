@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import numbers
 from octo.errors import ShapeError
@@ -18,7 +17,6 @@ from octo.problem.costs import Cost, Steps, last_row, mean_square
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
 # added to a squared sine: its root has derivatives also at zero; the angle changes by less than
 # 1e-16
 SMALL_SINE = 1e-16

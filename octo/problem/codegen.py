@@ -36,8 +36,6 @@ from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class CostFunctions:

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, owned, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.mirror import Mirror
 
-Array = NDArray[np.float64]
 TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
 GRAVITY = 9.81  # m/s², only of scales
 SLOWEST = 5.0  # √(ℓ/g), of a stride that goes nowhere

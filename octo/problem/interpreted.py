@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
@@ -24,8 +25,6 @@ from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
-
-Array = NDArray[np.float64]
 
 
 class Interpreted:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import numbers
+from octo.checks import Array, numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.asked import Asked, Motion
 from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
@@ -18,7 +17,6 @@ from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
 FREE = 1e6  # rad or m, in place of a limit that is none
 QUICK = 0.1  # s, in which a torque may change by the effort's reference
 

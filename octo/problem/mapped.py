@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from octo.checks import Array
 
 
 def rows_over(function: ca.Function, given: Sequence[Array], steps: int) -> Array:

@@ -13,12 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.basis import Hermite, scatter
 from octo.problem.codegen import CostFunctions
 from octo.problem.data import Data
 from octo.problem.plan import Plan
-
-Array = NDArray[np.float64]
 
 
 def anchors(plan: Plan, data: Data) -> Array:

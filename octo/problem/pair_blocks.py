@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.basis import WINDOW, scatter, slots_of
 from octo.problem.data import Data
 from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.plan import Plan
 from octo.problem.step_pairs import PairFunctions
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import (
     MOST_STEPS,
+    Array,
     asked,
     instance,
     number,
@@ -38,7 +38,6 @@ from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 
-Array = NDArray[np.float64]
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 

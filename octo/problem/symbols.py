@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import RobotDynamics
@@ -21,7 +22,6 @@ from octo.model.terrain import Plane, Terrain
 from octo.problem.calls import Call
 from octo.problem.code_stage import CodeStage
 
-Array = NDArray[np.float64]
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3) body to world, position (3,) m
 
 
