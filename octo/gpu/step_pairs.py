@@ -10,8 +10,7 @@ import casadi as ca
 from octo.dynamics.codegen import integers, macros
 from octo.dynamics.emit import function_of_numbers
 from octo.gpu.device import Array, Device, Kernels, source
-from octo.gpu.tables import Gather, slots_of
-from octo.problem.basis import WINDOW, Stencil
+from octo.problem.basis import WINDOW
 from octo.problem.compiled import CompiledProblem
 from octo.problem.step_pairs import PairFunctions
 
@@ -115,23 +114,3 @@ class Derived:
         if steps > first:
             grid = (steps - first, batch)
             self.pairs.each(name, grid, steps, first, *arguments, shared=8 * shared)
-
-
-def gathers(stencil: Stencil, steps: int, cycle: bool) -> dict[str, Gather]:
-    """Where the blocks of H ("pairs") and b ("pairs_b") take what they have from: (step, node,
-    other node) and (step, node) of the windows of four nodes, as one number."""
-    hessian, gradient = [], []
-    for i in range(0 if cycle else 1, steps):
-        slots = list(slots_of(stencil, i, WINDOW))
-        for a, unit, part, value in slots:
-            gradient.append((unit, WINDOW * i + a, part, value))
-            for other, other_unit, other_part, other_value in slots:
-                if other_unit <= unit:
-                    place = (WINDOW * i + a) * WINDOW + other
-                    pair = part * stencil.parts + other_part
-                    lag = 3 * unit + unit - other_unit
-                    hessian.append((lag, place, pair, value * other_value))
-    return {
-        "pairs": Gather.of(3 * stencil.units, stencil.parts**2, hessian),
-        "pairs_b": Gather.of(stencil.units, stencil.parts, gradient),
-    }

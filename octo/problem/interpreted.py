@@ -16,7 +16,7 @@ from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-from octo.problem.basis import scatter, slots_of
+from octo.problem.basis import block, scatter, slots_of
 from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
@@ -260,7 +260,7 @@ class Interpreted:
         n = self.plan.n
         for i in (0, 1):
             for node in range(1 + i, 3):
-                own = slice(node * n, (node + 1) * n)
+                own = block(node, n)
                 gradient[:, i, own] = np.matmul(gradient[:, i, None, own], carry)[:, 0]
                 jac[:, i, :, own] = np.matmul(jac[:, i, :, own], carry)
                 hess[:, i, :, own] = np.matmul(hess[:, i, :, own], carry)
@@ -273,17 +273,17 @@ class Interpreted:
         s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(self.plan.steps):
-            slots = slots_of(s, (i + 2, i + 1, i), n)
-            scatter(slots, hess[:, i], gradient[:, i], H, b)
+            slots = slots_of(s, i)
+            scatter(slots, n, hess[:, i], gradient[:, i], H, b)
             for k in np.flatnonzero(s.test_row[i] >= 0):
                 row, first, scale = (
                     s.test_row[i, k],
                     s.test_part[i, k] * m,
                     s.test_coefficient[i, k],
                 )
-                for own, unit, to, value in slots:
-                    block = scale * value * rows[:, i, :, own]
-                    A[:, row, row - unit, first : first + m, to] += block
+                for node, unit, part, value in slots:
+                    made = scale * value * rows[:, i, :, block(node, n)]
+                    A[:, row, row - unit, first : first + m, block(part, n)] += made
 
 
 def _twists(pose: symbolic.Pose, x: ca.SX, path: list[int]) -> ca.SX:

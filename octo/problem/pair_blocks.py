@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array
-from octo.problem.basis import WINDOW, scatter, slots_of
+from octo.problem.basis import WINDOW, block, scatter, slots_of
 from octo.problem.data import Data
 from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
 from octo.problem.plan import Plan
@@ -100,9 +100,8 @@ class PairTerms:
         if slopes.bends is not None:
             hess += np.swapaxes(chain, 2, 3) @ slopes.bends @ chain
         for i in range(first, self.plan.steps):
-            nodes = [i + 2, i + 1, i, i - 1 if i else self.plan.steps - 1]
-            slots = slots_of(self.plan.stencil, nodes, self.plan.n)
-            scatter(slots, hess[:, i - first], gradient[:, i - first], H, b)
+            slots = slots_of(self.plan.stencil, i, WINDOW)
+            scatter(slots, self.plan.n, hess[:, i - first], gradient[:, i - first], H, b)
 
     def _first(self, data: Data) -> int:
         """The first step with one before it."""
@@ -147,7 +146,7 @@ class PairTerms:
         if data.carry is not None:
             for i in range(WINDOW - 1):  # their oldest nodes are carried
                 for node in range(i + 1, WINDOW):
-                    own = slice(node * n, (node + 1) * n)
+                    own = block(node, n)
                     chain[:, i, :, own] = chain[:, i, :, own] @ data.carry
             chain[:, 0, -nu:, n:] = self._carried(data) @ torques[:, -1]
         return chain
