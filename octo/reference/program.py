@@ -249,7 +249,7 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
         own = functions.contact
         poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
         for index, use in zip(own.spheres, own.use.astype(float), strict=True):
-            r = own.value(*contact_inputs(dynamics.character, index, poses)[2], p, q)
+            r = own.value(*contact_inputs(dynamics.character, index, poses), p, q)
             energy += ca.dot(
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )
