@@ -231,14 +231,6 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
-def cost_functions(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
-) -> CostFunctions:
-    """Residuals and first derivatives of all terms; ``between_controls`` leaves those over
-    neighbouring controls out."""
-    return derived(residuals_of(dynamics, terms, setting, between_controls))
-
-
 def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:
     """The symbols p, and x_next, x, x_prev, u of a time step, and what a term sees of them."""
     n, p = dynamics.nx, ca.SX.sym("p", dynamics.layout.size)
