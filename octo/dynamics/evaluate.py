@@ -176,13 +176,15 @@ def unfold(blocks: Array) -> Array:
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
 
 
-def check_surroundings(terrain: object, law: object) -> None:
-    """Refuse a ground or a contact law that is none; None is octo's own.
+def check_surroundings(terrain: object, law: object, model: object = None) -> None:
+    """Refuse a ground or a contact law that is none, and beside a Dynamics any; None is octo's own.
 
     Raises
     ------
     ProblemError: naming it and what is allowed.
     """
+    if isinstance(model, Dynamics) and (terrain is not None or law is not None):
+        raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
     if not isinstance(terrain, (Plane, Terrain, NoneType)):
         raise ProblemError(f"terrain is {said(terrain)}, must be an octo.Plane or an octo.Terrain")
     if law is not None and not all(hasattr(law, name) for name in ("parameters", "reach", "force")):

@@ -20,7 +20,7 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
@@ -270,9 +270,8 @@ def simulate(
     ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the argument and what is
         allowed.
     """
+    check_surroundings(terrain, law, model)
     if isinstance(model, Dynamics):
-        if terrain is not None or law is not None:
-            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         dynamics = model
     elif isinstance(model, Character):
         dynamics = RobotDynamics(model, law, terrain)

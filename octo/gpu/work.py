@@ -115,15 +115,14 @@ class Work:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """A trial, in arrays of its own; its numbers are on the host."""
-        self.device.copy(unknowns, self.tried.unknowns)
-        self._evaluate()
-        return self.evaluated(self._iterate.copy(), self._found.host(self.device))
+        return self.evaluate_with(unknowns, [])[0]
 
     def evaluate_with(
         self, unknowns: Array, numbers: list[Array]
     ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
-        self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
+        if numbers:
+            self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
         found = self._found.host(self.device)

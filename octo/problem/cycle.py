@@ -10,9 +10,9 @@ import numpy as np
 from octo.checks import number, owned, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.mirror import Mirror
+from octo.model.quantities import GRAVITY
 
 TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
-GRAVITY = 9.81  # m/s², only of scales
 SLOWEST = 5.0  # √(ℓ/g), of a stride that goes nowhere
 # strides of least work were within this factor of ``usual_period``: .5 and .58 s, .6 and .57, 1.0
 # and 1.2

@@ -105,9 +105,7 @@ class Problem(Shown):
             positive("dt", self.dt, "s")  # in units of the user's own
         else:
             time_step(self.dt)
-        if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
-            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
-        check_surroundings(self.terrain, self.law)
+        check_surroundings(self.terrain, self.law, self.model)
         self._check_costs()
         object.__setattr__(self, "costs", tuple(self.costs))
         object.__setattr__(

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from octo.checks import Array
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
+from octo.model.quantities import GRAVITY
 
 
 def weight(robot: Character | None) -> float:
