@@ -94,8 +94,7 @@ class Asked:
         )
         return (
             f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by "
-            f"{self.off:.2g} {self.unit}, "
-            f"{MET * self.size:.2g} is allowed{more}"
+            f"{self.off:.2g} {self.unit}, {MET * self.size:.2g} is allowed{more}"
         )
 
     def plain(self) -> dict[str, Any]:

@@ -62,8 +62,7 @@ class Cycle:
             if len(self.period) != 2:
                 raise ValueRangeError(
                     f"cycle.period is {said(self.period)}, must be a number of seconds or "
-                    "(shortest, "
-                    "longest)"
+                    "(shortest, longest)"
                 )
             low, high = (positive("cycle.period", value, "s") for value in self.period)
             if not low < high:
@@ -80,8 +79,7 @@ class Cycle:
         if not isinstance(self.mirror, (bool, Mirror, Mapping)):
             raise ProblemError(
                 f"cycle.mirror is {said(self.mirror)}, must be True, False, a mapping of names "
-                "or an "
-                "octo.Mirror"
+                "or an octo.Mirror"
             )
         object.__setattr__(self, "mirror", owned(self.mirror))
         if self.mirrored and self.turn != 0.0:
@@ -135,8 +133,7 @@ class Cycle:
         if isinstance(self.period, tuple) and dt > 0.0:
             raise ProblemError(
                 f"dt is {dt:g} s and cycle.period a range: give steps alone, each period then "
-                "has a "
-                "dt of its own"
+                "has a dt of its own"
             )
         if dt <= 0.0:
             longest = max(self.periods) / (2.0 if self.mirrored else 1.0)

@@ -128,8 +128,7 @@ class Problem(Shown):
         if self.x0 is not None and self.pose is not None:
             raise ProblemError(
                 "x0 and pose are both given: x0 is the start, pose is where a static one is "
-                "searched "
-                "from"
+                "searched from"
             )
         if self.x_end is not None and self.displacement is not None:
             raise ProblemError(
