@@ -118,16 +118,22 @@ def vectors(field: str, value: Any, size: int) -> Array:
     return array
 
 
-def shares(field: str, value: Any, size: int) -> Array:
-    """Weights of ``size`` things, as one number for all, (size,) or (N, size): finite, none
-    negative."""
+def for_each(field: str, value: Any, size: int) -> Array:
+    """Finite numbers of ``size`` things, as one for all, (size,), or a row of them for each step:
+    (size,) or (N, size)."""
     array = numbers(field, value)
     if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
         raise ShapeError(field, array.shape, f"(), ({size},) or (N, {size})")
+    return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
+
+
+def shares(field: str, value: Any, size: int) -> Array:
+    """Weights of ``size`` things, given in the same ways, none negative."""
+    array = for_each(field, value, size)
     if (array < 0.0).any():
         least = f"{array.min():g}"
         raise ValueRangeError(f"{field} has the negative weight {least}, must not be negative")
-    return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
+    return array
 
 
 def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:
