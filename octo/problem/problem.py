@@ -38,6 +38,7 @@ from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 
+STATES = ("x0", "v0", "x_end", "v_end", "displacement")  # fields that are a configuration
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 
@@ -116,14 +117,7 @@ class Problem(Shown):
         self.basis_object.check(self.steps)
         if isinstance(self.pose, str) and self.pose != "balanced":
             raise UnknownNameError("pose", self.pose, ("balanced",))
-        for name in (
-            "x0",
-            "v0",
-            "x_end",
-            "v_end",
-            "displacement",
-            *(() if isinstance(self.pose, str) else ("pose",)),
-        ):
+        for name in STATES if isinstance(self.pose, str) else (*STATES, "pose"):
             self._check_state(name)
         if self.x0 is not None and self.pose is not None:
             raise ProblemError(
@@ -182,7 +176,7 @@ class Problem(Shown):
             raise ProblemError(
                 "a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'"
             )
-        for name in ("x0", "v0", "x_end", "v_end", "displacement"):
+        for name in STATES:
             if getattr(self, name) is not None:
                 raise ProblemError(
                     f"{name} is given with cycle: the first and last states of a cycle are unknown"
