@@ -29,7 +29,8 @@ class StepPairs(Kernels):
         slopes = ca.Function(
             functions.slopes.name(), inputs, [functions.slopes(*inputs)[1]], {"cse": True}
         )
-        own = (functions.value, slopes, functions.bend)
+        own = [functions.value, slopes]
+        own += [] if functions.curvature is None else [functions.curvature.function]
         sizes = {
             "NX": problem.n,
             "NU": problem.nu,
@@ -39,7 +40,7 @@ class StepPairs(Kernels):
         }
         text = [
             source("common.cuh"),
-            *(function_of_numbers(f) for f in own if f is not None),
+            *map(function_of_numbers, own),
             macros(sizes),
             functions.tables,
             integers("pair_actuated", dynamics.actuated),
@@ -93,10 +94,11 @@ class Derived:
         self.rows = device.empty((*fd_jac.shape[:2], count, width + 1))
         rows = (*self.numbers[3:], *self.slopes, fd_jac, self.rows)
         self._each_window("octo_pair_rows", fd_jac.shape, count, *rows)
-        if exact and own.bend is not None:
+        if exact and own.curvature is not None:
             self.bends = device.empty((*fd_jac.shape[:2], width, width))
             bends = (curved, *self.numbers, fd_jac, self.bends)
-            self._each_window("octo_pair_bends", fd_jac.shape, own.bends.nnz(), *bends)
+            size = own.curvature.sparsity.nnz()
+            self._each_window("octo_pair_bends", fd_jac.shape, size, *bends)
 
     def add(self, tables: dict[str, Array], H: Array, b: Array) -> None:
         """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b

@@ -242,7 +242,7 @@ class Interpreted:
         inputs = [[*a[:5], q.T, *a[6:]] for a, q in zip(given, self.data.q, strict=True)]
         eye = np.broadcast_to(np.eye(size), (*hess.shape[:2], size, size))
         chain = np.concatenate([eye, torque_jac], axis=2)
-        add_bends(own.function, own.sparsity, inputs, curved, chain, hess)
+        add_bends(own, inputs, curved, chain, hess)
 
     def _add_contacts(
         self, given: list[list[Array]], curved: NDArray[np.bool_], gradient: Array, hess: Array

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array
+from octo.problem.curvature import StateCurvature
 
 
 def rows_over(function: ca.Function, given: Sequence[Array], steps: int) -> Array:
@@ -39,25 +40,18 @@ def live_rows(
 
 
 def add_bends(
-    function: ca.Function,
-    sparsity: ca.Sparsity,
+    own: StateCurvature,
     given: Sequence[Sequence[Array]],
     curved: NDArray[np.bool_],
     chain: Array,
     hess: Array,
 ) -> None:
-    """Adds chainᵀ S chain to ``hess`` (batch, steps, w, w) of the members ``curved``.
-
-    Parameters
-    ----------
-    function: gives the nonzeros of the upper triangle of S, at ``sparsity``. given: each member's
-        arguments. chain: (batch, steps, width, w).
-    """
-    i, j = sparsity.row(), sparsity.get_col()
+    """Adds chainᵀ S chain, chain (batch, steps, width, w), to ``hess`` (batch, steps, w, w) of the
+    members ``curved``; given: each member's arguments."""
     for k in np.flatnonzero(curved).tolist():
-        numbers = rows_over(function, given[k], hess.shape[1])
-        bend = np.zeros((hess.shape[1], *sparsity.shape))
-        bend[:, i, j], bend[:, j, i] = numbers, numbers
+        numbers = rows_over(own.function, given[k], hess.shape[1])
+        bend = np.zeros((hess.shape[1], *own.sparsity.shape))
+        bend[:, own.rows, own.columns], bend[:, own.columns, own.rows] = numbers, numbers
         hess[k] += np.swapaxes(chain[k], 1, 2) @ bend @ chain[k]
 
 

@@ -83,13 +83,14 @@ class PairTerms:
 
         fd_jac: (batch, N, n, 3n) slopes of FD.
         """
-        first, own = self._first(data), self.functions
+        first = self._first(data)
         chain = self._chain(data, fd_jac[:, :, self.actuated])
         chained = slopes.jac @ chain
         gradient = np.einsum("kir,kira->kia", slopes.shift, chained)
         hess = np.einsum("kir,kira,kirb->kiab", slopes.weight, chained, chained)
-        if own.bend is not None:
-            add_bends(own.bend, own.bends, slopes.given, slopes.curved, chain, hess)
+        if self.functions.curvature is not None:
+            own = self.functions.curvature
+            add_bends(own, slopes.given, slopes.curved, chain, hess)
         for i in range(first, self.plan.steps):
             slots = slots_of(self.plan.stencil, i, WINDOW)
             scatter(slots, self.plan.n, hess[:, i - first], gradient[:, i - first], H, b)
