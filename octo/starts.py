@@ -13,7 +13,8 @@ from octo.checks import numbers
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import ShapeError
 from octo.model.feet import feet_of, touching
-from octo.model.kinematics import body_poses, joint_twists, sphere_centers
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.mass_matrix import joint_twists
 from octo.problem.closure import Closure
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem

@@ -23,12 +23,6 @@ def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
     -------
     rotation (..., bodies, 3, 3) and origin (..., bodies, 3) m.
     """
-    rotation, origin, _ = _frames(character, x)
-    return rotation, origin
-
-
-def _frames(character: Tree, x: NDArray) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-    """``body_poses``, and the frame (R, t) that each joint turns or slides in."""
     instance("character", character, Tree, "a Character: what octo.load gives")
     x = floats("x", x)
     if x.ndim == 0 or x.shape[-1] != character.nx:
@@ -36,7 +30,6 @@ def _frames(character: Tree, x: NDArray) -> tuple[Array, Array, list[tuple[Array
     lead = x.shape[:-1]
     rotation = np.empty((*lead, len(character.bodies), 3, 3))
     origin = np.empty((*lead, len(character.bodies), 3))
-    frames = []
     for b, body in enumerate(character.bodies):
         if body.parent >= 0:
             R = rotation[..., body.parent, :, :] @ body.rotation
@@ -45,7 +38,6 @@ def _frames(character: Tree, x: NDArray) -> tuple[Array, Array, list[tuple[Array
             R = np.broadcast_to(body.rotation, (*lead, 3, 3))
             t = np.broadcast_to(body.position, (*lead, 3))
         for j, joint in enumerate(body.joints, start=int(character.first_joint[b])):
-            frames.append((R, t))
             q = x[..., j] - joint.reference
             if joint.kind == "slide":
                 t = t + (R @ joint.axis) * q[..., None]
@@ -54,21 +46,7 @@ def _frames(character: Tree, x: NDArray) -> tuple[Array, Array, list[tuple[Array
                 t = t + (R @ (joint.anchor - turn @ joint.anchor)[..., None])[..., 0]
                 R = R @ turn
         rotation[..., b, :, :], origin[..., b, :] = R, t
-    return rotation, origin, frames
-
-
-def joint_twists(character: Tree, x: NDArray) -> Array:
-    """(nx, 6) at x (nx,): angular velocity and velocity (m) of the point at the world's origin, per
-    unit speed of each joint."""
-    twists = np.zeros((character.nx, 6))
-    joints = [joint for body in character.bodies for joint in body.joints]
-    for twist, joint, (R, t) in zip(twists, joints, _frames(character, x)[2], strict=True):
-        axis = R @ joint.axis
-        if joint.kind == "slide":
-            twist[3:] = axis
-        else:
-            twist[:] = *axis, *np.cross(t + R @ joint.anchor, axis)
-    return twists
+    return rotation, origin
 
 
 def axis_rotation(axis: NDArray, angle: NDArray | float) -> Array:

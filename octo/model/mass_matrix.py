@@ -6,12 +6,36 @@ import numpy as np
 
 from octo.errors import ModelError
 from octo.model.character import Character
-from octo.model.kinematics import body_poses, joint_twists
+from octo.model.kinematics import axis_rotation, body_poses
 from octo.model.quantities import Array
 
 # of the eigenvalues of the mass matrix scaled to a unit diagonal; the robot files at hand have 1e-4
 # and more
 SMALLEST = 1e-9
+
+
+def joint_twists(character: Character, x: Array) -> Array:
+    """(nx, 6): angular velocity and velocity (m) of the point at the world's origin, per unit speed
+    of each joint."""
+    rotation, origin = body_poses(character, x)
+    twists = np.zeros((character.nx, 6))
+    for b, body in enumerate(character.bodies):
+        if body.parent >= 0:
+            R = rotation[body.parent] @ body.rotation
+            t = origin[body.parent] + rotation[body.parent] @ body.position
+        else:
+            R, t = body.rotation, body.position
+        for j, joint in enumerate(body.joints, start=int(character.first_joint[b])):
+            displacement, axis = x[j] - joint.reference, R @ joint.axis
+            if joint.kind == "slide":
+                twists[j, 3:] = axis
+                t = t + axis * displacement
+            else:
+                anchor = t + R @ joint.anchor
+                twists[j] = np.concatenate([axis, np.cross(anchor, axis)])
+                R = R @ axis_rotation(joint.axis, displacement)
+                t = anchor - R @ joint.anchor
+    return twists
 
 
 def mass_matrix(character: Character, x: Array) -> Array:

@@ -26,7 +26,8 @@ from octo.model.body import Joint
 from octo.model.character import Character
 from octo.model.element import Element, named
 from octo.model.feet import lowest_contacts
-from octo.model.kinematics import body_poses, joint_twists, sphere_centers
+from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.mass_matrix import joint_twists
 from octo.model.quantities import Array
 
 # How far from a mirror image a robot may be.
