@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending, numbers, whole
-from octo.errors import MissingExtraError, ModelError, ValueRangeError
+from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.result.solution import Solution
@@ -107,10 +107,8 @@ def filmstrip(
     """
     if path is not None:
         path = ending("path", path, STILLS)
-    try:
-        from octo.figure import Figure
-    except ImportError:
-        raise MissingExtraError("a picture", "view") from None
+    from octo.figure import Figure
+
     solution = motion_of(solution)
     if solution.character is None:
         raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
