@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Unpack
 
-from octo.checks import Array, asked, number, numbers, positive, takes, time_step, whole
+from octo.checks import Array, asked, instance, number, numbers, positive, takes, time_step, whole
 from octo.dynamics.laws import ContactLaw
-from octo.errors import ProblemError, said
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
@@ -98,10 +97,7 @@ def _steady(
     robot: Character, velocity: tuple[float, float], rate: float, seconds: float, **given: Any
 ) -> Solution:
     """The motion of a call; what is None of its options ``given`` is left to octo.solve."""
-    if not isinstance(robot, Character):
-        raise ProblemError(
-            f"robot is {said(robot)}, must be a Character: what octo.load and octo.gallery give"
-        )
+    instance("robot", robot, Character, "a Character: what octo.load and octo.gallery give")
     time_step(given["dt"])
     whole("starts", given["starts"], most=MOST_STARTS)
     whole("seed", given["seed"], 0, LARGEST_SEED)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import number
+from octo.checks import instance, number
 from octo.devices import check_device_name
 from octo.dynamics.evaluate import RobotDynamics
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
@@ -24,7 +24,7 @@ LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
 
 
-def robot_of(problem: object) -> Character:
+def robot_of(problem: Problem) -> Character:
     """The robot of a problem that a controller can plan by.
 
     Raises
@@ -32,8 +32,7 @@ def robot_of(problem: object) -> Character:
     ProblemError: no problem, or one without a robot, without the basis "nodes", with a fixed end,
         a cycle, or too short.
     """
-    if not isinstance(problem, Problem):
-        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+    instance("problem", problem, Problem, "an octo.Problem")
     if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
         raise ProblemError(
             "a controller needs a robot: user-written dynamics have no configuration to measure"

@@ -14,8 +14,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.reference.library import Library
 from octo.result import measure
@@ -24,7 +24,6 @@ from octo.solver import blas
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
 
-Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
 _ALONE = threading.RLock()  # a compiled reference keeps the point that it evaluated last
 # of ca.nlpsol, whoever solves
