@@ -20,7 +20,7 @@ from octo.errors import ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.feet import touching
-from octo.model.kinematics import sphere_centers
+from octo.model.kinematics import sphere_centers, toward
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement
@@ -272,17 +272,10 @@ def slide(robot: Character, axis: int) -> int:
 
 def _reaching(robot: Character, x: Array, feet: list[int], targets: Array) -> Array:
     """x (nx,) whose feet are near ``targets`` (feet, 3) m: damped least squares of the joints."""
-    joints, small, damping = robot.actuated, 1e-6, 1e-4  # rad or m; m²
-    count = len(joints)
+    joints = robot.actuated
     lower = np.minimum(robot.lower[joints] + REACH, x[joints])
     upper = np.maximum(robot.upper[joints] - REACH, x[joints])
     for _ in range(5):
-        moved = np.repeat(x[None], count + 1, axis=0)
-        moved[np.arange(count), joints] += small
-        where = sphere_centers(robot, moved)[:, feet].reshape(count + 1, -1)
-        slope = (where[:-1] - where[-1]).T / small  # (3 feet, nu) m/rad
-        miss = slope.T @ (targets.ravel() - where[-1])
-        change = np.linalg.solve(slope.T @ slope + damping * np.eye(count), miss)
-        x = x.copy()
-        x[joints] = np.clip(x[joints] + np.clip(change, -0.3, 0.3), lower, upper)
+        change, x = np.clip(toward(robot, x, feet, targets), -0.3, 0.3), x.copy()
+        x[joints] = np.clip(x[joints] + change, lower, upper)
     return x

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending, numbers, whole
 from octo.errors import ModelError, ValueRangeError
-from octo.model.figure import Surface, ball, size, surfaces
+from octo.model.figure import Surface, ball, size, surfaces, tile
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -185,7 +185,7 @@ class Scene:
         """Checkered tiles that fade with the distance from ``path`` (k, 3)."""
         if self.terrain is None:
             return
-        edge, reach = _tile(self.scale), 1.1 * self.scale
+        edge, reach = tile(self.scale), 1.1 * self.scale
         low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
         first, last = np.floor(low / edge).astype(int), np.ceil(high / edge).astype(int)
         square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -268,12 +268,6 @@ def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array
         corners = np.concatenate([corners[~cut], *halves])
         normal = np.concatenate([normal[~cut], normal[cut], normal[cut]])
     return corners, normal
-
-
-def _tile(scale: float) -> float:
-    """m, a round number near a third of the character's size."""
-    rounds = [0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0]
-    return min(rounds, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
 
 
 def _place(grid: Array, value: Array) -> tuple[NDArray[np.intp], Array]:
