@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import instance, number
+from octo.checks import floats, instance, number
 from octo.devices import check_device_name
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
+from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.quantities import Array
@@ -92,10 +92,7 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
     """q and v as arrays. Raises ShapeError, or ValueRangeError where they are not plausible."""
     arrays = []
     for name, value, size in (("q", q, convention.nq), ("v", v, convention.nv)):
-        try:
-            arrays.append(np.asarray(value, dtype=float))
-        except (TypeError, ValueError, OverflowError):
-            raise ValueRangeError(f"{name} is {said(value)}, must be numbers") from None
+        arrays.append(floats(name, value))
         if arrays[-1].shape != (size,):
             raise ShapeError(name, arrays[-1].shape, (size,))
     if not plausible(arrays[0], arrays[1], convention):
