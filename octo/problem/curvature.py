@@ -140,6 +140,8 @@ class CurvedTerms:
         ------
         ModelError: it is too long.
         """
+        if not self.terms:
+            return None
         p, q, *v = inputs
         step, own = self.step, ca.SX.sym("own", 2 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]
