@@ -19,8 +19,8 @@ from octo.dynamics.static_pose import static_pose
 from octo.errors import ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.feet import touching
-from octo.model.kinematics import sphere_centers, toward
+from octo.model.feet import touching, toward
+from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement

@@ -11,9 +11,6 @@ from octo.model.quantities import Array
 from octo.model.quaternions import skew
 from octo.model.tree import Tree
 
-SMALL = 1e-6  # rad or m, of differences
-DAMPING = 1e-4  # m² over rad² or m², of a step towards places
-
 
 def body_poses(character: Tree, x: NDArray) -> tuple[Array, Array]:
     """World pose of every body.
@@ -76,15 +73,3 @@ def center_of_mass(character: Tree, x: NDArray) -> Array:
     com = np.array([body.com for body in character.bodies])
     places = origin + np.einsum("...bij,bj->...bi", rotation, com)
     return np.einsum("b,...bi->...i", mass, places) / mass.sum()
-
-
-def toward(character: Tree, x: Array, contacts: list[int], targets: Array) -> Array:
-    """(nu,) rad or m: one damped least-squares step of the actuated joints at x (nx,) that takes
-    the centres of contact spheres, by index, towards ``targets`` (contacts, 3) m."""
-    joints = character.actuated
-    moved = np.repeat(x[None], len(joints) + 1, axis=0)
-    moved[np.arange(len(joints)), joints] += SMALL
-    where = sphere_centers(character, moved)[:, contacts].reshape(len(moved), -1)
-    slope = (where[:-1] - where[-1]).T / SMALL  # (3 contacts, nu) m/rad
-    miss = slope.T @ (targets.ravel() - where[-1])
-    return np.linalg.solve(slope.T @ slope + DAMPING * np.eye(len(joints)), miss)

@@ -6,8 +6,8 @@ import numpy as np
 
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.model.character import Character
-from octo.model.feet import lowest_contacts
-from octo.model.kinematics import body_poses, sphere_centers, toward
+from octo.model.feet import lowest_contacts, toward
+from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import Array
 
 BENT = 0.76  # of a leg's length, the height of its hip over its foot
