@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import threadpoolctl
 
 from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
@@ -54,7 +55,6 @@ class Run:
 def _know_casadi_blas() -> None:
     """Tell threadpoolctl of the BLAS in CasADi's wheel, which MUMPS calls and whose name it does
     not look for."""
-    import threadpoolctl
 
     class CasadiBlas(threadpoolctl.OpenBLASController):
         internal_api = "openblas_of_casadi"
@@ -66,13 +66,8 @@ def _know_casadi_blas() -> None:
 @contextlib.contextmanager
 def one_core() -> Any:
     """Every thread pool that is loaded has one thread inside, IPOPT's too."""
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        yield
-        return
     _know_casadi_blas()
-    with blas.shared("all", lambda: threadpool_limits(limits=1)):
+    with blas.shared("all", lambda: threadpoolctl.threadpool_limits(limits=1)):
         yield
 
 
