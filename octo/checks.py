@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,7 +37,7 @@ TEXTS = (str, bytes, bytearray, memoryview)
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """``function`` of the package octo, with a call that does not fit its signature refused in
-    octo's own words."""
+    octo's own words; it is called with all of its arguments."""
     signature = inspect.signature(function)
     name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
     named = [key for key in signature.parameters if key != "self"]
@@ -47,12 +48,32 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
             if option not in named:
                 raise UnknownNameError(f"option of {name}", option, named)
         try:
-            signature.bind(*args, **options)
+            bound = signature.bind(*args, **options)
         except TypeError as error:
             raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
-        return function(*args, **options)
+        bound.apply_defaults()
+        return function(*bound.args, **bound.kwargs)
 
     return checked
+
+
+def takes(*kinds: type) -> Callable[[Callable[Given, Result]], Callable[Given, Result]]:
+    """A decorator: what stands in the signature in place of ``**options``, which are the fields of
+    these dataclasses that have defaults."""
+
+    def described(function: Callable[Given, Result]) -> Callable[Given, Result]:
+        whole = inspect.signature(function)
+        kept = {k: one for k, one in whole.parameters.items() if one.kind is not one.VAR_KEYWORD}
+        for field in (field for kind in kinds for field in dataclasses.fields(kind)):
+            if field.default is not dataclasses.MISSING and field.name not in kept:
+                own = {"default": field.default, "annotation": field.type}
+                kept[field.name] = inspect.Parameter(
+                    field.name, inspect.Parameter.KEYWORD_ONLY, **own
+                )
+        setattr(function, "__signature__", whole.replace(parameters=[*kept.values()]))  # noqa: B010
+        return function
+
+    return described
 
 
 def floats(field: str, value: Any) -> Array:

@@ -140,16 +140,18 @@ def residuals_of(
     between_controls: bool,
     exact: bool = False,
     symbols: tuple[ca.SX, list[ca.SX], StepSymbols] | None = None,
+    references: References | None = None,
 ) -> Residuals:
     """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
     ``exact``: all have exact second derivatives, whatever their ``curvature``; ``symbols``: of
-    :func:`step_symbols`, of one who asks for one term after another.
+    :func:`step_symbols`, of one who asks for one term after another; ``references``: of the terms,
+    where they are known.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    references = References.of(terms, setting)
+    references = References.of(terms, setting) if references is None else references
     p, nodes, step = step_symbols(dynamics) if symbols is None else symbols
     step.calls.clear()
     q = ca.SX.sym("q", max(references.size, 1))
