@@ -303,12 +303,13 @@ class TiltLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class FrictionCones(Constraint):
-    """|f_t| ≤ ``mu``·f_n at every contact: (√(|f_t|² + ε²) − ε)/(f_n + ε) ≤ μ, forces in parts of
-    mg.
+    """|f_t| ≤ ``mu``·f_n at every contact: |f_t|²/(√(|f_t|² + ε²) f) ≤ μ with f = (f_n + √(f_n² +
+    4ε²))/2, forces in parts of mg.
 
     A contact that carries nothing is in the middle of its cone, and one that carries much uses
-    |f_t|/f_n of it: the row is about one whatever the load, so that a solver sees how a foot must
-    land. ``ROUNDING`` is ε; a foot may push ε μ to the side before it carries anything.
+    |f_t|/f_n of it (to ε²/f_n²): the row is about one whatever the load, so that a solver sees how
+    a foot must land. ``ROUNDING`` is ε; a foot may push ε√μ or so to the side before it carries
+    anything.
 
     Parameters
     ----------
@@ -352,8 +353,9 @@ class FrictionCones(Constraint):
         made = []
         for name in self._names(step.character):
             contact = step.contact(name)
-            rounded = ca.sqrt(ca.sumsqr(contact.tangential_force) + self.ROUNDING**2)
-            made.append((rounded - self.ROUNDING) / (contact.normal_force + self.ROUNDING))
+            across, load = ca.sumsqr(contact.tangential_force), contact.normal_force
+            carried = 0.5 * (load + ca.sqrt(load**2 + 4.0 * self.ROUNDING**2))
+            made.append(across / (ca.sqrt(across + self.ROUNDING**2) * carried))
         return ca.vertcat(*made)
 
     def bounds(self, setting: Setting) -> tuple[Any, Any]:
@@ -363,4 +365,4 @@ class FrictionCones(Constraint):
         return -np.inf, mu
 
     def rows(self, setting: Setting) -> Sequence[Row]:
-        return [Row(f"contact {name!r}") for name in self._names(setting.character)]
+        return [Row(f"|f_t|/f_n of contact {name!r}") for name in self._names(setting.character)]

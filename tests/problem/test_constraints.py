@@ -51,7 +51,7 @@ def _cones(motion: octo.Solution) -> np.ndarray:
     normal, force = motion.contact_normal, motion.contact_force / motion.weight
     along = np.sum(normal * force, axis=2)
     across = np.linalg.norm(force - along[..., None] * normal, axis=2)
-    return (np.sqrt(across**2 + 1e-4) - 1e-2) / (along + 1e-2)
+    return across**2 / np.hypot(across, 0.01) / (0.5 * (along + np.hypot(along, 0.02)))
 
 
 JOINTS = [6, 7, 8]  # hip, knee, mast
@@ -402,7 +402,7 @@ def test_torques_are_said_in_newton_metres_and_friction_as_a_share() -> None:
     )
     assert abs(torque.value) == pytest.approx(abs(motion.u[step, joint]))
     assert abs(torque.bound) == pytest.approx([8.0, 6.0][joint])
-    assert (cone.unit, cone.bound, cone.row) == ("", 0.1, "contact 'foot'")
+    assert (cone.unit, cone.bound, cone.row) == ("", 0.1, "|f_t|/f_n of contact 'foot'")
     assert cone.value == pytest.approx(_cones(motion)[:, 0].max())
 
 
