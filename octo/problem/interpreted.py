@@ -189,7 +189,7 @@ class Interpreted:
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
         slopes = fd_jac  # before they are carried back
-        kept = self.program.functions.kept
+        kept = self.program.kept
         if kept is not None and out[4] is not None:
             own = jac[:, :, self._squares :]
             out[4][:] = kept.packed(own, fd_jac[:, :, dynamics.actuated])
@@ -218,7 +218,7 @@ class Interpreted:
 
     def row_products(self, kept: Array, moved: Array, out: Array) -> None:
         """Fills R Δ (batch, N, rows), of R of a model and the step of the nodes."""
-        slopes = self.program.functions.kept
+        slopes = self.program.kept
         assert slopes is not None
         out[:] = slopes.products(kept, moved)
 
