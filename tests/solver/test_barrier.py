@@ -150,7 +150,10 @@ def test_a_newton_step_is_that_of_the_whole_system() -> None:
     np.testing.assert_allclose(stationary, 0.0, atol=1e-8 * np.abs(plain.b).max())
     np.testing.assert_allclose(blocks.constraints_times(delta), -plain.C, atol=1e-10)
     used = limits.low
-    for gap, old, new, way in ((below, own.lower, lower, change), (above, own.upper, upper, -change)):
+    for gap, old, new, way in (
+        (below, own.lower, lower, change),
+        (above, own.upper, upper, -change),
+    ):
         product = gap * new + old * way  # z s + z Δs + s Δz
         np.testing.assert_allclose(product[used], own.mu[0], rtol=1e-8)
 
