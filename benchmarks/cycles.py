@@ -44,6 +44,7 @@ from octo.jump import first_guesses, jump_problem
 from octo.model.character import Character
 from octo.model.feet import CARRYING, LOADED
 from octo.problem import codegen as problem_codegen
+from octo.problem import structure
 from octo.problem.cycle import usual_period
 from octo.result.gait import measure_gait
 from octo.result.solution import Solution
@@ -84,7 +85,7 @@ FRICTION = 0.8
 ROUNDING = 1e-9
 GENERATION = (
     (dynamics_codegen, "function_text"),
-    (problem_codegen, "cost_functions"),
+    (structure, "derived"),
     (problem_codegen, "cost_text"),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,7 +37,7 @@ TEXTS = (str, bytes, bytearray, memoryview)
 
 def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """``function`` of the package octo, with a call that does not fit its signature refused in
-    octo's own words."""
+    octo's own words; it is called with all of its arguments."""
     signature = inspect.signature(function)
     name = f"octo.{function.__qualname__.removesuffix('.__init__')}"
     named = [key for key in signature.parameters if key != "self"]
@@ -47,12 +48,32 @@ def asked(function: Callable[Given, Result]) -> Callable[Given, Result]:
             if option not in named:
                 raise UnknownNameError(f"option of {name}", option, named)
         try:
-            signature.bind(*args, **options)
+            bound = signature.bind(*args, **options)
         except TypeError as error:
             raise UsageError(f"{name}: {error}; its arguments are {', '.join(named)}") from None
-        return function(*args, **options)
+        bound.apply_defaults()
+        return function(*bound.args, **bound.kwargs)
 
     return checked
+
+
+def takes(*kinds: type) -> Callable[[Callable[Given, Result]], Callable[Given, Result]]:
+    """A decorator: what stands in the signature in place of ``**options``, which are the fields of
+    these dataclasses that have defaults."""
+
+    def described(function: Callable[Given, Result]) -> Callable[Given, Result]:
+        whole = inspect.signature(function)
+        kept = {k: one for k, one in whole.parameters.items() if one.kind is not one.VAR_KEYWORD}
+        for field in (field for kind in kinds for field in dataclasses.fields(kind)):
+            if field.default is not dataclasses.MISSING and field.name not in kept:
+                own = {"default": field.default, "annotation": field.type}
+                kept[field.name] = inspect.Parameter(
+                    field.name, inspect.Parameter.KEYWORD_ONLY, **own
+                )
+        setattr(function, "__signature__", whole.replace(parameters=[*kept.values()]))  # noqa: B010
+        return function
+
+    return described
 
 
 def floats(field: str, value: Any) -> Array:
@@ -118,16 +139,22 @@ def vectors(field: str, value: Any, size: int) -> Array:
     return array
 
 
-def shares(field: str, value: Any, size: int) -> Array:
-    """Weights of ``size`` things, as one number for all, (size,) or (N, size): finite, none
-    negative."""
+def for_each(field: str, value: Any, size: int) -> Array:
+    """Finite numbers of ``size`` things, as one for all, (size,), or a row of them for each step:
+    (size,) or (N, size)."""
     array = numbers(field, value)
     if array.ndim > 2 or (array.ndim and array.shape[-1] != size):
         raise ShapeError(field, array.shape, f"(), ({size},) or (N, {size})")
+    return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
+
+
+def shares(field: str, value: Any, size: int) -> Array:
+    """Weights of ``size`` things, given in the same ways, none negative."""
+    array = for_each(field, value, size)
     if (array < 0.0).any():
         least = f"{array.min():g}"
         raise ValueRangeError(f"{field} has the negative weight {least}, must not be negative")
-    return np.broadcast_to(array, (size,)) if array.ndim == 0 else array
+    return array
 
 
 def ending(field: str, path: Any, allowed: Sequence[str]) -> Path:

@@ -1,10 +1,20 @@
-"""matplotlib's Figure, which a notebook shows; imported where a picture is drawn."""
+"""matplotlib's Figure, which a notebook shows; imported where a picture is drawn.
+
+Raises
+------
+MissingExtraError: at the import, where matplotlib is not there.
+"""
 
 from __future__ import annotations
 
 import io
 
-import matplotlib.figure
+from octo.errors import MissingExtraError
+
+try:
+    import matplotlib.figure
+except ImportError:
+    raise MissingExtraError("a picture", "view") from None
 
 DPI = 80  # of what a notebook shows; a file has its own
 

@@ -6,21 +6,20 @@ half way); what it needs beside that is a first guess that leaves the ground.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from octo.checks import asked, instance, number, positive, steps_in, whole
+from octo.checks import asked, instance, number, positive, steps_in, takes, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
 from octo.errors import ProblemError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.feet import touching
+from octo.model.feet import touching, toward
 from octo.model.kinematics import sphere_centers
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
@@ -31,9 +30,7 @@ from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array, Problem
 from octo.ranking import best_of
 from octo.result.solution import Solution
-from octo.solve import LARGEST_SEED, MOST_STARTS, solve
-from octo.solver.options import SqpOptions
-from octo.solver.sqp import Iterate
+from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, solve
 from octo.starts import smooth_noise
 
 TOP = 30.0  # weight of the place at the top: it is missed by millimetres
@@ -50,11 +47,10 @@ LEAST = 1.0  # √(ℓ/g), the shortest of these
 REST = 1.0  # √(ℓ/g), at rest before and after
 TUCK = 0.15  # ℓ, by which the feet of the first guess are drawn up at the top
 REACH = 0.02  # rad and m, kept from the joints' limits in the first guess
-# arguments of jump_problem; others of jump's are solve_jump's
-OWN = ("seconds", "dt", "terrain", "law", "pose")
 
 
 @asked
+@takes(Usual)
 def jump(
     robot: Character,
     height: float = 0.2,
@@ -68,15 +64,7 @@ def jump(
     seeds: int = 5,
     seed: int = 0,
     start: Solution | Array | None = None,
-    passes: int | None = None,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    **how: Unpack[How],
 ) -> Solution:
     """Find a jump that starts at rest, lands and stands.
 
@@ -100,11 +88,10 @@ def jump(
     ------
     OctoError: what cannot be a jump of this robot is refused; nothing was computed.
     """
-    given = locals()
-    for name in ("robot", "height", "distance"):
-        del given[name]
-    problem = jump_problem(robot, height, distance, **{name: given.pop(name) for name in OWN})
-    return Goal("jump", distance=distance, height=height).said(solve_jump(problem, **given))
+    where: Any = {"terrain": terrain, "law": law, "pose": pose}
+    problem = jump_problem(robot, height, distance, seconds=seconds, dt=dt, **where)
+    solution = solve_jump(problem, seeds=seeds, seed=seed, start=start, **how)
+    return Goal("jump", distance=distance, height=height).said(solution)
 
 
 def jump_problem(
@@ -285,17 +272,10 @@ def slide(robot: Character, axis: int) -> int:
 
 def _reaching(robot: Character, x: Array, feet: list[int], targets: Array) -> Array:
     """x (nx,) whose feet are near ``targets`` (feet, 3) m: damped least squares of the joints."""
-    joints, small, damping = robot.actuated, 1e-6, 1e-4  # rad or m; m²
-    count = len(joints)
+    joints = robot.actuated
     lower = np.minimum(robot.lower[joints] + REACH, x[joints])
     upper = np.maximum(robot.upper[joints] - REACH, x[joints])
     for _ in range(5):
-        moved = np.repeat(x[None], count + 1, axis=0)
-        moved[np.arange(count), joints] += small
-        where = sphere_centers(robot, moved)[:, feet].reshape(count + 1, -1)
-        slope = (where[:-1] - where[-1]).T / small  # (3 feet, nu) m/rad
-        miss = slope.T @ (targets.ravel() - where[-1])
-        change = np.linalg.solve(slope.T @ slope + damping * np.eye(count), miss)
-        x = x.copy()
-        x[joints] = np.clip(x[joints] + np.clip(change, -0.3, 0.3), lower, upper)
+        change, x = np.clip(toward(robot, x, feet, targets), -0.3, 0.3), x.copy()
+        x[joints] = np.clip(x[joints] + change, lower, upper)
     return x

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending, numbers, whole
-from octo.errors import MissingExtraError, ModelError, ValueRangeError
-from octo.model.figure import Surface, ball, size, surfaces
+from octo.errors import ModelError, ValueRangeError
+from octo.model.figure import Surface, ball, size, surfaces, tile
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -107,10 +107,8 @@ def filmstrip(
     """
     if path is not None:
         path = ending("path", path, STILLS)
-    try:
-        from octo.figure import Figure
-    except ImportError:
-        raise MissingExtraError("a picture", "view") from None
+    from octo.figure import Figure
+
     solution = motion_of(solution)
     if solution.character is None:
         raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
@@ -187,7 +185,7 @@ class Scene:
         """Checkered tiles that fade with the distance from ``path`` (k, 3)."""
         if self.terrain is None:
             return
-        edge, reach = _tile(self.scale), 1.1 * self.scale
+        edge, reach = tile(self.scale), 1.1 * self.scale
         low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
         first, last = np.floor(low / edge).astype(int), np.ceil(high / edge).astype(int)
         square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
@@ -270,12 +268,6 @@ def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array
         corners = np.concatenate([corners[~cut], *halves])
         normal = np.concatenate([normal[~cut], normal[cut], normal[cut]])
     return corners, normal
-
-
-def _tile(scale: float) -> float:
-    """m, a round number near a third of the character's size."""
-    rounds = [0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0]
-    return min(rounds, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
 
 
 def _place(grid: Array, value: Array) -> tuple[NDArray[np.intp], Array]:

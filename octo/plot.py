@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending
-from octo.errors import MissingExtraError
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 
@@ -63,12 +62,8 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
     """
     if path is not None:
         path = ending("path", path, STILLS)
-    try:
-        import matplotlib
+    from octo.figure import Figure, matplotlib
 
-        from octo.figure import Figure
-    except ImportError:
-        raise MissingExtraError("a plot", "view") from None
     solution = motion_of(solution)
     rows: list[tuple[float, list[Panel]]] = [(2.2, [_position, _velocity])]
     if solution.loaded.any():

@@ -11,6 +11,9 @@ class Shown:
     """A base class: ``__repr__`` of a subclass is at most five lines, ``_repr_html_`` is
     :mod:`octo.notebook`'s."""
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def _repr_html_(self) -> str:
         # By name, when a notebook asks: what draws is on a higher floor than what is drawn.
         return str(importlib.import_module("octo.notebook").html(self))

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import Any, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 
-from octo.checks import asked, instance, room, whole
+from octo.checks import asked, instance, room, takes, whole
 from octo.continuation.member import record
 from octo.continuation.run import Continuation, Schedule
 from octo.continuation.schedule import schedule, stiffened
@@ -42,56 +42,57 @@ Guess = Solution | Array | str | os.PathLike[str] | None
 Start = Guess | Sequence[Guess]
 
 
+class How(TypedDict, total=False):
+    """How something is solved: options of :func:`solve` that other functions hand on to it."""
+
+    passes: int | None
+    options: SqpOptions | None
+    max_iterations: int | None
+    time_limit: float | None
+    tolerance: float | None
+    device: str
+    threads: int
+    progress: bool | str
+    callback: Callable[[Iterate], bool | None] | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usual:
+    """The same where nothing is said."""
+
+    passes: int | None = None
+    options: SqpOptions | None = None
+    max_iterations: int | None = None
+    time_limit: float | None = None
+    tolerance: float | None = None
+    device: str = "auto"
+    threads: int = 1
+    progress: bool | str = False
+    callback: Callable[[Iterate], bool | None] | None = None
+
+
 @overload
 def solve(
-    problem: Problem,
-    *,
-    start: Guess = None,
-    passes: int | None = None,
-    seeds: int = 1,
-    seed: int = 0,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    problem: Problem, *, start: Guess = None, seeds: int = 1, seed: int = 0, **how: Unpack[How]
 ) -> Solution: ...
 @overload
 def solve(
     problem: Sequence[Problem],
     *,
     start: Start = None,
-    passes: int | None = None,
     seeds: int = 1,
     seed: int = 0,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    **how: Unpack[How],
 ) -> list[Solution]: ...
 @asked
+@takes(Usual)
 def solve(
     problem: Problem | Sequence[Problem],
     *,
     start: Start = None,
-    passes: int | None = None,
     seeds: int = 1,
     seed: int = 0,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    **how: Unpack[How],
 ) -> Solution | list[Solution]:
     """Find the motion.
 
@@ -127,25 +128,15 @@ def solve(
     ------
     OctoError: the problem, an option or the device is refused; nothing was computed.
     """
-    given = locals()
-    return _best(given.pop("problem"), given.pop("start"), **given)
+    return _best(problem, start, seeds=seeds, seed=seed, **how)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Request:
-    """What one call asks for, beside its problems and their starts: options of :func:`solve`."""
+class _Request(Usual):
+    """What one call asks for, beside its problems and their starts."""
 
-    passes: int | None = None
     seeds: int = 1
     seed: int = 0
-    options: SqpOptions | None = None
-    max_iterations: int | None = None
-    time_limit: float | None = None
-    tolerance: float | None = None
-    device: str = "auto"
-    threads: int = 1
-    progress: bool | str = False
-    callback: Callable[[Iterate], bool | None] | None = None
 
     def settings(self, problems: Sequence[Problem]) -> SqpOptions:
         """The solver's options, where everything that was asked for can be done."""

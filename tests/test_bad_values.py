@@ -25,7 +25,7 @@ def problem(**changes: Any) -> octo.Problem:
 def packed(term: octo.Cost) -> Any:
     """What compiling does with a term, without compiling."""
     made = problem(costs=[term], x0=MAMMAL.default_pose)
-    return codegen.cost_functions(made.dynamics, made.costs, made.setting, False).references.pack(
+    return codegen.residuals_of(made.dynamics, made.costs, made.setting, False).references.pack(
         made.costs, made.setting
     )
 

@@ -125,6 +125,15 @@ class Contest:
         return joined(way)
 
 
+def both_converged(entries: Sequence[Entry], solver: str) -> list[tuple[Solution, Solution]]:
+    """octo's solutions and those of another solver from the same start, where both converged."""
+    done = {(e.solver, e.seed): e.solution for e in entries if e.solution.converged}
+    seeds = sorted({seed for _, seed in done})
+    return [
+        (done["octo", k], done[solver, k]) for k in seeds if {("octo", k), (solver, k)} <= {*done}
+    ]
+
+
 def ratios(pairs: Sequence[tuple[Solution, Solution]]) -> dict[str, float]:
     """The medians of one solver over those of another, by what is compared; times are processor
     time."""

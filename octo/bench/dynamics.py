@@ -14,13 +14,14 @@ import numpy as np
 
 import octo
 from octo import native
-from octo.bench.iteration import MICRO, start, walk
+from octo.bench.iteration import MICRO, walk
 from octo.bench.monolithic import Monolithic
 from octo.bench.plan import Plan
 from octo.bench.timing import Records, Say, interleaved
 from octo.dynamics import codegen
 from octo.dynamics.evaluate import RobotDynamics
 from octo.model.quantities import Array
+from octo.starts import first_nodes
 
 AGREE = 1e-11  # of the largest entry
 ORDERS = ("fd", "fd_jacobian", "curvature")  # the last one: all three
@@ -57,7 +58,7 @@ class TreeSweep:
 
 def _sweep(name: str, steps: int) -> tuple[TreeSweep, RobotDynamics, Array, Array]:
     problem = walk(octo.gallery.CHARACTERS[name](), steps)
-    dynamics, nodes, p = problem.dynamics, start(problem), np.ascontiguousarray(problem.p)
+    dynamics, nodes, p = problem.dynamics, first_nodes(problem, 0, None), problem.p.copy()
     assert isinstance(dynamics, RobotDynamics)
     return TreeSweep(dynamics, nodes, p), dynamics, nodes, p
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from octo.bench.plan import Plan
 from octo.bench.timing import Records
-from octo.errors import MissingExtraError
 from octo.solver.rule import STAGES
 
 COLORS = {"linearize": "#2f6db2", "factor": "#d0703c", "solve": "#e3b04b", "evaluate": "#4f9a57"}
@@ -27,10 +26,8 @@ def draw(records: Records, plan: Plan, title: str, path: Path) -> None:
     ------
     MissingExtraError: matplotlib is not there.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("a plot", "view") from error
+    from octo.figure import Figure
+
     groups = {record.name.partition(".")[0] for record in records.made}
     panels = [panel for group, panel in PANELS.items() if group in groups]
     columns = max(1, min(2, len(panels)))

@@ -6,21 +6,20 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 import octo
 from octo.bench import bounds
 from octo.bench.plan import Plan
 from octo.bench.timing import Records, Say, Timing
+from octo.checks import Array
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.solver import kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.rule import STAGES
-from octo.starts import smooth_noise
+from octo.starts import first_nodes
 
-Array = NDArray[np.float64]
 MILLI, MICRO = 1e3, 1e6
 Clock = Callable[[], float]
 
@@ -31,13 +30,6 @@ def walk(robot: Character, steps: int, basis: str = "nodes") -> Problem:
     return octo.Problem(robot, steps=steps, dt=0.025, costs=costs, basis=basis)
 
 
-def start(problem: Problem, seed: int = 0) -> Array:
-    """(N+2, n) the default start of a solve: standing, with smooth noise."""
-    nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
-    nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
-    return nodes
-
-
 class Iteration:
     """Curvature, one factorisation, the KKT step and one trial, from Python, with the seconds of
     every stage."""
@@ -46,7 +38,7 @@ class Iteration:
         self, problem: Problem, threads: int = 1, batch: int = 1, clock: Clock = time.thread_time
     ):
         self.problem = CompiledProblem([problem] * batch, threads)
-        starts = np.stack([start(problem, k) for k in range(batch)])
+        starts = np.stack([first_nodes(problem, k, None) for k in range(batch)])
         self.at = self.problem.evaluate(self.problem.unknowns(starts))
         shape = (batch, self.problem.K, self.problem.ma)
         self.lam = 1e-5 * np.random.default_rng(0).standard_normal(shape)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import octo
-from octo.bench.contest import Contest, Entry, ratios
+from octo.bench.contest import Contest, Entry, both_converged, ratios
 from octo.bench.iteration import MILLI, walk
 from octo.bench.plan import Plan
 from octo.bench.timing import Records, Say
@@ -32,10 +32,7 @@ def measure(records: Records, plan: Plan, say: Say) -> None:
             own = [entry for entry in entries if entry.solver == solver]
             _add(records, f"solvers.{basis}.{solver}", own)
         for solver in others:
-            done = [entry for entry in entries if entry.solution.converged]
-            found = {(entry.solver, entry.seed): entry.solution for entry in done}
-            seeds = [k for k in range(plan.seeds) if {("octo", k), (solver, k)} <= set(found)]
-            both = [(found["octo", k], found[solver, k]) for k in seeds]
+            both = both_converged(entries, solver)
             for name, value in ratios(both).items() if both else ():
                 records.add(f"solvers.{basis}.octo/{solver}.{name.replace(' ', '_')}", value, "")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     from octo.bench.contest import Contest, Entry
     from octo.devices import resolve_device
     from octo.reference.run import OPTIONS
-    from octo.solve import LARGEST_SEED, MOST_STARTS
+    from octo.solve import LARGEST_SEED, MOST_STARTS, settings_of
 
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)
@@ -85,8 +85,9 @@ def run(arguments: argparse.Namespace) -> int:
         problem = repeated(robot, cycle, arguments)
     else:
         problem = described(robot, goal, steps, arguments)
-    options, passes = options_of(arguments, OPTIONS), arguments.passes or 1
-    contest = Contest(problem, others, options, passes, arguments.threads, device, start)
+    options = settings_of(OPTIONS, *(getattr(arguments, name) for name in LIMITS))
+    how = (arguments.passes or 1, arguments.threads, device, start)
+    contest = Contest(problem, others, options, *how)
     entries: list[Entry] = []
     interrupted = False
     kind = "cycle" if goal is None else f"goal {goal.kind}"
@@ -161,11 +162,6 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
     return names
 
 
-def options_of(arguments: argparse.Namespace, default: SqpOptions) -> SqpOptions:
-    given = {name: getattr(arguments, name) for name in LIMITS}
-    return replace(default, **{name: value for name, value in given.items() if value is not None})
-
-
 def row(entry: Any) -> str:
     """One line of the table."""
     s = entry.solution
@@ -179,23 +175,21 @@ def row(entry: Any) -> str:
 def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[str]:
     """How many starts each solver converged on, and octo's medians over another's where both
     converged."""
-    from octo.bench.contest import ratios
+    from octo.bench.contest import both_converged, ratios
 
     lines = []
     for stage in range(1, passes + 1):
-        found = {(e.solver, e.seed): e.solution for e in entries if e.number == stage}
-        seeds = sorted({seed for _, seed in found})
-        if not seeds:
+        own = [entry for entry in entries if entry.number == stage]
+        if not own:
             continue
-        done = {key for key, solution in found.items() if solution.converged}
-        count = {name: sum((name, k) in done for k in seeds) for name in ("octo", *others)}
-        told = ", ".join(f"{name} {many}" for name, many in count.items())
-        lines.append(f"pass {stage}: converged of {len(seeds)} starts: {told}")
+        done = Counter(entry.solver for entry in own if entry.solution.converged)
+        told = ", ".join(f"{name} {done[name]}" for name in ("octo", *others))
+        starts = len({entry.seed for entry in own})
+        lines.append(f"pass {stage}: converged of {starts} starts: {told}")
         for name in others:
-            both = [k for k in seeds if {(name, k), ("octo", k)} <= done]
+            both = both_converged(own, name)
             if both:
-                compared = ratios([(found["octo", k], found[name, k]) for k in both])
-                words = ", ".join(f"{what} {value:.3g}" for what, value in compared.items())
+                words = ", ".join(f"{what} {value:.3g}" for what, value in ratios(both).items())
                 lines.append(f"  octo/{name}, medians over {len(both)}: {words}")
     return lines
 

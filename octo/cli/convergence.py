@@ -9,7 +9,6 @@ import numpy as np
 
 from octo.bench.contest import Entry
 from octo.bench.figure import SOLVERS
-from octo.errors import MissingExtraError
 
 
 def draw(entries: Sequence[Entry], title: str, path: Path) -> None:
@@ -19,10 +18,8 @@ def draw(entries: Sequence[Entry], title: str, path: Path) -> None:
     ------
     MissingExtraError: matplotlib is not there.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("a plot", "view") from error
+    from octo.figure import Figure
+
     figure = Figure(figsize=(9.0, 4.0), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True)
     figure.suptitle(title)

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from octo.checks import STILLS, ending
-from octo.errors import MissingExtraError
 from octo.mpc.log import Log
 from octo.plot import COLORS, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+
+    from octo.figure import Figure
 
 
 def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -28,11 +28,8 @@ def plot_log(log: Log, path: str | os.PathLike[str] | None = None) -> Figure:
     """
     if path is not None:
         path = ending("path", path, STILLS)
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("a plot", "view") from None
+    from octo.figure import Figure, matplotlib
+
     panels = (_velocity, _base, _feet, _torque, _seconds, _plan)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9.0, 1.9 * len(panels)), layout="constrained")

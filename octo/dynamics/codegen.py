@@ -14,9 +14,10 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from octo import native
+from octo.checks import Array
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
@@ -28,8 +29,6 @@ from octo.dynamics.symbolic import mass_matrix_of_points
 from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
-
-Array = NDArray[np.float64]
 
 HEAD = """#ifndef __CUDACC_RTC__
 #include <math.h>

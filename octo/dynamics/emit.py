@@ -9,7 +9,7 @@ text.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -52,6 +52,16 @@ NUMBERS = {  # truth is 0 or 1, a double
 TYPES = {"number": "double", "vector": "real", "mask": "octo_mask"}
 
 
+def instructions(function: ca.Function) -> Iterator[tuple[int, list[int], list[int]]]:
+    """Operation, inputs and outputs of each instruction of an SX function."""
+    for k in range(function.n_instructions()):
+        yield (
+            function.instruction_id(k),
+            function.instruction_input(k),
+            function.instruction_output(k),
+        )
+
+
 def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
     """C text ``static void name(const void *const *arg, real *const *res)`` of an SX function with
     dense outputs.
@@ -66,10 +76,7 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
         lines.append(f"  const {'double' if k in shared else 'real'} *i{k} = arg[{k}];")
     lines += [f"  real *restrict o{k} = res[{k}];" for k in range(function.n_out())]
     places: dict[int, _Value] = {}
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs = function.instruction_input(k)
-        outputs = function.instruction_output(k)
+    for k, (operation, inputs, outputs) in enumerate(instructions(function)):
         if operation == ca.OP_OUTPUT:
             lines.append(f"  o{outputs[0]}[{outputs[1]}] = {places[inputs[0]].vector()};")
         elif operation == ca.OP_CONST:
@@ -93,10 +100,7 @@ def function_of_numbers(function: ca.Function) -> str:
     """
     made: list[tuple[str, int, list[str]]] = []  # what is assigned to, an operation, its operands
     places: dict[int, str] = {}
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs = function.instruction_input(k)
-        outputs = function.instruction_output(k)
+    for k, (operation, inputs, outputs) in enumerate(instructions(function)):
         if operation == ca.OP_CONST:
             places[outputs[0]] = _constant(function.instruction_constant(k))
         elif operation == ca.OP_OUTPUT:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.checks import doubles
+from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
@@ -25,7 +25,6 @@ from octo.model.character import Character
 from octo.model.element import parameters_of
 from octo.model.terrain import Plane, Terrain
 
-Array = NDArray[np.float64]
 Evaluation = tuple[Array, Array | None, Array | None]
 
 
@@ -177,13 +176,15 @@ def unfold(blocks: Array) -> Array:
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
 
 
-def check_surroundings(terrain: object, law: object) -> None:
-    """Refuse a ground or a contact law that is none; None is octo's own.
+def check_surroundings(terrain: object, law: object, model: object = None) -> None:
+    """Refuse a ground or a contact law that is none, and beside a Dynamics any; None is octo's own.
 
     Raises
     ------
     ProblemError: naming it and what is allowed.
     """
+    if isinstance(model, Dynamics) and (terrain is not None or law is not None):
+        raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
     if not isinstance(terrain, (Plane, Terrain, NoneType)):
         raise ProblemError(f"terrain is {said(terrain)}, must be an octo.Plane or an octo.Terrain")
     if law is not None and not all(hasattr(law, name) for name in ("parameters", "reach", "force")):

@@ -10,6 +10,7 @@ import casadi as ca
 
 
 def axial(N: ca.SX) -> ca.SX:
+    """(3,) of what is not symmetric in N (3, 3); of a rotation matrix 2 sin(angle)·axis."""
     return ca.vertcat(N[2, 1] - N[1, 2], N[0, 2] - N[2, 0], N[1, 0] - N[0, 1])
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import (
+    Array,
     instance,
     number,
     numbers,
@@ -19,13 +20,12 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.evaluate import Dynamics, RobotDynamics
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 
-Array = NDArray[np.float64]
 Controls = Array | Callable[[float, Array, Array], Array]
 
 # m or rad: the displacement that the remaining force gives the joint's own inertia in one step
@@ -270,9 +270,8 @@ def simulate(
     ProblemError, ShapeError, ValueRangeError, UnknownNameError: naming the argument and what is
         allowed.
     """
+    check_surroundings(terrain, law, model)
     if isinstance(model, Dynamics):
-        if terrain is not None or law is not None:
-            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
         dynamics = model
     elif isinstance(model, Character):
         dynamics = RobotDynamics(model, law, terrain)

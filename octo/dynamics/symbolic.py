@@ -220,22 +220,21 @@ def element_force(
 ) -> tuple[ca.SX, ca.SX]:
     """Force (3,) N on point b of element ``k``, and the way (3,) m from its point a to b."""
     element, name = character.elements[k], names_of(character.elements)[k]
-    ends = ((element.body_a, element.point_a), (element.body_b, element.point_b))
+    points = (ca.SX(ca.DM(point)) for point in (element.point_a, element.point_b))
+    ends = list(zip((element.body_a, element.body_b), points, strict=True))
     places = [
-        _place(character, body, ca.SX(ca.DM(point)), node)
+        # of the world (None) the point itself
+        local if body is None else _place(node[character.body_index(body)], local)
         for node in (poses, now)
-        for body, point in ends
+        for body, local in ends
     ]
     own = ca.vertcat(ca.SX(0, 1), *section(view, f"{name}.").values())
     return element_law(element)(*places, own, view["dt"]), places[1] - places[0]
 
 
-def _place(character: Character, body: str | None, local: ca.SX, poses: list[Pose]) -> ca.SX:
-    """World place (3,) m of a body's point; of the world's (None) the point itself."""
-    if body is None:
-        return local
-    R, t = poses[character.body_index(body)]
-    return R @ local + t
+def _place(pose: Pose, local: ca.SX) -> ca.SX:
+    """World place (3,) m of a body's point."""
+    return pose[0] @ local + pose[1]
 
 
 def mass_matrix_of_points(body: Body) -> np.ndarray:
@@ -270,19 +269,20 @@ def forward_dynamics(
     for b, body in enumerate(character.bodies):
         potential += inertial_energy(body, poses[b], now[b], previous[b], view)
     for a, b in character.pairs:
-        first, second = (_center(character, k, poses) for k in (a, b))
-        radii = character.contacts[a].radius + character.contacts[b].radius
+        spheres = character.contacts[a], character.contacts[b]
+        first, second = (_place(poses[s.body], ca.SX(s.position)) for s in spheres)
+        radii = spheres[0].radius + spheres[1].radius
         potential += pair_potential(ca.dot(first - second, first - second), radii, view)
     work, held, values = ca.SX(0), [], []
     states = contact_states(character, x_next, x, law, terrain, view)
     for k, state in zip(character.terrain_contacts, states, strict=True):
         sphere = character.contacts[k]
-        R, t = poses[sphere.body]
         # virtual work f·∂P at a fixed force and material point
         force, material = ca.SX.sym("f", 3), ca.SX.sym("P", 3)
-        work += ca.dot(force, R @ material + t)
+        work += ca.dot(force, _place(poses[sphere.body], material))
         held += [force, material]
-        values += [state.force, ca.SX(sphere.position) - sphere.radius * (R.T @ state.normal)]
+        own = poses[sphere.body][0].T @ state.normal
+        values += [state.force, ca.SX(sphere.position) - sphere.radius * own]
     for k in range(len(character.elements)):
         law_force, way = element_force(character, k, poses, now, view)
         force = ca.SX.sym("f", 3)
@@ -296,10 +296,3 @@ def forward_dynamics(
     fd = fd + ca.vertcat(*(joint_force(own, x_next[j], x[j], x_prev[j], view) for j, own in pairs))
     names = ["x_next", "x", "x_prev", "p"]
     return ca.Function("FD", [x_next, x, x_prev, p], [ca.densify(fd)], names, ["fd"], {"cse": True})
-
-
-def _center(character: Character, k: int, poses: list[Pose]) -> ca.SX:
-    """World centre (3,) m of contact sphere ``k``."""
-    sphere = character.contacts[k]
-    R, t = poses[sphere.body]
-    return R @ ca.SX(sphere.position) + t

@@ -12,7 +12,7 @@ class Between(Kernels):
     """Kernels of a list of terms over (c_k, c_{k+1})."""
 
     def __init__(self, code: BetweenCode, device: Device):
-        self.size, self.rows, self.entries = code.size, code.rows, code.entries
+        self.size, self.rows, self.entries = code.size, code.rows, code.slopes.size
         self.bends = code.bends.size
         text = [source("common.cuh"), code.text, source("between.cu")]
         if self.bends:

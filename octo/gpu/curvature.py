@@ -15,7 +15,6 @@ from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import StateCurvature
 
 WARP, SMALL = 32, 128  # threads of a block for 32 steps, and for one
-SIZES = ("NX", "NU", "NP", "NQ")
 
 
 class Bends(Kernels):
@@ -40,12 +39,9 @@ class Bends(Kernels):
             ca.Function(f"octo_bend_piece_{k}", inputs, [values[at.tolist()]], {"cse": True})
             for k, at in enumerate(order)
         ]
-        numbers = [int(symbol.numel()) for symbol in inputs]
-        sizes = {
-            **dict(zip(SIZES, (n, dynamics.nu, numbers[4], numbers[5]), strict=True)),
-            **{"NS": self.size, "STRAIGHT": straight, "TORQUES": self.torques},
-            **{"WARP": WARP, "SMALL": SMALL},
-        }
+        sizes = {"NX": n, "NU": dynamics.nu, "NP": inputs[4].numel(), "NQ": inputs[5].numel()}
+        sizes |= {"NS": self.size, "STRAIGHT": straight, "TORQUES": self.torques}
+        sizes |= {"WARP": WARP, "SMALL": SMALL}
         tables = {
             "row": rows,
             "column": columns,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -66,8 +65,8 @@ class Solving:
 
 
 class DeviceFactor:
-    """A factored batch of KKT matrices on a device, with the interface and the meaning of
-    ``CyclicReductionFactor``.
+    """A factored batch of KKT matrices on a device, whose solutions and inertia mean what those of
+    ``CyclicReductionFactor`` do.
 
     sigma (batch, K) or None; H, A and sigma are held by reference. active (batch,): the members to
     factor; None: all. Everything here is launches: nothing waits for the device. (batch,): finite
@@ -112,16 +111,6 @@ class DeviceFactor:
         """True (batch,) where the Hessian is positive definite on the null space of the
         constraints."""
         return self.good != 0
-
-    @cached_property
-    def first_bad(self) -> Array:
-        """(batch,) first unit of the first block with more negative eigenvalues than constraint
-        rows, −1 where none shows it."""
-        xp = self._linear.device.xp
-        excess = self._reduced.counts[:, :, 0] > 2 * self.shape[3]
-        order = self._linear.device.array(2 * self._reduced.order, np.int64)
-        block = order[xp.argmax(excess, axis=1)]
-        return xp.where(self.usable & (self.negative > 0) & excess.any(axis=1), block, -1)
 
     def solve(
         self,

@@ -130,8 +130,7 @@ class Reduction:
     """A factored SBT(D, B): diagonal (batch, D, B, B) is overwritten, lower (batch, D-1, B, B).
 
     counts (batch, D, 2): negative and rounding eigenvalues of the pivot blocks, in the order of
-    elimination. order (D,): which block each of those was. active (batch,): the members to factor,
-    None for all.
+    elimination. active (batch,): the members to factor, None for all.
     """
 
     def __init__(
@@ -151,14 +150,12 @@ class Reduction:
         self.counts = device.empty((batch, D, 2), np.int32)
         self._levels: list[_Level] = []
         self._given = (float(rounding), float(shift), active)
-        order, block, place = [], np.arange(D), 0
+        place = 0
         while D > 1:
             eliminated = D // 2
-            order += block[D % 2 :: 2].tolist()
             diagonal, lower = self._eliminate(D, place, diagonal, lower)
-            block, place, D = block[1 - D % 2 :: 2], place + eliminated, D - eliminated
+            place, D = place + eliminated, D - eliminated
         self._last = self._pivots(1, 0, 1, place, diagonal)
-        self.order = np.array([*order, *block.tolist()])
 
     def _pivots(
         self, D: int, first: int, count: int, place: int, diagonal: Array

@@ -12,7 +12,7 @@ from octo.solver.normal import DROP
 
 
 class DeviceNormal:
-    """AAᵀ of a batch on a device, with the interface of ``NormalFactor``."""
+    """AAᵀ of a batch on a device, asked as ``NormalFactor`` is."""
 
     def __init__(self, linear: Linear, A: Array):
         self._linear, self.A = linear, A
@@ -62,10 +62,6 @@ class DeviceNormal:
     def least_norm(self, rhs: Array, *, refine: int = 1) -> Array:
         """The shortest x (batch, K, nc[, count]) with A x = rhs (batch, K, ma[, count])."""
         return self._linear.rows_transposed_times(self.A, self.solve(rhs, refine=refine))
-
-    def multipliers(self, gradient: Array, *, refine: int = 1) -> Array:
-        """lam (batch, K, ma) of the smallest ‖gradient + Aᵀ lam‖."""
-        return self.solve(self._linear.rows_times(self.A, gradient, None, -1.0), refine=refine)
 
     def project(self, v: Array, *, refine: int = 1) -> Array:
         """P v = v − Aᵀ(AAᵀ)⁻¹A v, the part of v (batch, K, nc[, count]) in the null space of A."""

@@ -7,7 +7,6 @@ import ctypes.util
 import functools
 import importlib.util
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,22 +18,11 @@ OPTIONS = ("-default-device", "-std=c++17", "-Xptxas", "-v")
 
 
 @dataclass(frozen=True)
-class Kernel:
-    """What ptxas says of one kernel."""
-
-    name: str
-    registers: int
-    stack: int  # bytes a thread
-    spill_stores: int  # bytes a thread
-    spill_loads: int
-
-
-@dataclass(frozen=True)
 class Binary:
-    """A compiled text: the cubin, what ptxas says of each kernel, and the compiler's whole log."""
+    """A compiled text: the cubin, and the compiler's whole log, with what ptxas says of each
+    kernel."""
 
     cubin: bytes
-    kernels: dict[str, Kernel]
     log: str
 
 
@@ -55,7 +43,7 @@ def compile_text(
             raise DeviceError(
                 f"NVRTC could not compile octo's text for {architecture}: {log.strip()[:2000]}"
             )
-        return Binary(_read(library, "CUBIN", program), _kernels(log), log)
+        return Binary(_read(library, "CUBIN", program), log)
     finally:
         library.nvrtcDestroyProgram(ctypes.byref(program))
 
@@ -97,18 +85,3 @@ def _read(library: ctypes.CDLL, what: str, program: ctypes.c_void_p) -> bytes:
     buffer = ctypes.create_string_buffer(size.value)
     _check(library, getattr(library, f"nvrtcGet{what}")(program, buffer))
     return buffer.raw
-
-
-def _kernels(log: str) -> dict[str, Kernel]:
-    """What ptxas' log says of each kernel; spills are those of the functions that it calls too."""
-    found = {}
-    for section in log.split("Compiling entry function '")[1:]:
-        name = section.split("'", 1)[0]
-        frames = re.findall(
-            r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", section
-        )
-        used = re.search(r"Used (\d+) registers", section)
-        if frames and used:
-            stores, loads = (sum(int(frame[k]) for frame in frames) for k in (1, 2))
-            found[name] = Kernel(name, int(used[1]), int(frames[0][0]), stores, loads)
-    return found

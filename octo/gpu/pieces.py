@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics.codegen import integers, macros
-from octo.dynamics.emit import switch
+from octo.dynamics.emit import instructions, switch
 from octo.problem.codegen import CostFunctions
 from octo.problem.contact_model import BLOCKS, ContactFunctions
 
@@ -172,10 +172,7 @@ class _Rewritten:
         given = [symbol.elements() for symbol in inputs]
         made = [[ca.SX(0)] * output.numel() for output in outputs]
         function = ca.Function("whole", list(inputs), list(outputs), {"cse": True})
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            take = function.instruction_input(k)
-            put = function.instruction_output(k)
+        for k, (operation, take, put) in enumerate(instructions(function)):
             if operation == ca.OP_OUTPUT:
                 made[put[0]][put[1]] = self._value[take[0]]
             elif operation == ca.OP_INPUT:

@@ -9,8 +9,8 @@ import numpy as np
 
 from octo.gpu.device import Array, Device
 from octo.gpu.program import NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
-from octo.gpu.step_pairs import Numbers, gathers
-from octo.gpu.tables import Gather, Tables
+from octo.gpu.step_pairs import Numbers
+from octo.gpu.tables import gathers, pair_gathers
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.neighbours import anchors
 
@@ -48,7 +48,6 @@ class DeviceProblem:
     def _upload(self) -> dict[str, Array]:
         """The stencil and its gather tables on the device."""
         stencil, device = self.host.stencil, self.device
-        tables = Tables.of(stencil, self.host.steps, self.host.n)
         dummy = np.zeros((stencil.units, stencil.parts), dtype=np.int32)
         dummy[self.host.fixed] = 1
         for place in self.host.idle:
@@ -60,11 +59,9 @@ class DeviceProblem:
         arrays = {name: device.array(values, np.int32) for name, values in whole.items()}
         arrays["slot_value"] = device.array(stencil.coefficient)
         arrays["test_value"] = device.array(stencil.test_coefficient)
-        own: dict[str, Gather] = {
-            name: getattr(tables, name) for name in ("hessian", "gradient", "jacobian", "tests")
-        }
+        own = gathers(stencil, self.host.steps, self.host.n)
         if self.program.pairs is not None:
-            own |= gathers(stencil, self.host.steps, self.carry is not None)
+            own |= pair_gathers(stencil, self.host.steps, self.carry is not None)
         for name, gather in own.items():
             for part in ("first", "source"):
                 arrays[f"{name}_{part}"] = device.array(getattr(gather, part), np.int32)

@@ -10,8 +10,7 @@ import casadi as ca
 from octo.dynamics.codegen import integers, macros
 from octo.dynamics.emit import function_of_numbers
 from octo.gpu.device import Array, Device, Kernels, source
-from octo.gpu.tables import Gather, slots_of
-from octo.problem.basis import WINDOW, Stencil
+from octo.problem.basis import WINDOW
 from octo.problem.compiled import CompiledProblem
 from octo.problem.step_pairs import PairFunctions
 
@@ -30,7 +29,8 @@ class StepPairs(Kernels):
         slopes = ca.Function(
             functions.slopes.name(), inputs, [functions.slopes(*inputs)[1]], {"cse": True}
         )
-        own = (functions.value, slopes, functions.bend)
+        own = [functions.value, slopes]
+        own += [] if functions.curvature is None else [functions.curvature.function]
         sizes = {
             "NX": problem.n,
             "NU": problem.nu,
@@ -40,7 +40,7 @@ class StepPairs(Kernels):
         }
         text = [
             source("common.cuh"),
-            *(function_of_numbers(f) for f in own if f is not None),
+            *map(function_of_numbers, own),
             macros(sizes),
             functions.tables,
             integers("pair_actuated", dynamics.actuated),
@@ -94,10 +94,11 @@ class Derived:
         self.rows = device.empty((*fd_jac.shape[:2], count, width + 1))
         rows = (*self.numbers[3:], *self.slopes, fd_jac, self.rows)
         self._each_window("octo_pair_rows", fd_jac.shape, count, *rows)
-        if exact and own.bend is not None:
+        if exact and own.curvature is not None:
             self.bends = device.empty((*fd_jac.shape[:2], width, width))
             bends = (curved, *self.numbers, fd_jac, self.bends)
-            self._each_window("octo_pair_bends", fd_jac.shape, own.bends.nnz(), *bends)
+            size = own.curvature.sparsity.nnz()
+            self._each_window("octo_pair_bends", fd_jac.shape, size, *bends)
 
     def add(self, tables: dict[str, Array], H: Array, b: Array) -> None:
         """Adds 2 JᵀJ, the curvature of exact terms, and 2 Jᵀr to H (batch, K, 3, nc, nc) and b
@@ -115,23 +116,3 @@ class Derived:
         if steps > first:
             grid = (steps - first, batch)
             self.pairs.each(name, grid, steps, first, *arguments, shared=8 * shared)
-
-
-def gathers(stencil: Stencil, steps: int, cycle: bool) -> dict[str, Gather]:
-    """Where the blocks of H ("pairs") and b ("pairs_b") take what they have from: (step, node,
-    other node) and (step, node) of the windows of four nodes, as one number."""
-    hessian, gradient = [], []
-    for i in range(0 if cycle else 1, steps):
-        slots = list(slots_of(stencil, i, WINDOW))
-        for a, unit, part, value in slots:
-            gradient.append((unit, WINDOW * i + a, part, value))
-            for other, other_unit, other_part, other_value in slots:
-                if other_unit <= unit:
-                    place = (WINDOW * i + a) * WINDOW + other
-                    pair = part * stencil.parts + other_part
-                    lag = 3 * unit + unit - other_unit
-                    hessian.append((lag, place, pair, value * other_value))
-    return {
-        "pairs": Gather.of(3 * stencil.units, stencil.parts**2, hessian),
-        "pairs_b": Gather.of(stencil.units, stencil.parts, gradient),
-    }

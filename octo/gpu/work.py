@@ -12,6 +12,7 @@ so that neither the addresses nor the grids change until a member leaves the sol
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -115,15 +116,14 @@ class Work:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """A trial, in arrays of its own; its numbers are on the host."""
-        self.device.copy(unknowns, self.tried.unknowns)
-        self._evaluate()
-        return self.evaluated(self._iterate.copy(), self._found.host(self.device))
+        return self.evaluate_with(unknowns, [])[0]
 
     def evaluate_with(
         self, unknowns: Array, numbers: list[Array]
     ) -> tuple[Evaluation, list[NDArray[np.float64]]]:
         """A trial, and up to BESIDE ``numbers`` (batch,) in the same copy."""
-        self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
+        if numbers:
+            self.device.copy(self.device.xp.stack(numbers), self.parts["beside"][: len(numbers)])
         self.device.copy(unknowns, self.tried.unknowns)
         self._evaluate()
         found = self._found.host(self.device)
@@ -151,9 +151,10 @@ class Modelled:
         device = work.device
         self._linearize = Sequence(device, self._launch_linearize)
         self._factor = Sequence(device, self._launch_factor)
-        self._attempt = Sequence(device, self._launch_attempt)
-        self._refined = Sequence(device, self._launch_refined)
-        self._again = Sequence(device, self._launch_again)
+        self._attempt, self._refined, self._again = (
+            Sequence(device, partial(self._launch_step, begin, refined))
+            for begin, refined in ((True, False), (True, True), (False, True))
+        )
         self._step: Solving | None = None  # (−b, rhs_c) and what is known of its solution
         self._coarse = False  # whether the last step's solution was, before it was refined
         self._solve = Sequence(device, self._launch_solve)
@@ -241,27 +242,15 @@ class Modelled:
         work, model = self._work, self._own
         return DeviceFactor(work.linear, model.H, model.A, work.weight, work.active)
 
-    def _launch_attempt(self) -> None:
-        self._launch_begin()
-        self._launch_step()
-
-    def _launch_refined(self) -> None:
-        self._launch_begin()
-        self._launch_again()
-
-    def _launch_again(self) -> None:
-        assert self._step is not None
-        self.factored.refine(self._step, self.factored.good)
-        self._launch_step()
-
-    def _launch_begin(self) -> None:
-        assert self._step is not None
-        self._work.linear.negative(self._own.b, self._step.rhs_v)
-        self.factored.begin(self._step, self.factored.good)
-
-    def _launch_step(self) -> None:
-        """The numbers of the step, and its trial."""
-        work, parts, model = self._work, self._work.parts, self._own
+    def _launch_step(self, begin: bool, refined: bool) -> None:
+        """A solution, a refinement of what there is, the numbers of the step, and its trial."""
+        work, parts, model, step = self._work, self._work.parts, self._own, self._step
+        assert step is not None
+        if begin:
+            work.linear.negative(model.b, step.rhs_v)
+            self.factored.begin(step, self.factored.good)
+        if refined:
+            self.factored.refine(step, self.factored.good)
         delta, units = parts["delta"], parts["units"]
         work.linear.step_numbers(model.A, model.b, delta, work.lam, units)
         work.linear.advance(work.bounds, units, work.at.unknowns, delta, work.tried.unknowns)

@@ -19,6 +19,9 @@ LEVEL = 0.02  # m over the lowest contact: what stands beside it on level ground
 UNEVEN = 0.1  # of the span of the contacts' heights: the same in a pose that nobody levelled
 TOUCHING = 0.01  # m over the ground: what touches it; no contact of Eq. 6 is exact to less
 
+SMALL = 1e-6  # rad or m, of differences
+DAMPING = 1e-4  # m² over rad² or m², of a step of feet towards places
+
 # Forces, relative to mg. One contact is not told apart by one threshold: LOADED, the lower end of
 # the hysteresis of a stance, is also where a force is large enough to divide by; CARRYING is what
 # a mean, a controller or a machine's measurement is asked for, in which small forces are noise.
@@ -93,3 +96,15 @@ def runs(on: NDArray[np.bool_], begin: int, end: int) -> list[tuple[int, int]]:
     flips = np.flatnonzero(on[1:] != on[:-1]) + 1
     pairs = zip(flips[:-1].tolist(), flips[1:].tolist(), strict=True)
     return [(a, b) for a, b in pairs if on[a] and begin <= a and b <= end]
+
+
+def toward(character: Tree, x: Array, contacts: list[int], targets: Array) -> Array:
+    """(nu,) rad or m: one damped least-squares step of the actuated joints at x (nx,) that takes
+    the centres of contact spheres, by index, towards ``targets`` (contacts, 3) m."""
+    joints = character.actuated
+    moved = np.repeat(x[None], len(joints) + 1, axis=0)
+    moved[np.arange(len(joints)), joints] += SMALL
+    where = sphere_centers(character, moved)[:, contacts].reshape(len(moved), -1)
+    slope = (where[:-1] - where[-1]).T / SMALL  # (3 contacts, nu) m/rad
+    miss = slope.T @ (targets.ravel() - where[-1])
+    return np.linalg.solve(slope.T @ slope + DAMPING * np.eye(len(joints)), miss)

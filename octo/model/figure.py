@@ -88,6 +88,12 @@ def size(character: Character) -> float:
     return float(max(np.ptp(points, axis=0).max() + 2 * radius, 0.05))
 
 
+def tile(scale: float) -> float:
+    """m, edge of a square of the ground under a character of size ``scale`` m: a round number."""
+    rounds = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0)
+    return min(rounds, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
+
+
 def ball(center: Sequence[float] | Array, radius: float, fineness: int = 2) -> Surface:
     return hull(Solid(np.asarray(center, dtype=float)[None], np.array([radius])), fineness)
 

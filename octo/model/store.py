@@ -26,10 +26,8 @@ KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, fl
 
 def to_plain(value: Any) -> Any:
     """Dataclasses as dicts, arrays as lists, infinities as strings."""
-    if isinstance(value, Character):
-        plain = {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        plain["elements"] = [_plain_element(element) for element in value.elements]
-        return plain
+    if isinstance(value, Element):
+        return _plain_element(value)
     if dataclasses.is_dataclass(value):
         return {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):

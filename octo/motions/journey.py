@@ -11,11 +11,13 @@ import numpy as np
 
 from octo.checks import Array, positive, steps_in
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.laws import ContactLaw
 from octo.dynamics.static_pose import static_pose
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.feet import touching
 from octo.model.mirror import mirror_of
+from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
 from octo.problem.closure import along_arc
 from octo.problem.costs import Cost
@@ -39,12 +41,12 @@ class Journey:
     rate: float
     seconds: float
     dt: float = TIME_STEP
-    seed: int = 0  # number of the first start of each period's cycle
-    starts: int = STARTS  # and their count
     period: float | Sequence[float] | None = None  # s, of a stride; by default the robot's own
-    terrain: Any = None
-    law: Any = None
-    pose: Any = None
+    starts: int = STARTS  # of the cycle, for each period
+    seed: int = 0  # number of the first of them
+    terrain: Plane | Terrain | None = None
+    law: ContactLaw | None = None
+    pose: Array | None = None
 
     @property
     def steps(self) -> int:
@@ -54,7 +56,11 @@ class Journey:
     def whole(self) -> Problem:
         """The motion as one problem that begins at rest, without a cycle: natural terms and the
         speed."""
-        common = {"terrain": self.terrain, "law": self.law, "costs": presets.natural(length=1.0)}
+        common: dict[str, Any] = {
+            "terrain": self.terrain,
+            "law": self.law,
+            "costs": presets.natural(length=1.0),
+        }
         pose: Any = "balanced" if self.pose is None else self.pose
         problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
         speed, rate = (*self.velocity, 0.0), self.rate or None

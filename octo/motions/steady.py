@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Unpack
 
-from octo.checks import Array, asked, number, numbers, positive, time_step, whole
+from octo.checks import Array, asked, instance, number, numbers, positive, takes, time_step, whole
 from octo.dynamics.laws import ContactLaw
-from octo.errors import ProblemError, said
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.terrain import Plane, Terrain
 from octo.motions.budget import Budget
-from octo.motions.journey import STARTS, Journey
+from octo.motions.journey import Journey
 from octo.motions.search import from_rest_to_rest
-from octo.problem.cycle import TIME_STEP
 from octo.progress import check_progress
 from octo.result.solution import Solution
-from octo.solve import LARGEST_SEED, MOST_STARTS, settings_of
-from octo.solver.options import SqpOptions
-from octo.solver.sqp import Iterate
+from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, settings_of
+
+
+class Steady(How, total=False):
+    """What a motion from rest to rest is described by beside its speed, and how it is solved."""
+
+    dt: float
+    period: float | Sequence[float] | None
+    starts: int
+    seed: int
+    terrain: Plane | Terrain | None
+    law: ContactLaw | None
+    pose: Array | None
 
 
 @asked
+@takes(Journey, Usual)
 def walk(
-    robot: Character,
-    speed: float = 0.5,
-    seconds: float = 10.0,
-    *,
-    dt: float = TIME_STEP,
-    period: float | Sequence[float] | None = None,
-    starts: int = STARTS,
-    seed: int = 0,
-    terrain: Plane | Terrain | None = None,
-    law: ContactLaw | None = None,
-    pose: Array | None = None,
-    passes: int | None = None,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    robot: Character, speed: float = 0.5, seconds: float = 10.0, **how: Unpack[Steady]
 ) -> Solution:
     """Walk along x, from rest to rest.
 
@@ -69,33 +59,14 @@ def walk(
     ------
     OctoError: in one line that names the field; nothing was computed.
     """
-    given = locals()
     goal = Goal("walk", number("speed", speed))
-    return goal.said(_steady(given, (goal.speed, 0.0), 0.0))
+    return goal.said(_steady(robot, (goal.speed, 0.0), 0.0, seconds, **how))
 
 
 @asked
+@takes(Journey, Usual)
 def stride(
-    robot: Character,
-    speed: float = 0.5,
-    seconds: float = 10.0,
-    *,
-    dt: float = TIME_STEP,
-    period: float | Sequence[float] | None = None,
-    starts: int = STARTS,
-    seed: int = 0,
-    terrain: Plane | Terrain | None = None,
-    law: ContactLaw | None = None,
-    pose: Array | None = None,
-    passes: int | None = None,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    robot: Character, speed: float = 0.5, seconds: float = 10.0, **how: Unpack[Steady]
 ) -> Solution:
     """Walk sideways, to the left where ``speed`` (m/s) is positive, from rest to rest.
 
@@ -103,33 +74,14 @@ def stride(
     ----------
     seconds, dt, period, starts: and the others, as those of :func:`walk`.
     """
-    given = locals()
     goal = Goal("stride", number("speed", speed))
-    return goal.said(_steady(given, (0.0, goal.speed), 0.0))
+    return goal.said(_steady(robot, (0.0, goal.speed), 0.0, seconds, **how))
 
 
 @asked
+@takes(Journey, Usual)
 def turn(
-    robot: Character,
-    rate: float = 0.5,
-    seconds: float = 10.0,
-    *,
-    dt: float = TIME_STEP,
-    period: float | Sequence[float] | None = None,
-    starts: int = STARTS,
-    seed: int = 0,
-    terrain: Plane | Terrain | None = None,
-    law: ContactLaw | None = None,
-    pose: Array | None = None,
-    passes: int | None = None,
-    options: SqpOptions | None = None,
-    max_iterations: int | None = None,
-    time_limit: float | None = None,
-    tolerance: float | None = None,
-    device: str = "auto",
-    threads: int = 1,
-    progress: bool | str = False,
-    callback: Callable[[Iterate], bool | None] | None = None,
+    robot: Character, rate: float = 0.5, seconds: float = 10.0, **how: Unpack[Steady]
 ) -> Solution:
     """Turn on the spot by ``rate`` rad/s, to the left where positive, from rest to rest.
 
@@ -137,22 +89,15 @@ def turn(
     ----------
     seconds, dt, period, starts: and the others, as those of :func:`walk`.
     """
-    given = locals()
     goal = Goal("turn", number("rate", rate))
-    return goal.said(_steady(given, (0.0, 0.0), goal.speed))
+    return goal.said(_steady(robot, (0.0, 0.0), goal.speed, seconds, **how))
 
 
-# fields of a Journey; other arguments are octo.solve's
-OWN = ("dt", "period", "starts", "seed", "terrain", "law", "pose")
-
-
-def _steady(given: Mapping[str, Any], velocity: tuple[float, float], rate: float) -> Solution:
-    """The motion of a call with the arguments ``given``; what is None is left to octo.solve."""
-    robot, seconds = given["robot"], given["seconds"]
-    if not isinstance(robot, Character):
-        raise ProblemError(
-            f"robot is {said(robot)}, must be a Character: what octo.load and octo.gallery give"
-        )
+def _steady(
+    robot: Character, velocity: tuple[float, float], rate: float, seconds: float, **given: Any
+) -> Solution:
+    """The motion of a call; what is None of its options ``given`` is left to octo.solve."""
+    instance("robot", robot, Character, "a Character: what octo.load and octo.gallery give")
     time_step(given["dt"])
     whole("starts", given["starts"], most=MOST_STARTS)
     whole("seed", given["seed"], 0, LARGEST_SEED)
@@ -160,8 +105,6 @@ def _steady(given: Mapping[str, Any], velocity: tuple[float, float], rate: float
         numbers("period", given["period"])
     check_progress(given["progress"], given["callback"])
     settings_of(given["options"], given["max_iterations"], given["time_limit"], given["tolerance"])
-    own = {name: given[name] for name in OWN}
-    others = set(given).difference(OWN, ("robot", "speed", "rate", "seconds"))
-    options = {name: given[name] for name in others if given[name] is not None}
-    journey = Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **own)
-    return from_rest_to_rest(journey, Budget(options))
+    options = {k: given.pop(k) for k in How.__annotations__}
+    journey = Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **given)
+    return from_rest_to_rest(journey, Budget({k: v for k, v in options.items() if v is not None}))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from octo.checks import positive, whole
+from octo.checks import instance, positive, whole
 from octo.errors import ProblemError
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Array, Problem
@@ -17,7 +17,7 @@ from octo.result.solution import Solution
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
-from octo.starts import smooth_noise
+from octo.starts import first_nodes
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
 LEFT = 1e-2  # relative to mg, what a plan may leave of it in the steps that are kept
@@ -53,7 +53,7 @@ def animate(
     ProblemError: the basis is not nodes, the problem is a cycle, or a term or the start has
         separate values for each step.
     """
-    _check(problem)
+    _check(instance("problem", problem, Problem, "an octo.Problem"))
     advance = min(whole("advance", advance), int(problem.steps))
     total = round(positive("seconds", seconds, "s") / float(problem.dt))
     settings = options or SqpOptions(tolerance=TOLERANCE)
@@ -62,7 +62,7 @@ def animate(
     compiled.check_squares("animate")
     compiled.prepare()
     setup = time.perf_counter() - began
-    nodes = _at_rest(problem, seed)
+    nodes = first_nodes(problem, seed, None)
     kept = [nodes[0].copy(), nodes[1].copy()]
     rows: list[tuple[float, ...]] = []
     lam, worst, counted = None, 0.0, 0
@@ -85,22 +85,12 @@ def animate(
     return _whole(problem, compiled, np.array(kept)[: total + 2], rows, (worst, counted), spent)
 
 
-def _check(problem: object) -> None:
-    if not isinstance(problem, Problem):
-        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+def _check(problem: Problem) -> None:
     if problem.cycle is not None:
         raise ProblemError("cycle is given: animate goes on from where it is, it needs a free end")
     if problem.basis_object.name != "nodes" or problem.end is not None:
         raise ProblemError("animate needs the basis 'nodes' and a free end")
     refuse_step_pairs(problem.costs, "animate")
-
-
-def _at_rest(problem: Problem, seed: int) -> Array:
-    """(N+2, n) the start held, with smooth noise: what the first plan begins with."""
-    nodes = np.repeat(problem.start[None], int(problem.steps) + 2, axis=0)
-    nodes[0] -= float(problem.dt) * problem.start_velocity
-    nodes[2:, problem.dynamics.actuated] += smooth_noise(problem, seed)
-    return nodes
 
 
 def _whole(

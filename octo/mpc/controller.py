@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import one_of, positive, whole
+from octo.checks import instance, one_of, positive, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.model.convention import Convention
 from octo.model.quantities import Array
@@ -199,8 +199,7 @@ class Controller:
             ValueRangeError: another dt.
         """
         N, n, t = self.problem.steps, self.robot.nx, checked_time(t)
-        if not isinstance(solution, Solution):
-            raise ProblemError(f"solution is {type(solution).__name__!r}, must be a Solution")
+        instance("solution", solution, Solution, "a Solution")
         if solution.x.shape[1] != n or solution.steps < N:
             raise ShapeError("solution.x", solution.x.shape, f"(at least {N + 2}, {n})")
         if abs(solution.dt - self.dt) > 1e-12:

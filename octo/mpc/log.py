@@ -152,9 +152,6 @@ class Log(Record, Shown):
             "seconds": float(len(self.t) * self.tick),
         }
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def __str__(self) -> str:
         room = len(self.columns["t"])
         if self.count < max(room, 1):

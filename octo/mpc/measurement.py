@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import number
+from octo.checks import floats, instance, number
 from octo.devices import check_device_name
 from octo.dynamics.evaluate import RobotDynamics
-from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError, said
+from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.convention import Convention
 from octo.model.quantities import Array
@@ -24,7 +24,7 @@ LATEST = 1e11  # s, 3,000 years: neighbouring numbers are 15 µs apart there
 SHORTEST, LONGEST = 1e-3, 1e3  # a quaternion
 
 
-def robot_of(problem: object) -> Character:
+def robot_of(problem: Problem) -> Character:
     """The robot of a problem that a controller can plan by.
 
     Raises
@@ -32,8 +32,7 @@ def robot_of(problem: object) -> Character:
     ProblemError: no problem, or one without a robot, without the basis "nodes", with a fixed end,
         a cycle, or too short.
     """
-    if not isinstance(problem, Problem):
-        raise ProblemError(f"problem is {type(problem).__name__!r}, must be a Problem")
+    instance("problem", problem, Problem, "an octo.Problem")
     if not isinstance(problem.dynamics, RobotDynamics) or problem.character is None:
         raise ProblemError(
             "a controller needs a robot: user-written dynamics have no configuration to measure"
@@ -93,10 +92,7 @@ def checked(q: Any, v: Any, convention: Convention) -> tuple[Array, Array]:
     """q and v as arrays. Raises ShapeError, or ValueRangeError where they are not plausible."""
     arrays = []
     for name, value, size in (("q", q, convention.nq), ("v", v, convention.nv)):
-        try:
-            arrays.append(np.asarray(value, dtype=float))
-        except (TypeError, ValueError, OverflowError):
-            raise ValueRangeError(f"{name} is {said(value)}, must be numbers") from None
+        arrays.append(floats(name, value))
         if arrays[-1].shape != (size,):
             raise ShapeError(name, arrays[-1].shape, (size,))
     if not plausible(arrays[0], arrays[1], convention):

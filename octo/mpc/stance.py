@@ -6,7 +6,7 @@ import numpy as np
 
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.model.character import Character
-from octo.model.feet import lowest_contacts
+from octo.model.feet import lowest_contacts, toward
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import Array
 
@@ -14,7 +14,6 @@ BENT = 0.76  # of a leg's length, the height of its hip over its foot
 STRAIGHT = 0.84  # from which a leg counts as straight
 START = (0.3, -0.6)  # rad, of a straight leg's last two hinges, where the search begins
 ITERATIONS = 60
-DAMPING = 1e-4  # m² a rad², of the search's steps
 
 
 def stance(robot: Character) -> Array:
@@ -70,15 +69,8 @@ def _stretch(robot: Character, pose: Array, foot: int) -> float:
 
 def _reach(robot: Character, pose: Array, feet: list[int], target: Array) -> Array:
     """Damped least squares over the actuated joints."""
-    joints, small = robot.actuated, 1e-6
     for _ in range(ITERATIONS):
-        moved = np.repeat(pose[None], len(joints), axis=0)
-        moved[np.arange(len(joints)), joints] += small
-        here = sphere_centers(robot, pose)[feet].ravel()
-        error = here - target.ravel()
-        slope = (sphere_centers(robot, moved)[:, feet].reshape(len(joints), -1) - here).T / small
-        change = np.linalg.solve(slope.T @ slope + DAMPING * np.eye(len(joints)), -slope.T @ error)
-        pose = pose.copy()
-        pose[joints] += np.clip(change, -0.2, 0.2)
+        change, pose = np.clip(toward(robot, pose, feet, target), -0.2, 0.2), pose.copy()
+        pose[robot.actuated] += change
         pose = inside_limits(robot, pose)
     return pose

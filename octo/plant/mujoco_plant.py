@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import instance, number, numbers, positive
-from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.errors import ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.export_mjcf import mjcf_text
@@ -56,10 +56,8 @@ class MujocoPlant:
     ):
         mujoco = import_mujoco("a plant in MuJoCo")
         self.character = character
-        self.terrain = terrain or Plane()
-        if not isinstance(self.terrain, Plane):
-            must = "must be a Plane: MuJoCo has no other ground here"
-            raise ProblemError(f"terrain is {type(terrain).__name__!r}, {must}")
+        words = "a Plane: MuJoCo has no other ground here"
+        self.terrain = instance("terrain", terrain or Plane(), Plane, words)
         if not 0.0 <= number("friction", friction) <= STICKIEST:
             must = f"must not be negative, and at most {STICKIEST:g}"
             raise ValueRangeError(f"friction is {friction}, {must}")

@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
 
-Array = NDArray[np.float64]
 MET = 0.1  # of what was asked: a goal is met when the motion is that near to it
 EACH = 0.2  # of one of several numbers
 FLOOR = 0.1  # m/s, rad/s, m or rad: no denominator of a goal's error is smaller
@@ -95,8 +94,7 @@ class Asked:
         )
         return (
             f"{self.name} {'met' if self.met else 'missed'}: {self.what}{numbers}; off by "
-            f"{self.off:.2g} {self.unit}, "
-            f"{MET * self.size:.2g} is allowed{more}"
+            f"{self.off:.2g} {self.unit}, {MET * self.size:.2g} is allowed{more}"
         )
 
     def plain(self) -> dict[str, Any]:

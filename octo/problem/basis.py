@@ -12,17 +12,16 @@ three blocks a row.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import one_of
+from octo.checks import Array, one_of
 from octo.errors import ProblemError, said
 
-Array = NDArray[np.float64]
 WINDOW = 4  # nodes that a step and the one before it look at
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
 
@@ -66,11 +65,16 @@ class Basis:
 
     def units(self, steps: int) -> int:
         """K."""
-        return steps
+        return -(-steps // self.parts)
 
     def stencil(self, steps: int) -> Stencil:
         """S and where the residuals are tested."""
-        raise NotImplementedError(type(self).__name__)
+        place = np.arange(steps, dtype=np.int32) + -steps % self.parts  # of x_1 … x_N
+        unit = np.concatenate([np.full(2, -1, np.int32), place // self.parts])[:, None]
+        part = np.concatenate([np.zeros(2, np.int32), place % self.parts])[:, None]
+        tests = unit[2:].copy(), part[2:].copy(), np.ones((steps, 1))
+        made = unit, part, (unit >= 0).astype(float)
+        return Stencil(self.units(steps), self.parts, *made, *tests)
 
     def dummies(self, steps: int) -> NDArray[np.bool_]:
         """(K, parts) where no node is made of a part of a unit."""
@@ -114,12 +118,6 @@ class Basis:
 class Nodes(Basis):
     """Every x_1 … x_N is an unknown (S is the identity); pairs of steps give SBT(2(2n−|u|))."""
 
-    def stencil(self, steps: int) -> Stencil:
-        unit = np.maximum(np.arange(-2, steps, dtype=np.int32), -1)[:, None]
-        row, part = np.arange(steps, dtype=np.int32)[:, None], np.zeros_like(unit)
-        tests = row, part[:steps].copy(), np.ones((steps, 1))
-        return Stencil(steps, self.parts, unit, part, (unit >= 0).astype(float), *tests)
-
 
 @dataclass(frozen=True)
 class PairedNodes(Basis):
@@ -134,17 +132,6 @@ class PairedNodes(Basis):
     @property
     def parts(self) -> int:
         return 2
-
-    def units(self, steps: int) -> int:
-        return (steps + 1) // 2
-
-    def stencil(self, steps: int) -> Stencil:
-        place = np.arange(steps, dtype=np.int32) + steps % 2  # of x_1 … x_N
-        unit = np.concatenate([np.full(2, -1, np.int32), place // 2])[:, None]
-        part = np.concatenate([np.zeros(2, np.int32), place % 2])[:, None]
-        tests = unit[2:].copy(), part[2:].copy(), np.ones((steps, 1))
-        made = unit, part, (unit >= 0).astype(float)
-        return Stencil(self.units(steps), self.parts, *made, *tests)
 
     def fixed_end(self, steps: int, x_end: Array, v_end: Array, dt: float) -> dict[int, Array]:
         pinned = super().fixed_end(steps, x_end, v_end, dt)
@@ -332,26 +319,35 @@ def node_values(
     return nodes
 
 
-# a block of n numbers of a window of nodes, the unit and the block in it, and their coefficient
-Slot = tuple[slice, int, slice, float]
+# a node of a window, the unit it is made of, the part of that unit, and the coefficient
+Slot = tuple[int, int, int, float]
 
 
-def slots_of(stencil: Stencil, nodes: Iterable[int], n: int) -> list[Slot]:
-    """What the ``nodes`` of a window, by their places in the trajectory, are made of."""
-    s = stencil
-    blocks = [slice(k * n, (k + 1) * n) for k in range(max(WINDOW, s.parts))]
+def slots_of(stencil: Stencil, step: int, nodes: int = 3) -> list[Slot]:
+    """What the nodes x_{i+1}, x_i, x_{i−1} of a step, or more of them, are made of; of a cycle
+    x_{−2} is made of what x_{N−2} is."""
+    s, places = stencil, [step + 2 - node for node in range(nodes)]
     return [
-        (own, int(s.unit[at, k]), blocks[s.part[at, k]], float(s.coefficient[at, k]))
-        for own, at in zip(blocks, nodes, strict=False)
+        (node, int(s.unit[at, k]), int(s.part[at, k]), float(s.coefficient[at, k]))
+        for node, at in enumerate(at if at >= 0 else len(s.unit) - 3 for at in places)
         for k in np.flatnonzero(s.unit[at] >= 0)
     ]
 
 
-def scatter(slots: Sequence[Slot], hess: Array, gradient: Array, H: Array, b: Array) -> None:
+def block(k: int, n: int) -> slice:
+    """The k-th n numbers of a unit, or of a window of nodes."""
+    return slice(k * n, (k + 1) * n)
+
+
+def scatter(
+    slots: Sequence[Slot], n: int, hess: Array, gradient: Array, H: Array, b: Array
+) -> None:
     """Adds what a window of nodes has, (batch, w, w) and (batch, w), to H (batch, K, 3, nc, nc) and
-    b (batch, K, nc) of the units that it is made of."""
-    for own, unit, to, value in slots:
+    b (batch, K, nc) of the units that it is made of, ``n`` numbers a part."""
+    for node, unit, part, value in slots:
+        own, to = block(node, n), block(part, n)
         b[:, unit, to] += value * gradient[:, own]
-        for other, unit2, to2, value2 in slots:
+        for other, unit2, part2, value2 in slots:
             if unit2 <= unit:
-                H[:, unit, unit - unit2, to, to2] += value * value2 * hess[:, own, other]
+                made = value * value2 * hess[:, own, block(other, n)]
+                H[:, unit, unit - unit2, to, block(part2, n)] += made

@@ -7,8 +7,8 @@ mathematics.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import resources
 
@@ -16,11 +16,40 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from octo.dynamics.emit import function_of_numbers
+from octo.dynamics.emit import function_of_numbers, switch
 from octo.interrupts import postponed
 from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import nonzeros
 from octo.problem.lane_tables import tables_text
+
+
+@dataclass(frozen=True)
+class Entries:
+    """The nonzeros of a matrix of each of some terms, one after another.
+
+    functions: (c_k, c_{k+1}, q) -> the nonzeros of each; terms: their indices. first: where each
+    begins among the numbers, of ``rows`` and ``columns``.
+    """
+
+    functions: list[ca.Function] = field(default_factory=list)
+    terms: list[int] = field(default_factory=list)
+    first: list[int] = field(default_factory=lambda: [0])
+    rows: list[int] = field(default_factory=list)
+    columns: list[int] = field(default_factory=list)
+
+    @property
+    def size(self) -> int:
+        """Of a segment."""
+        return len(self.rows)
+
+    def add(self, term: int, function: ca.Function, name: str, matrix: ca.SX, row: int = 0) -> None:
+        """``matrix``, made of the symbols of a term's function; its rows are counted from ``row``
+        on."""
+        self.functions.append(_part(function, name, nonzeros(matrix)))
+        self.terms.append(term)
+        self.rows.extend(row + k for k in matrix.sparsity().row())
+        self.columns.extend(matrix.sparsity().get_col())
+        self.first.append(self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,140 +70,94 @@ class BetweenCode:
     def _first_row(self) -> list[int]:
         return _starts(function.numel_out(0) for _, function in self.functions.between)
 
-    @cached_property
-    def _patterns(self) -> list[ca.Sparsity]:
-        """Of each term's derivatives, (rows, 2 size)."""
-        return [function.sparsity_out(1) for _, function in self.functions.between]
-
-    @property
-    def _entry_rows(self) -> list[int]:
-        firsts = self._first_row[:-1]
-        return [
-            row + first for p, first in zip(self._patterns, firsts, strict=True) for row in p.row()
-        ]
-
     @property
     def rows(self) -> int:
         """Residuals of one segment."""
         return self._first_row[-1]
 
     @property
-    def entries(self) -> int:
-        """Their derivatives that may not be zero."""
-        return sum(pattern.nnz() for pattern in self._patterns)
-
-    @property
     def pattern(self) -> NDArray[np.bool_]:
         """(2 size, 2 size) what their squares couple."""
-        whole = np.zeros((2 * self.size, 2 * self.size), dtype=bool)
-        for own in self._patterns:
-            rows = np.zeros(own.shape, dtype=bool)
-            rows[own.row(), own.get_col()] = True
-            whole |= rows.T @ rows
-        return whole
+        rows = np.zeros((self.rows, 2 * self.size), dtype=bool)
+        rows[self.slopes.rows, self.slopes.columns] = True
+        return rows.T @ rows
 
     @cached_property
     @postponed()
-    def bends(self) -> Bends:
-        """Of the terms that are exact."""
-        return Bends.of(self.functions)
+    def slopes(self) -> Entries:
+        """Their first derivatives that may not be zero."""
+        made = Entries()
+        for k, (term, function) in enumerate(self.functions.between):
+            slopes = function(*function.sx_in())[1]
+            made.add(term, function, f"slope{k}", slopes, self._first_row[k])
+        return made
+
+    @cached_property
+    @postponed()
+    def bends(self) -> Entries:
+        """The upper triangle of Σ r ∂²r of the terms that are exact."""
+        made = Entries()
+        for term, function in self.functions.between:
+            for second in function(*function.sx_in())[2:]:
+                if ca.triu(second).nnz():
+                    made.add(term, function, f"bend_{term}", ca.triu(second))
+        return made
 
     @cached_property
     @postponed()
     def text(self) -> str:
         """``octo_between(k, arg, res)``: the values of term k, or derivatives of term k −
         BETWEEN; sizes and tables; those of ``bends``."""
-        values, slopes = [], []
-        for k, (_, function) in enumerate(self.functions.between):
-            r, jac = function(*function.sx_in())[:2]
-            values.append(_part(function, f"value{k}", r))
-            slopes.append(_part(function, f"slope{k}", nonzeros(jac)))
+        made = [
+            _part(function, f"value{k}", function(*function.sx_in())[0])
+            for k, (_, function) in enumerate(self.functions.between)
+        ]
+        made += self.slopes.functions
         sizes = {
             "BETWEEN": len(self.functions.between),
             "BR": self.rows,
-            "BZ": self.entries,
+            "BZ": self.slopes.size,
             "BC": self.size,
             "BTERM": len(self.functions.references.terms),
             "BQ": self.functions.numbers,
         }
         tables = {
-            "term": [term for term, _ in self.functions.between],
+            "term": self.slopes.terms,
             "first_row": self._first_row,
-            "first_entry": _starts(pattern.nnz() for pattern in self._patterns),
-            "entry_row": self._entry_rows,
-            "entry_column": [column for p in self._patterns for column in p.get_col()],
+            "first_entry": self.slopes.first,
+            "entry_row": self.slopes.rows,
+            "entry_column": self.slopes.columns,
         }
-        made = [*values, *slopes]
-        return "\n".join(
-            [
-                *map(function_of_numbers, made),
-                *self.bends.text(),
-                tables_text(sizes, _named(tables)),
-                _choice("octo_between", made),
-            ]
-        )
+        own = [tables_text(sizes, _named(tables)), switch("octo_between", made)]
+        return "\n".join([*map(function_of_numbers, made), *self._bends_text(), *own])
+
+    def _bends_text(self) -> list[str]:
+        """C text of the second derivatives, their sizes and places; nothing where there are
+        none."""
+        bends = self.bends
+        if not bends.size:
+            return []
+        tables = {
+            "bend_term": bends.terms,
+            "bend_first": bends.first,
+            "bend_row": bends.rows,
+            "bend_column": bends.columns,
+        }
+        sizes = {"BENT": len(bends.functions), "BS": bends.size}
+        return [
+            *map(function_of_numbers, bends.functions),
+            tables_text(sizes, _named(tables)),
+            switch("octo_between_second", bends.functions),
+        ]
 
     def c_text(self) -> str:
         """With between.c; stands after assemble.c."""
-        rows = np.array(self._entry_rows, dtype=int)
+        rows = np.array(self.slopes.rows, dtype=int)
         order = np.argsort(rows, kind="stable")
         start = np.searchsorted(rows[order], np.arange(self.rows + 1))
         own = (resources.files("octo.problem") / "between.c").read_text(encoding="utf-8")
         tables = tables_text({}, _named({"row_start": start, "row_entry": order}))
         return "\n".join([self.text, tables, own])
-
-
-@dataclass(frozen=True)
-class Bends:
-    """The second derivatives of the exact ones of a list of terms.
-
-    functions: (c_k, c_{k+1}, q) -> the upper triangle of Σ r ∂²r of each; terms: their indices.
-    first: where each begins among the numbers, of ``rows`` and ``columns``.
-    """
-
-    functions: list[ca.Function]
-    terms: list[int]
-    first: list[int]
-    rows: list[int]
-    columns: list[int]
-
-    @classmethod
-    def of(cls, functions: CostFunctions) -> Bends:
-        made = cls([], [], [0], [], [])
-        for term, function in functions.between:
-            if function.n_out() == 2:
-                continue
-            upper = ca.triu(function(*function.sx_in())[2])
-            if not upper.nnz():
-                continue
-            made.functions.append(_part(function, f"bend_{term}", nonzeros(upper)))
-            made.terms.append(term)
-            made.rows.extend(upper.sparsity().row())
-            made.columns.extend(upper.sparsity().get_col())
-            made.first.append(len(made.rows))
-        return made
-
-    @property
-    def size(self) -> int:
-        """Of a segment."""
-        return len(self.rows)
-
-    def text(self) -> list[str]:
-        """C text of the functions, their sizes and places; nothing where there are none."""
-        if not self.size:
-            return []
-        tables = {
-            "bend_term": self.terms,
-            "bend_first": self.first,
-            "bend_row": self.rows,
-            "bend_column": self.columns,
-        }
-        sizes = {"BENT": len(self.functions), "BS": self.size}
-        return [
-            *map(function_of_numbers, self.functions),
-            tables_text(sizes, _named(tables)),
-            _choice("octo_between_second", self.functions),
-        ]
 
 
 def _starts(counts: Iterable[int]) -> list[int]:
@@ -188,14 +171,3 @@ def _part(function: ca.Function, name: str, output: ca.SX) -> ca.Function:
 
 def _named(tables: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
     return {f"between_{name}": values for name, values in tables.items()}
-
-
-def _choice(name: str, functions: Sequence[ca.Function]) -> str:
-    """C text of a function that calls the one of a number."""
-    cases = " ".join(
-        f"case {k}: {function.name()}(arg, res); break;" for k, function in enumerate(functions)
-    )
-    return (
-        f"static void {name}(int k, const double **arg, double **res) {{\n"
-        f"  switch (k) {{ {cases} }}\n}}"
-    )

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import numbers
+from octo.dynamics.forms import axial
 from octo.errors import ShapeError
 from octo.problem.asked import Asked, Motion
 from octo.problem.costs import Cost, Steps, last_row, mean_square
@@ -18,7 +18,6 @@ from octo.problem.costs import Cost, Steps, last_row, mean_square
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
 # added to a squared sine: its root has derivatives also at zero; the angle changes by less than
 # 1e-16
 SMALL_SINE = 1e-16
@@ -172,7 +171,8 @@ class BaseAngularVelocity(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         turned = step.pose(self.body)[0] @ step.pose_before(self.body)[0].T
-        return p["axes"] * (_vee(turned) / step.dt - p["velocity"])
+        sine = 0.5 * axial(turned)  # times the axis
+        return p["axes"] * (sine / step.dt - p["velocity"])
 
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         chosen = np.broadcast_to(last_row(self.axes), (3,)) > 0.0
@@ -266,15 +266,6 @@ def rotation_vector(rotation: ca.SX) -> ca.SX:
     real, imaginary = column[0], column[1:]
     sine = ca.sqrt(ca.sumsqr(imaginary) + SMALL_SINE)  # of half the angle
     return 2.0 * ca.atan2(sine, real) / sine * imaginary
-
-
-def _vee(rotation: ca.SX) -> ca.SX:
-    """sin(angle)·axis of a rotation matrix."""
-    return 0.5 * ca.vertcat(
-        rotation[2, 1] - rotation[1, 2],
-        rotation[0, 2] - rotation[2, 0],
-        rotation[1, 0] - rotation[0, 1],
-    )
 
 
 def _rpy(angles: ca.SX) -> ca.SX:

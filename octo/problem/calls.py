@@ -14,14 +14,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.codegen import HEAD, integers, lanes_text
 from octo.dynamics.emit import function_of_numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.code_stage import LARGEST, CodeStage
 
-Array = NDArray[np.float64]
 GIVEN = 6  # inputs of a step's functions before v: x_next, x, x_prev, u, p, q
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import MirrorError, ProblemError
 from octo.model.character import Character
 from octo.model.element import tied_to_the_world
@@ -24,7 +24,6 @@ from octo.model.mirror import Mirror, mirror_of
 from octo.model.terrain import Plane, Terrain
 from octo.problem.cycle import Cycle
 
-Array = NDArray[np.float64]
 LEVEL = 1e-9  # of the normal's length: what counts as a plane without slope
 
 

@@ -16,14 +16,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from octo import native
-from octo.checks import doubles, flag, instance, numbers, whole
+from octo.checks import Array, doubles, flag, instance, numbers, whole
 from octo.dynamics.codegen import HEAD
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError
 
-Array = NDArray[np.float64]
 NAME = re.compile(r"[A-Za-z_]\w*")
 DEFINED = re.compile(r"^[ \t]*#[ \t]*define[ \t]+(\w+)", re.MULTILINE)
 RESERVED = ("octo", "casadi", "main", "v8", "real")  # what a name must not begin with

@@ -36,8 +36,6 @@ from octo.problem.references import References, blamed, sizes
 from octo.problem.step_pairs import PairFunctions, PairResiduals, pair_residuals
 from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class CostFunctions:
@@ -142,16 +140,18 @@ def residuals_of(
     between_controls: bool,
     exact: bool = False,
     symbols: tuple[ca.SX, list[ca.SX], StepSymbols] | None = None,
+    references: References | None = None,
 ) -> Residuals:
     """Of all terms; ``between_controls``: those over neighbours are over Hermite controls;
     ``exact``: all have exact second derivatives, whatever their ``curvature``; ``symbols``: of
-    :func:`step_symbols`, of one who asks for one term after another.
+    :func:`step_symbols`, of one who asks for one term after another; ``references``: of the terms,
+    where they are known.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
-    references = References.of(terms, setting)
+    references = References.of(terms, setting) if references is None else references
     p, nodes, step = step_symbols(dynamics) if symbols is None else symbols
     step.calls.clear()
     q = ca.SX.sym("q", max(references.size, 1))
@@ -231,14 +231,6 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
             held = ca.SX.sym("held", r.numel())
             out.append(ca.substitute(ca.hessian(ca.dot(held, r), both)[0], held, r))
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
-
-
-def cost_functions(
-    dynamics: Dynamics, terms: Sequence[Cost], setting: Setting, between_controls: bool
-) -> CostFunctions:
-    """Residuals and first derivatives of all terms; ``between_controls`` leaves those over
-    neighbouring controls out."""
-    return derived(residuals_of(dynamics, terms, setting, between_controls))
 
 
 def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:

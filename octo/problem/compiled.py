@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
-from octo.checks import doubles, numbers
+from octo.checks import Array, doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
 from octo.problem.basis import node_values
 from octo.problem.data import Data, lowered
@@ -30,8 +30,6 @@ from octo.problem.program import Program
 from octo.problem.structure import check_alike, functions_of
 
 __all__ = ["CompiledProblem", "Evaluation", "Model"]
-
-Array = NDArray[np.float64]
 
 
 class CompiledProblem:

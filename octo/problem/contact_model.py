@@ -22,11 +22,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.symbolic import Pose, contact_places, perturbed, pose_of
 from octo.model.character import Character
+from octo.model.quantities import GRAVITY
 from octo.problem.contact_costs import ContactCost
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import ContactSymbols
@@ -106,17 +106,17 @@ def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], Con
     return [*columns, sphere, place], symbols
 
 
-def contact_inputs(
-    robot: Character, contact: int, poses: Sequence[Sequence[Pose]]
-) -> tuple[int, list[Pose], list[ca.SX]]:
-    """Of a contact, by index: its body, this body's poses, and T_next, T, T_prev and the sphere.
+def contact_inputs(robot: Character, contact: int, poses: Sequence[Sequence[Pose]]) -> list[ca.SX]:
+    """T_next, T, T_prev of a contact's body, and its sphere.
+
+    contact: its index.
 
     poses: of all bodies at x_next, x, x_prev.
     """
     sphere = robot.contacts[contact]
     own = [bodies[sphere.body] for bodies in poses]
     columns = [ca.vertcat(ca.vec(rotation.T), position) for rotation, position in own]
-    return sphere.body, own, [*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius)]
+    return [*columns, ca.vertcat(ca.DM(sphere.position), sphere.radius)]
 
 
 def _whole(factors: Factors, name: str) -> ca.Function:

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import instance, number, one_of, owned, positive, shares, vectors
+from octo.checks import Array, instance, number, one_of, owned, positive, shares, vectors
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
 from octo.problem.losses import Loss
@@ -28,7 +27,6 @@ from octo.problem.losses import Loss
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
 LOSS = "loss."  # how the names of a loss's references begin
 Steps = Literal["all", "last"]
 Curvature = Literal["gauss_newton", "exact"]

@@ -33,11 +33,12 @@ HINT = 'leave it at curvature="gauss_newton", or write it in fewer operations'
 
 @dataclass(frozen=True, eq=False)
 class StateCurvature:
-    """S of the terms that ask for it.
+    """S of the terms that ask for it, over a step or over two in a row.
 
-    function: (x_next, x, x_prev, u, p, q, v if there are calls) -> the nonzeros (NS,) of the upper
-        triangle of S.
-    sparsity: their places, as indices into (x_next, x, x_prev, u).
+    function: (x_next, x, x_prev, u, p, q, v if there are calls), or the inputs of two steps -> the
+        nonzeros (NS,) of the upper triangle of S.
+    sparsity: their places, as indices into (x_next, x, x_prev, u), or into four nodes and two
+        torques.
     """
 
     function: ca.Function
@@ -140,6 +141,8 @@ class CurvedTerms:
         ------
         ModelError: it is too long.
         """
+        if not self.terms:
+            return None
         p, q, *v = inputs
         step, own = self.step, ca.SX.sym("own", 2 * bounded)
         nodes = [step.x_next, step.x, step.x_prev]

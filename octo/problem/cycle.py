@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import number, owned, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.mirror import Mirror
+from octo.model.quantities import GRAVITY
 
-Array = NDArray[np.float64]
 TIME_STEP = 0.025  # s, near which a cycle's own step is chosen
-GRAVITY = 9.81  # m/s², only of scales
 SLOWEST = 5.0  # √(ℓ/g), of a stride that goes nowhere
 # strides of least work were within this factor of ``usual_period``: .5 and .58 s, .6 and .57, 1.0
 # and 1.2
@@ -64,8 +62,7 @@ class Cycle:
             if len(self.period) != 2:
                 raise ValueRangeError(
                     f"cycle.period is {said(self.period)}, must be a number of seconds or "
-                    "(shortest, "
-                    "longest)"
+                    "(shortest, longest)"
                 )
             low, high = (positive("cycle.period", value, "s") for value in self.period)
             if not low < high:
@@ -82,8 +79,7 @@ class Cycle:
         if not isinstance(self.mirror, (bool, Mirror, Mapping)):
             raise ProblemError(
                 f"cycle.mirror is {said(self.mirror)}, must be True, False, a mapping of names "
-                "or an "
-                "octo.Mirror"
+                "or an octo.Mirror"
             )
         object.__setattr__(self, "mirror", owned(self.mirror))
         if self.mirrored and self.turn != 0.0:
@@ -137,8 +133,7 @@ class Cycle:
         if isinstance(self.period, tuple) and dt > 0.0:
             raise ProblemError(
                 f"dt is {dt:g} s and cycle.period a range: give steps alone, each period then "
-                "has a "
-                "dt of its own"
+                "has a dt of its own"
             )
         if dt <= 0.0:
             longest = max(self.periods) / (2.0 if self.mirrored else 1.0)

@@ -9,13 +9,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.errors import ProblemError
 from octo.problem.basis import node_values
 from octo.problem.codegen import CostFunctions
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

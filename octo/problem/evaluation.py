@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import every, host, like, some
+from octo.checks import Array
 
-Array = NDArray[np.float64]
 # what an Evaluation keeps on the host once it was asked for
 HOSTED = frozenset(("numbers", "unit_sizes"))
 

@@ -12,20 +12,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-from octo.problem.basis import scatter, slots_of
+from octo.problem.basis import block, scatter, slots_of
 from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
-from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
+from octo.problem.mapped import add_bends, by_term, live_rows, rows_over, squares
 from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
-
-Array = NDArray[np.float64]
 
 
 class Interpreted:
@@ -33,8 +32,10 @@ class Interpreted:
 
     def __init__(self, program: Program, plan: Plan, data: Data):
         self.program, self.plan, self.data = program, plan, data
-        pairs = program.functions.pairs
-        self.pairs = None if pairs is None else PairTerms(pairs, plan, program.dynamics.actuated)
+        pairs, alone = program.functions.pairs, data.carry is None and plan.steps == 1
+        self.pairs: PairTerms | None = None
+        if pairs is not None and not alone:  # a single step has none before it
+            self.pairs = PairTerms(pairs, plan, program.dynamics.actuated)
 
     def select(self, data: Data) -> Interpreted:
         """For other numbers; what is built stays built."""
@@ -49,9 +50,9 @@ class Interpreted:
 
     @cached_property
     @postponed()
-    def _contacts(self) -> list[tuple[int, list[symbolic.Pose], list[ca.SX], Array]]:
-        """Of each contact that has a term: its body, that body's poses, the inputs of the terms'
-        functions, and ``use``."""
+    def _contacts(self) -> list[tuple[int, list[ca.SX], Array]]:
+        """Of each contact that has a term: its body, the inputs of the terms' functions, and
+        ``use``."""
         dynamics, functions = self.program.dynamics, self.program.functions
         p, q = self._inputs[4:6]
         if functions.contact is None or not isinstance(dynamics, RobotDynamics):
@@ -59,8 +60,9 @@ class Interpreted:
         robot, made = dynamics.character, []
         poses = [symbolic.body_poses(robot, node) for node in self._inputs[:3]]
         for k, index in enumerate(functions.contact.spheres):
-            body, own, inputs = contact_inputs(robot, index, poses)
-            made.append((body, own, [*inputs, p, q], functions.contact.use[k].astype(float)))
+            inputs = [*contact_inputs(robot, index, poses), p, q]
+            use = functions.contact.use[k].astype(float)
+            made.append((robot.contacts[index].body, inputs, use))
         return made
 
     @cached_property
@@ -70,7 +72,7 @@ class Interpreted:
         functions = self.program.functions
         parts, terms = [functions.state(*self._inputs)], [*functions.state_terms]
         mask = [1.0] * self._squares + [0.0] * len(functions.bounded)
-        for _, _, inputs, use in self._contacts:
+        for _, inputs, use in self._contacts:
             assert functions.contact is not None
             parts.append(functions.contact.value(*inputs))
             terms += functions.contact.terms
@@ -88,14 +90,17 @@ class Interpreted:
         contacts."""
         n, functions, dynamics = self.plan.n, self.program.functions, self.program.dynamics
         gradient, hess = ca.SX(3 * n, 1), ca.SX(3 * n, 3 * n)
-        for body, poses, inputs, use in self._contacts:
-            assert functions.contact is not None and isinstance(dynamics, RobotDynamics)
+        assert isinstance(dynamics, RobotDynamics)
+        robot = dynamics.character
+        of_nodes = [symbolic.joint_twists(robot, node) for node in self._inputs[:3]]
+        for body, inputs, use in self._contacts:
+            assert functions.contact is not None
             function = functions.contact.exact if exact else functions.contact.model
             made = function(*inputs, ca.DM(use))
-            path = [int(j) for j in dynamics.character.path[body]]
+            path = [int(j) for j in robot.path[body]]
             twists = [
-                _twists(pose, node, path)
-                for pose, node in zip(poses, self._inputs[:3], strict=True)
+                ca.horzcat(ca.SX(6, 0), *(ca.vertcat(*of_node[j]) for j in path))
+                for of_node in of_nodes
             ]
             places = [[node * n + j for j in path] for node in range(3)]
             for node in range(3):
@@ -215,34 +220,29 @@ class Interpreted:
     def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ and d r': D and d (batch, N,
         rows), 2c and 2cr of squares, and r' to (z, u). given: each member's arguments."""
-        functions, steps = self.program.functions, self.plan.steps
+        functions = self.program.functions
         terms = np.array(functions.state_terms, dtype=np.intp)
-        made = [
-            slopes_over(functions.state_jac, functions.state_sparsity, own, steps) for own in given
-        ]
-        r, jac = (np.stack(part) for part in zip(*made, strict=True))
         weight, first = 2.0 * self.data.q[:, :, terms], self._squares
         of_weights, of_shifts = functions.row_weights
         weight[..., first:] = self.data.q[:, :, of_weights]
-        live = weight != 0.0  # a step that a term leaves out may have no finite residual
-        shift = weight * np.where(live, r, 0.0)
-        shift[..., first:] = np.where(live[..., first:], self.data.q[:, :, of_shifts], 0.0)
-        return weight, shift, np.where(live[..., None], jac, 0.0)
+        r, jac = live_rows(functions.state_jac, functions.state_sparsity, given, weight)
+        shift = weight * r
+        live = weight[..., first:] != 0.0
+        shift[..., first:] = np.where(live, self.data.q[:, :, of_shifts], 0.0)
+        return weight, shift, jac
 
     def _add_bends(
         self, given: list[list[Array]], curved: NDArray[np.bool_], torque_jac: Array, hess: Array
     ) -> None:
         """Adds [I; U]ᵀ S [I; U] of exact terms to the members ``curved``; U: ``torque_jac``
         (batch, N, nu, 3n)."""
-        own, size, steps = self.program.functions.curvature, 3 * self.plan.n, self.plan.steps
+        own, size = self.program.functions.curvature, 3 * self.plan.n
         assert own is not None
-        for k in np.flatnonzero(curved).tolist():
-            # bounded rows have their weights in q
-            inputs = [*given[k][:5], self.data.q[k].T, *given[k][6:]]
-            bend = bends_over(own.function, own.sparsity, inputs, steps)
-            eye = np.broadcast_to(np.eye(size), (steps, size, size))
-            chain = np.concatenate([eye, torque_jac[k]], axis=1)
-            hess[k] += np.swapaxes(chain, 1, 2) @ bend @ chain
+        # bounded rows have their weights in q
+        inputs = [[*a[:5], q.T, *a[6:]] for a, q in zip(given, self.data.q, strict=True)]
+        eye = np.broadcast_to(np.eye(size), (*hess.shape[:2], size, size))
+        chain = np.concatenate([eye, torque_jac], axis=2)
+        add_bends(own, inputs, curved, chain, hess)
 
     def _add_contacts(
         self, given: list[list[Array]], curved: NDArray[np.bool_], gradient: Array, hess: Array
@@ -261,7 +261,7 @@ class Interpreted:
         n = self.plan.n
         for i in (0, 1):
             for node in range(1 + i, 3):
-                own = slice(node * n, (node + 1) * n)
+                own = block(node, n)
                 gradient[:, i, own] = np.matmul(gradient[:, i, None, own], carry)[:, 0]
                 jac[:, i, :, own] = np.matmul(jac[:, i, :, own], carry)
                 hess[:, i, :, own] = np.matmul(hess[:, i, :, own], carry)
@@ -274,26 +274,14 @@ class Interpreted:
         s, n, m = self.plan.stencil, self.plan.n, self.plan.m
         H[:], A[:], b[:] = 0.0, 0.0, 0.0
         for i in range(self.plan.steps):
-            slots = slots_of(s, (i + 2, i + 1, i), n)
-            scatter(slots, hess[:, i], gradient[:, i], H, b)
+            slots = slots_of(s, i)
+            scatter(slots, n, hess[:, i], gradient[:, i], H, b)
             for k in np.flatnonzero(s.test_row[i] >= 0):
                 row, first, scale = (
                     s.test_row[i, k],
                     s.test_part[i, k] * m,
                     s.test_coefficient[i, k],
                 )
-                for own, unit, to, value in slots:
-                    block = scale * value * rows[:, i, :, own]
-                    A[:, row, row - unit, first : first + m, to] += block
-
-
-def _twists(pose: symbolic.Pose, x: ca.SX, path: list[int]) -> ca.SX:
-    """(6, path) twists (ω, v of the point at the world's origin) of the joints that carry a body at
-    ``pose``."""
-    rotation, position = pose
-    turns = ca.jacobian(ca.vec(rotation), x)[:, path]
-    columns = []
-    for k, j in enumerate(path):
-        spin = ca.inv_skew(ca.reshape(turns[:, k], 3, 3) @ rotation.T)
-        columns.append(ca.vertcat(spin, ca.jacobian(position, x[j]) - ca.cross(spin, position)))
-    return ca.horzcat(*columns) if columns else ca.SX(6, 0)
+                for node, unit, part, value in slots:
+                    made = scale * value * rows[:, i, :, block(node, n)]
+                    A[:, row, row - unit, first : first + m, block(part, n)] += made

@@ -8,27 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import numbers
-from octo.errors import ProblemError, ShapeError
+from octo.checks import Array, for_each
+from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
 from octo.problem.costs import Cost, StepPairCost, Steps, last_row, mean_square
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
-Array = NDArray[np.float64]
 FREE = 1e6  # rad or m, in place of a limit that is none
 QUICK = 0.1  # s, in which a torque may change by the effort's reference
-
-
-def _each(field: str, values: Any, count: int) -> Array:
-    """One number for each of ``count`` coordinates, or one for all; or a row of them per step."""
-    array = numbers(field, values)
-    if array.ndim > 2 or (array.ndim and array.shape[-1] != count):
-        raise ShapeError(field, array.shape, f"(), ({count},) or (N, {count})")
-    return np.broadcast_to(array, (count,)) if array.ndim == 0 else array
 
 
 def _inverse_limit(limit: Array) -> Array:
@@ -62,7 +52,9 @@ class JointVelocity(Cost):
     velocity: Any = 0.0
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"velocity": _each(f"{self.label}.velocity", self.velocity, len(setting.actuated))}
+        return {
+            "velocity": for_each(f"{self.label}.velocity", self.velocity, len(setting.actuated))
+        }
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.joints(step.x_next - step.x) / step.dt - p["velocity"]

@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from octo.checks import Array
+from octo.problem.curvature import StateCurvature
 
 
 def rows_over(function: ca.Function, given: Sequence[Array], steps: int) -> Array:
@@ -27,15 +28,31 @@ def slopes_over(
     return np.asarray(value).T, slopes
 
 
-def bends_over(
-    function: ca.Function, sparsity: ca.Sparsity, given: Sequence[Array], steps: int
-) -> Array:
-    """(steps, width, width) symmetric, of a function that gives the nonzeros of the upper
-    triangle."""
-    numbers, (i, j) = rows_over(function, given, steps), (sparsity.row(), sparsity.get_col())
-    bends = np.zeros((steps, *sparsity.shape))
-    bends[:, i, j], bends[:, j, i] = numbers, numbers
-    return bends
+def live_rows(
+    function: ca.Function, sparsity: ca.Sparsity, given: Sequence[Sequence[Array]], weight: Array
+) -> tuple[Array, Array]:
+    """r (batch, steps, rows) and its slopes (batch, steps, rows, width) of each member's arguments;
+    zero where ``weight`` is: a step that a term leaves out may have no finite residual."""
+    made = [slopes_over(function, sparsity, own, weight.shape[1]) for own in given]
+    r, jac = (np.stack(part) for part in zip(*made, strict=True))
+    live = weight != 0.0
+    return np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0)
+
+
+def add_bends(
+    own: StateCurvature,
+    given: Sequence[Sequence[Array]],
+    curved: NDArray[np.bool_],
+    chain: Array,
+    hess: Array,
+) -> None:
+    """Adds chainᵀ S chain, chain (batch, steps, width, w), to ``hess`` (batch, steps, w, w) of the
+    members ``curved``; given: each member's arguments."""
+    for k in np.flatnonzero(curved).tolist():
+        numbers = rows_over(own.function, given[k], hess.shape[1])
+        bend = np.zeros((hess.shape[1], *own.sparsity.shape))
+        bend[:, own.rows, own.columns], bend[:, own.columns, own.rows] = numbers, numbers
+        hess[k] += np.swapaxes(chain[k], 1, 2) @ bend @ chain[k]
 
 
 def squares(coefficient: Array, r: Array) -> Array:

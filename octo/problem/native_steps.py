@@ -10,13 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import doubles
+from octo.checks import Array, doubles
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
 from octo.problem.neighbours import controls_of
 from octo.problem.plan import Plan
 
-Array = NDArray[np.float64]
 Kept = list[NDArray]  # arrays that must outlive the addresses that a task holds
 
 

@@ -13,12 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.basis import Hermite, scatter
 from octo.problem.codegen import CostFunctions
 from octo.problem.data import Data
 from octo.problem.plan import Plan
-
-Array = NDArray[np.float64]
 
 
 def anchors(plan: Plan, data: Data) -> Array:
@@ -81,7 +80,7 @@ class NeighbourTerms:
     ) -> None:
         """Adds 2 JᵀJ and 2 Jᵀr to the blocks of the units c_1 … c_Z; to JᵀJ of exact terms their
         residuals' curvature, of the members ``curved`` (batch,)."""
-        first, second = (slice(k * self.plan.nodal, (k + 1) * self.plan.nodal) for k in range(2))
+        size, second = self.plan.nodal, slice(self.plan.nodal, 2 * self.plan.nodal)
         pinned = self.plan.still[: self.segments]
         for member, _, weight, (r, jac, *bend) in self._each(data, unknowns):
             gradient = 2.0 * np.einsum("k,kr,kra->ka", weight, r, jac)
@@ -92,6 +91,6 @@ class NeighbourTerms:
             block[pinned, second], block[pinned, :, second] = 0.0, 0.0
             own = H[member : member + 1], b[member : member + 1]
             for k in range(self.segments):  # unit k is c_{k+1}
-                slots = [(first, k - 1, first, 1.0)] if k else []
-                slots.append((second, k, first, 1.0))
-                scatter(slots, block[k : k + 1], gradient[k : k + 1], *own)
+                slots = [(0, k - 1, 0, 1.0)] if k else []
+                slots.append((1, k, 0, 1.0))
+                scatter(slots, size, block[k : k + 1], gradient[k : k + 1], *own)

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.problem.basis import WINDOW, scatter, slots_of
+from octo.checks import Array
+from octo.problem.basis import WINDOW, block, scatter, slots_of
 from octo.problem.data import Data
-from octo.problem.mapped import bends_over, by_term, rows_over, slopes_over, squares
+from octo.problem.mapped import add_bends, by_term, live_rows, rows_over, squares
 from octo.problem.plan import Plan
 from octo.problem.step_pairs import PairFunctions
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +25,16 @@ class PairSlopes:
 
     Attributes
     ----------
-    r: (batch, steps, rows). jac: (batch, steps, rows, 4n + 2nu) dr/d of the four nodes, and of u_i
-        and u_{i−1}.
-    coefficient: (batch, steps, rows) what r² is multiplied with in 2E.
-    bends: (batch, steps, 4n + 2nu, 4n + 2nu) what exact terms have beside Gauss and Newton's model;
-        None where there is nothing.
+    weight, shift: (batch, steps, rows) D and d, 2c and 2cr: the model has D r' r'ᵀ and d r'.
+    jac: (batch, steps, rows, 4n + 2nu) dr/d of the four nodes, and of u_i and u_{i−1}.
+    given: each member's arguments. curved: the members that have second derivatives.
     """
 
-    r: Array
+    weight: Array
+    shift: Array
     jac: Array
-    coefficient: Array
-    bends: Array | None
+    given: list[list[Array]]
+    curved: NDArray[np.bool_]
 
 
 class PairTerms:
@@ -61,24 +59,16 @@ class PairTerms:
 
     def slopes(self, data: Data, nodes: Array, fd: Array, curved: NDArray[np.bool_]) -> PairSlopes:
         """Residuals and their derivatives at an iterate; second ones of the members ``curved``."""
-        own, first = self.functions, self._first(data)
-        batch, steps, size = len(nodes), self.plan.steps - first, own.bends.size1()
-        r, jac = np.zeros((batch, steps, own.rows)), np.zeros((batch, steps, own.rows, size))
-        bends = None if own.bend is None else np.zeros((batch, steps, size, size))
-        for member, arguments in enumerate(self._arguments(data, nodes, fd)):
-            r[member], jac[member] = slopes_over(own.slopes, own.sparsity, arguments, steps)
-            if bends is not None and own.bend is not None and curved[member]:
-                bends[member] = bends_over(own.bend, own.bends, arguments, steps)
-        coefficient = 2.0 * data.q[:, first:][:, :, self.terms]
-        live = coefficient != 0.0  # a step that a term leaves out may have no finite residual
-        r, jac = np.where(live, r, 0.0), np.where(live[..., None], jac, 0.0)
-        return PairSlopes(r, jac, coefficient, bends)
+        own, given = self.functions, self._arguments(data, nodes, fd)
+        weight = 2.0 * data.q[:, self._first(data) :][:, :, self.terms]
+        r, jac = live_rows(own.slopes, own.sparsity, given, weight)
+        return PairSlopes(weight, weight * r, jac, given, curved)
 
     def pull(self, data: Data, slopes: PairSlopes) -> Array:
         """(batch, N, nu) dE/du: of a step's own residual, and of that of the step after it."""
-        nu, batch = len(self.actuated), len(slopes.r)
+        nu, batch = len(self.actuated), len(slopes.jac)
         torques = slopes.jac[..., -2 * nu :].reshape(*slopes.jac.shape[:3], 2, nu)
-        own = np.einsum("kir,kir,kirtj->ktij", slopes.coefficient, slopes.r, torques)
+        own = np.einsum("kir,kirtj->ktij", slopes.shift, torques)
         pull = np.zeros((batch, self.plan.steps, nu))
         pull[:, self._first(data) :] += own[:, 0]
         if data.carry is not None:
@@ -96,14 +86,14 @@ class PairTerms:
         first = self._first(data)
         chain = self._chain(data, fd_jac[:, :, self.actuated])
         chained = slopes.jac @ chain
-        gradient = np.einsum("kir,kir,kira->kia", slopes.coefficient, slopes.r, chained)
-        hess = np.einsum("kir,kira,kirb->kiab", slopes.coefficient, chained, chained)
-        if slopes.bends is not None:
-            hess += np.swapaxes(chain, 2, 3) @ slopes.bends @ chain
+        gradient = np.einsum("kir,kira->kia", slopes.shift, chained)
+        hess = np.einsum("kir,kira,kirb->kiab", slopes.weight, chained, chained)
+        if self.functions.curvature is not None:
+            own = self.functions.curvature
+            add_bends(own, slopes.given, slopes.curved, chain, hess)
         for i in range(first, self.plan.steps):
-            nodes = [i + 2, i + 1, i, i - 1 if i else self.plan.steps - 1]
-            slots = slots_of(self.plan.stencil, nodes, self.plan.n)
-            scatter(slots, hess[:, i - first], gradient[:, i - first], H, b)
+            slots = slots_of(self.plan.stencil, i, WINDOW)
+            scatter(slots, self.plan.n, hess[:, i - first], gradient[:, i - first], H, b)
 
     def _first(self, data: Data) -> int:
         """The first step with one before it."""
@@ -125,7 +115,7 @@ class PairTerms:
             nodes = np.concatenate([oldest, nodes], axis=1)
             u = np.concatenate([u[:, -1:] @ np.swapaxes(self._carried(data), 1, 2), u], axis=1)
         made = []
-        for member in range(len(nodes) if steps else 0):
+        for member in range(len(nodes)):
             window = [nodes[member, 3 - k : 3 - k + steps].T for k in range(WINDOW)]
             p = np.repeat(data.p[member][:, None], steps, axis=1)
             torques = [u[member, 1:].T, u[member, :-1].T]
@@ -148,7 +138,7 @@ class PairTerms:
         if data.carry is not None:
             for i in range(WINDOW - 1):  # their oldest nodes are carried
                 for node in range(i + 1, WINDOW):
-                    own = slice(node * n, (node + 1) * n)
+                    own = block(node, n)
                     chain[:, i, :, own] = chain[:, i, :, own] @ data.carry
             chain[:, 0, -nu:, n:] = self._carried(data) @ torques[:, -1]
         return chain

@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.problem.basis import Basis, Folded, Hermite, PairedNodes, Stencil
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int32]
 GROUP = 8  # steps that the dynamics take at a time, at most
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from octo.checks import floats, number, numbers, positive, shares
-from octo.dynamics.balance import GRAVITY
 from octo.errors import ShapeError, ValueRangeError
 from octo.model.character import Array
 from octo.model.kinematics import body_poses
 from octo.model.mass_matrix import joint_twists
+from octo.model.quantities import GRAVITY
 from octo.problem.asked import Asked, Motion
 from octo.problem.body_costs import (
     BaseAngularVelocity,

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octo.checks import (
     MOST_STEPS,
+    Array,
     asked,
     instance,
     number,
@@ -38,7 +38,7 @@ from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.shown import Shown, listed
 
-Array = NDArray[np.float64]
+STATES = ("x0", "v0", "x_end", "v_end", "displacement")  # fields that are a configuration
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 
@@ -106,9 +106,7 @@ class Problem(Shown):
             positive("dt", self.dt, "s")  # in units of the user's own
         else:
             time_step(self.dt)
-        if isinstance(self.model, Dynamics) and (self.terrain is not None or self.law is not None):
-            raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
-        check_surroundings(self.terrain, self.law)
+        check_surroundings(self.terrain, self.law, self.model)
         self._check_costs()
         object.__setattr__(self, "costs", tuple(self.costs))
         object.__setattr__(
@@ -119,20 +117,12 @@ class Problem(Shown):
         self.basis_object.check(self.steps)
         if isinstance(self.pose, str) and self.pose != "balanced":
             raise UnknownNameError("pose", self.pose, ("balanced",))
-        for name in (
-            "x0",
-            "v0",
-            "x_end",
-            "v_end",
-            "displacement",
-            *(() if isinstance(self.pose, str) else ("pose",)),
-        ):
+        for name in STATES if isinstance(self.pose, str) else (*STATES, "pose"):
             self._check_state(name)
         if self.x0 is not None and self.pose is not None:
             raise ProblemError(
                 "x0 and pose are both given: x0 is the start, pose is where a static one is "
-                "searched "
-                "from"
+                "searched from"
             )
         if self.x_end is not None and self.displacement is not None:
             raise ProblemError(
@@ -186,7 +176,7 @@ class Problem(Shown):
             raise ProblemError(
                 "a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'"
             )
-        for name in ("x0", "v0", "x_end", "v_end", "displacement"):
+        for name in STATES:
             if getattr(self, name) is not None:
                 raise ProblemError(
                     f"{name} is given with cycle: the first and last states of a cycle are unknown"

@@ -53,12 +53,9 @@ class Program:
         states = symbolic.contact_states(
             dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
         )
-        columns = [
-            [s.force for s in states],
-            [s.point for s in states],
-            [s.velocity for s in states],
-            [s.normal for s in states],
+        depth = ca.vertcat(ca.SX(0, 1), *(s.depth for s in states))
+        outputs = [
+            ca.horzcat(ca.SX(3, 0), *(getattr(s, name) for s in states))
+            for name in ("force", "point", "velocity", "normal")
         ]
-        depth = ca.vertcat(*[s.depth for s in states]) if states else ca.SX(0, 1)
-        outputs = [ca.horzcat(*column) if column else ca.SX(3, 0) for column in columns]
         return ca.Function("contacts", [x_next, x, p], [*outputs, depth])

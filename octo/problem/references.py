@@ -10,14 +10,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import numbers
+from octo.checks import Array, numbers
 from octo.errors import OctoError, ProblemError, ShapeError, ValueRangeError
 from octo.problem.costs import LOSS, Cost
 from octo.problem.symbols import Setting
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.dynamics.balance import GRAVITY
+from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
-
-Array = NDArray[np.float64]
+from octo.model.quantities import GRAVITY
 
 
 def weight(robot: Character | None) -> float:

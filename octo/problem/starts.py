@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.parameters import section
 from octo.errors import ProblemError, StaticPoseError
@@ -16,7 +16,6 @@ from octo.model.character import Character
 from octo.model.feet import gaps
 from octo.model.terrain import Plane, Terrain
 
-Array = NDArray[np.float64]
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
 

@@ -20,7 +20,7 @@ from octo.dynamics.long import check_length
 from octo.errors import ProblemError
 from octo.problem.basis import WINDOW, Basis, Folded, Nodes, PairedNodes, basis_named
 from octo.problem.costs import Cost, StepPairCost
-from octo.problem.curvature import HINT, gated, nonzeros
+from octo.problem.curvature import HINT, StateCurvature, gated, nonzeros
 from octo.problem.lane_tables import tables_text
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import StepSymbols
@@ -90,11 +90,11 @@ class PairResiduals:
         slopes = self._function("octo_step_pair_jac", r, nonzeros(jac))
         what = "terms over two steps in a row"
         check_length(what, slopes.n_instructions(), "write them in fewer operations")
-        second = self._second()
-        bend = self._function("octo_step_pair_bend", nonzeros(second)) if second.nnz() else None
-        return PairFunctions(
-            self.value, slopes, jac.sparsity(), tuple(terms), bend, second.sparsity()
-        )
+        second, curvature = self._second(), None
+        if second.nnz():
+            bend = self._function("octo_step_pair_bend", nonzeros(second))
+            curvature = StateCurvature(bend, second.sparsity())
+        return PairFunctions(self.value, slopes, jac.sparsity(), tuple(terms), curvature)
 
     def _second(self) -> ca.SX:
         """The upper triangle of Σ 2 c r ∂²r/∂(window, u, u_before)² of the exact ones, zero where c
@@ -121,16 +121,15 @@ class PairFunctions:
     Attributes
     ----------
     value: inputs -> r. slopes: inputs -> r, nonzeros of dr/d(window, u, u_before), at ``sparsity``.
-    terms: of each row. bend: inputs -> what exact terms have beside Gauss and Newton's model, the
-        nonzeros of an upper triangle at ``bends``; None where there is nothing.
+    terms: of each row. curvature: what exact terms have beside Gauss and Newton's model; None where
+        there is nothing.
     """
 
     value: ca.Function
     slopes: ca.Function
     sparsity: ca.Sparsity
     terms: tuple[int, ...]
-    bend: ca.Function | None
-    bends: ca.Sparsity
+    curvature: StateCurvature | None
 
     @property
     def rows(self) -> int:
@@ -139,13 +138,14 @@ class PairFunctions:
     @property
     def tables(self) -> str:
         """Sizes as macros and index tables, in C that is CUDA too."""
-        sizes = {"ROWS": self.rows, "ENTRIES": self.sparsity.nnz(), "BENDS": self.bends.nnz()}
+        bends = ca.Sparsity(0, 0) if self.curvature is None else self.curvature.sparsity
+        sizes = {"ROWS": self.rows, "ENTRIES": self.sparsity.nnz(), "BENDS": bends.nnz()}
         places = {
             "row_term": self.terms,
             "entry_row": self.sparsity.row(),
             "entry_column": self.sparsity.get_col(),
-            "bend_row": self.bends.row(),
-            "bend_column": self.bends.get_col(),
+            "bend_row": bends.row(),
+            "bend_column": bends.get_col(),
         }
         return tables_text(
             {f"PAIR_{name}": size for name, size in sizes.items()},
@@ -155,7 +155,8 @@ class PairFunctions:
     @property
     def c_text(self) -> str:
         """With a time step in every lane; stands before assemble.c."""
-        own = [self.value, self.slopes, *([] if self.bend is None else [self.bend])]
+        own = [self.value, self.slopes]
+        own += [] if self.curvature is None else [self.curvature.function]
         made = [lanes_text(function, {6}) for function in own]  # shared: p
         text = (resources.files("octo.problem") / "step_pairs.c").read_text(encoding="utf-8")
         return "\n".join([*made, self.tables, text])

@@ -8,10 +8,14 @@ instruction, of references with the same names and sizes.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import inspect
+import threading
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,7 +28,7 @@ from octo.problem.basis import Hermite
 from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of, step_symbols
 from octo.problem.contact_costs import ContactCost
 from octo.problem.costs import Cost
-from octo.problem.references import blamed, sizes
+from octo.problem.references import References, blamed, sizes
 
 if TYPE_CHECKING:
     from octo.problem.problem import Problem
@@ -73,6 +77,26 @@ class Reader:
         with blamed(term, f"its residual cannot be built from {sizes(made.references, 0)}"):
             return Structure(made.structure, self.contacts(term))
 
+    def fields_read(self, term: Cost) -> frozenset[str]:
+        """The fields of a term that its structure is read from: no other changes it, as long as
+        the references keep their names and sizes.
+
+        All of them where the residual looks at something that may be made of any.
+
+        Raises
+        ------
+        OctoError: the term's residual or its references cannot be formed.
+        """
+        known = References.of([term], self.problem.setting)
+        with _read_of(term) as names:
+            made = _residuals(self.problem, [term], symbols=self._symbols, references=known)
+            with blamed(term, f"its residual cannot be built from {sizes(known, 0)}"):
+                _ = made.structure, self.contacts(term)
+        fields = {f.name for f in dataclasses.fields(term) if f.init}
+        if not all(_is_plain(term, name) for name in names - fields):
+            return frozenset(fields)
+        return frozenset(names & fields)
+
     def contacts(self, term: Cost) -> frozenset[int]:
         """The contacts that a term acts on, as indices into the robot's."""
         if not isinstance(term, ContactCost) or not isinstance(self.dynamics, RobotDynamics):
@@ -84,6 +108,49 @@ class Reader:
         own = self.read(term)
         new = {name: dataclasses.replace(term, **{name: value}) for name, value in values.items()}
         return [name for name, changed in new.items() if self.read(changed) != own]
+
+
+_reading = threading.RLock()
+
+
+@contextlib.contextmanager
+def _read_of(term: Cost) -> Iterator[set[str]]:
+    """The names of the attributes of a term that are read inside.
+
+    Its class looks on meanwhile: a term of another class, such as a subclass made for this, could
+    have another residual.
+    """
+    kind, names = type(term), set[str]()
+    with _reading:
+        own, found = vars(kind).get("__getattribute__"), kind.__getattribute__
+
+        def noted(each: Cost, name: str) -> Any:
+            if each is term:
+                names.add(name)
+            return found(each, name)
+
+        setattr(kind, "__getattribute__", noted)  # noqa: B010
+        try:
+            yield names
+        finally:
+            if own is None:
+                delattr(kind, "__getattribute__")
+            else:
+                setattr(kind, "__getattribute__", own)  # noqa: B010
+
+
+# what a class has that says nothing of an object but through the object's other attributes
+METHODS = (FunctionType, staticmethod, classmethod, property, cached_property)
+
+
+def _is_plain(term: Cost, name: str) -> bool:
+    """Whether an attribute of a term is its class's, and holds nothing of the term itself."""
+    if name == "__class__":
+        return True
+    if name.startswith("__") or name in vars(term):
+        return False
+    found = inspect.getattr_static(type(term), name, None)
+    return found is not None and (isinstance(found, METHODS) or not hasattr(found, "__get__"))
 
 
 def _residuals(problem: Problem, terms: Sequence[Cost], **more: Any) -> Residuals:

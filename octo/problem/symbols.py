@@ -10,19 +10,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics import symbolic
-from octo.dynamics.balance import GRAVITY
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
+from octo.dynamics.symbolic import Pose
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, center_of_mass
+from octo.model.quantities import GRAVITY
 from octo.model.terrain import Plane, Terrain
 from octo.problem.calls import Call
 from octo.problem.code_stage import CodeStage
-
-Array = NDArray[np.float64]
-Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3) body to world, position (3,) m
 
 
 @dataclass(frozen=True, eq=False)

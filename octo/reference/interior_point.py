@@ -9,10 +9,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from octo import native
-from octo.checks import instance
+from octo.checks import Array, instance
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
@@ -31,7 +30,6 @@ from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, s
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
-Array = NDArray[np.float64]
 WORDS = {
     "Solve_Succeeded": Status.CONVERGED,
     "Solved_To_Acceptable_Level": Status.ACCEPTABLE,

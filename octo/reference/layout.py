@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.reference.patterns import pair_rows, patterns
 from octo.reference.program import free_places, live_places, node_variables
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Entries = tuple[Indices, Indices, Indices]  # rows, columns, and where the numbers stand
 NODES = 3  # x_next, x, x_prev of a step

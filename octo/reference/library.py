@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo import native
+from octo.checks import Array
 from octo.errors import DeviceError
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
@@ -26,7 +27,6 @@ from octo.problem.neighbours import anchors
 from octo.reference.layout import Layout
 from octo.reference.program import parameter_vector
 
-Array = NDArray[np.float64]
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
 _ACTIVE: dict[str, Any] = {}  # by library, what its code points to
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import instance, numbers
+from octo.checks import Array, instance, numbers
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
@@ -26,8 +26,6 @@ from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_model import contact_inputs
 from octo.problem.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +247,7 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
         own = functions.contact
         poses = [symbolic.body_poses(dynamics.character, node) for node in nodes]
         for index, use in zip(own.spheres, own.use.astype(float), strict=True):
-            r = own.value(*contact_inputs(dynamics.character, index, poses)[2], p, q)
+            r = own.value(*contact_inputs(dynamics.character, index, poses), p, q)
             energy += ca.dot(
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )

@@ -14,8 +14,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+import threadpoolctl
 
+from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.reference.library import Library
 from octo.result import measure
@@ -24,7 +25,6 @@ from octo.solver import blas
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
 
-Array = NDArray[np.float64]
 ITERATIONS = 1500  # of one pass of every solver that is compared
 _ALONE = threading.RLock()  # a compiled reference keeps the point that it evaluated last
 # of ca.nlpsol, whoever solves
@@ -55,7 +55,6 @@ class Run:
 def _know_casadi_blas() -> None:
     """Tell threadpoolctl of the BLAS in CasADi's wheel, which MUMPS calls and whose name it does
     not look for."""
-    import threadpoolctl
 
     class CasadiBlas(threadpoolctl.OpenBLASController):
         internal_api = "openblas_of_casadi"
@@ -67,13 +66,8 @@ def _know_casadi_blas() -> None:
 @contextlib.contextmanager
 def one_core() -> Any:
     """Every thread pool that is loaded has one thread inside, IPOPT's too."""
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        yield
-        return
     _know_casadi_blas()
-    with blas.shared("all", lambda: threadpool_limits(limits=1)):
+    with blas.shared("all", lambda: threadpoolctl.threadpool_limits(limits=1)):
         yield
 
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from octo.checks import instance
+from octo.checks import Array, instance
 from octo.errors import ProblemError
 from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
@@ -23,8 +22,6 @@ from octo.reference.program import parameter_vector, start_nodes
 from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
-
-Array = NDArray[np.float64]
 
 
 class Fatrop:

@@ -145,9 +145,6 @@ class Solution(Trajectory, Shown):
             **carried_on,
         }
 
-    def __repr__(self) -> str:
-        return str(self)
-
     def __str__(self) -> str:
         carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
         sampled = f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"

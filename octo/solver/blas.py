@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
+
+from threadpoolctl import ThreadpoolController
 
 Limit = Callable[[], contextlib.AbstractContextManager[Any]]
 
@@ -44,17 +45,10 @@ def shared(name: str, limit: Limit) -> Iterator[None]:
 
 @functools.cache
 def _controller() -> Any:
-    """threadpoolctl's handle on the BLAS that is loaded; None without threadpoolctl."""
-    try:
-        return importlib.import_module("threadpoolctl").ThreadpoolController()
-    except ImportError:
-        return None
+    """threadpoolctl's handle on the BLAS that is loaded."""
+    return ThreadpoolController()
 
 
 def one_thread() -> contextlib.AbstractContextManager[Any]:
-    """``with one_thread():`` BLAS has one thread inside (25 µs); nothing changes where
-    threadpoolctl is missing."""
-    controller = _controller()
-    if controller is None:
-        return contextlib.nullcontext()
-    return shared("blas", lambda: controller.limit(limits=1, user_api="blas"))
+    """``with one_thread():`` BLAS has one thread inside (25 µs)."""
+    return shared("blas", lambda: _controller().limit(limits=1, user_api="blas"))

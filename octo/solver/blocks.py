@@ -80,24 +80,6 @@ class KKTBlocks:
         feasibility = (-self.C if rhs_c is None else rhs_c) - self.constraints_times(dv)
         return stationarity - self.constraints_transposed_times(lam), feasibility
 
-    def dense(self, sigma: Array | None = None) -> Array:
-        """The KKT matrix (batch, K(nc+ma), K(nc+ma)), all variables first, then all multipliers:
-        for tests."""
-        xp, (batch, K, nc, ma) = array_module(self.H), (self.batch, self.units, self.nc, self.ma)
-        matrix = xp.zeros((batch, K * (nc + ma), K * (nc + ma)))
-        for k in range(K):
-            own, rows = slice(k * nc, (k + 1) * nc), slice(K * nc + k * ma, K * nc + (k + 1) * ma)
-            for o in range(min(k, 2) + 1):
-                other = slice((k - o) * nc, (k - o + 1) * nc)
-                matrix[:, own, other] = self.H[:, k, o]
-                matrix[:, other, own] = turned(self.H[:, k, o])
-                matrix[:, rows, other] = self.A[:, k, o]
-                matrix[:, other, rows] = turned(self.A[:, k, o])
-        if sigma is not None:
-            diagonal = xp.arange(K * nc)
-            matrix[:, diagonal, diagonal] += spread_sigma(sigma, self.H).reshape(batch, -1)
-        return matrix
-
     def sbt(self, sigma: Array | None = None) -> SBT:
         """The KKT matrix as SBT(2(nc+ma)): units paired and interleaved, an odd K padded by an
         identity unit."""

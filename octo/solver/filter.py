@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from octo.arrays import Numbers, some
 from octo.problem.evaluation import Evaluation
-from octo.solver.acceptance import NEAR, Acceptance, Mask, Step
+from octo.solver.acceptance import Acceptance, Mask, Step
 
-Pair = tuple[Numbers, Numbers]
 GAMMA_C, GAMMA_E = 1e-5, 1e-8  # by how much a step must beat an entry
 ARMIJO = 1e-4
 SWITCH_C, SWITCH_E = 1.1, 2.3  # exponents of the switching condition (19)
@@ -22,84 +21,56 @@ C_LARGE = 1e4  # of max(1, ‖C‖₁ at the start)
 CAPACITY = 256  # entries kept of each member; the oldest are forgotten
 
 
-class Filter:
-    """Entries (batch, CAPACITY) of ‖C‖₁ and E."""
+class FilterAcceptance(Acceptance):
+    """The default: a step is taken where no entry is better in both, and it is worth it.
 
-    def __init__(self, violation: Numbers):
-        batch = len(violation)
-        scale = np.maximum(1.0, violation)
-        self.small, self.large = NEAR * scale, C_LARGE * scale
+    Attributes
+    ----------
+    violation, energy: (batch, CAPACITY) ‖C‖₁ and E of the entries, ``count`` (batch,) so far.
+    """
+
+    def start(self, at: Evaluation) -> None:
+        batch = len(at.size)
+        self.far = C_LARGE * np.maximum(1.0, at.size)
         self.violation = np.full((batch, CAPACITY), np.inf)
         self.energy = np.full((batch, CAPACITY), np.inf)
         self.count = np.zeros(batch, dtype=int)
 
-    def take(self, members: NDArray[np.intp]) -> Filter:
-        """The filter of some members."""
-        part = object.__new__(Filter)
-        for name, value in self.__dict__.items():
-            setattr(part, name, value[members])
-        return part
-
-    def descends(self, slope: Numbers, length: Numbers, violation: Numbers) -> Mask:
+    def descends(self, step: Step, violation: Numbers) -> Mask:
         """(batch,) where E's slope along the step is steep enough against ‖C‖₁ that E must decrease
         (switching condition)."""
-        return length * np.maximum(-slope, 0.0) ** SWITCH_E > violation**SWITCH_C
+        return step.length * np.maximum(-step.slope, 0.0) ** SWITCH_E > violation**SWITCH_C
 
-    def accepts(self, at: Pair, trial: Pair, slope: Numbers, length: Numbers) -> Mask:
-        """(batch,) where a step of ``length`` from (‖C‖₁, E) ``at`` to ``trial`` is taken, never to
-        one that is not finite.
-
-        ``slope`` is bᵀΔ.
-        """
-        (violation, energy), (new_violation, new_energy) = at, trial
+    def accepts(self, at: Evaluation, trial: Evaluation, step: Step) -> Mask:
+        """(batch,) where the step is taken, never to a trial that is not finite."""
+        violation, energy, new_violation, new_energy = at.size, at.energy, trial.size, trial.energy
         blocked = (new_violation[:, None] >= self.violation) & (new_energy[:, None] >= self.energy)
-        free = np.isfinite(new_energy) & (new_violation <= self.large) & ~blocked.any(axis=1)
+        free = np.isfinite(new_energy) & (new_violation <= self.far) & ~blocked.any(axis=1)
         either = (new_violation <= (1.0 - GAMMA_C) * violation) | (
             new_energy <= energy - GAMMA_E * violation
         )
-        near = violation <= self.small
+        near = violation <= self.near
         if some(near):
-            must_descend = near & self.descends(slope, length, violation)
-            either = np.where(must_descend, new_energy <= energy + ARMIJO * length * slope, either)
+            must_descend = near & self.descends(step, violation)
+            enough = new_energy <= energy + ARMIJO * step.length * step.slope
+            either = np.where(must_descend, enough, either)
         return free & either
-
-    def add(self, violation: Numbers, energy: Numbers, members: Mask) -> None:
-        """Make the iterates (‖C‖₁, E) of ``members`` (batch,) bool entries, a little better than
-        they are."""
-        chosen = members.nonzero()[0]
-        if len(chosen):
-            place, violation = self.count[chosen] % CAPACITY, violation[chosen]
-            self.violation[chosen, place] = (1.0 - GAMMA_C) * violation
-            self.energy[chosen, place] = energy[chosen] - GAMMA_E * violation
-            self.count[chosen] += 1
-
-    def clear(self, members: NDArray[np.intp]) -> None:
-        """Forget the entries of some members."""
-        self.violation[members], self.energy[members] = float("inf"), float("inf")
-
-
-class FilterAcceptance(Acceptance):
-    """The default: a step is taken where the filter takes it."""
-
-    filter: Filter
-
-    def start(self, at: Evaluation) -> None:
-        self.filter = Filter(at.size)
-
-    def accepts(self, at: Evaluation, trial: Evaluation, step: Step) -> Mask:
-        here, there = (at.size, at.energy), (trial.size, trial.energy)
-        return self.filter.accepts(here, there, step.slope, step.length)
 
     def took(self, at: Evaluation, new: Evaluation, step: Step, members: Mask) -> None:
         """Iterates that were left for the sake of their constraints become entries."""
-        descends = members & self.filter.descends(step.slope, step.length, at.size)
+        descends = members & self.descends(step, at.size)
         if some(descends):
             descends &= new.energy <= at.energy + ARMIJO * step.length * step.slope
-        self.filter.add(at.size, at.energy, members & ~descends)
+        self.add(at, members & ~descends)
+
+    def add(self, at: Evaluation, members: Mask) -> None:
+        """Make the iterates of ``members`` (batch,) bool entries, a little better than they are."""
+        chosen = members.nonzero()[0]
+        if len(chosen):
+            place, violation = self.count[chosen] % CAPACITY, at.size[chosen]
+            self.violation[chosen, place] = (1.0 - GAMMA_C) * violation
+            self.energy[chosen, place] = at.energy[chosen] - GAMMA_E * violation
+            self.count[chosen] += 1
 
     def restored(self, members: NDArray[np.intp]) -> None:
-        self.filter.clear(members)
-
-    def take(self, members: NDArray[np.intp]) -> None:
-        super().take(members)
-        self.filter = self.filter.take(members)
+        self.violation[members], self.energy[members] = np.inf, np.inf

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from octo.errors import ModelError
 from octo.model.character import Character
-from octo.model.figure import ball, size, surfaces
+from octo.model.figure import ball, size, surfaces, tile
 from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
 from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
@@ -241,8 +241,7 @@ def arrows_of(actor: Actor) -> Array:
 def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
     """An endless grid for a plane, a mesh with lines for anything else."""
     x, y, z = (actor.solution.ground[axis] for axis in "xyz")
-    edges = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0)
-    cell = min(edges, key=lambda edge: abs(np.log(edge / (0.4 * scale))))
+    cell = tile(scale)
     rise = [float(np.mean(np.diff(z, axis=axis))) for axis in (0, 1)]
     slope = [rise[0] / (x[1] - x[0]), rise[1] / (y[1] - y[0])]
     plane = z[0, 0] + slope[0] * (x[:, None] - x[0]) + slope[1] * (y - y[0])

@@ -17,6 +17,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.solver.blocks import KKTBlocks
 from octo.solver.border import Border, BorderedFactor
 from octo.solver.normal import NormalFactor
+from tests.dense import kkt_matrix
 from tests.emulator import EmulatedDevice
 
 SIZES = [(18, 6), (5, 1), (4, 3), (6, 0)]
@@ -28,10 +29,9 @@ def test_solutions_and_inertia_against_the_dense_matrix(random_system, device, n
     for threads, lowered in ((1, 0.0), (5, 4.0), (1, 20.0)):
         system = random_system(K, 2, K, nc, ma, lowered=lowered)
         factor = DeviceFactor(Linear(device(threads), nc, ma), system.H, system.A, None)
-        excess = (np.linalg.eigvalsh(system.dense()) < 0).sum(axis=1) - K * ma
+        excess = (np.linalg.eigvalsh(kkt_matrix(system)) < 0).sum(axis=1) - K * ma
         np.testing.assert_array_equal(factor.negative, excess)
         np.testing.assert_array_equal(factor.inertia_ok, excess == 0)
-        assert (factor.first_bad[excess == 0] == -1).all()
         columns = [np.stack([-part, 2.0 * part], axis=-1) for part in (system.b, system.C)]
         dv, lam = factor.solve(*columns, tolerance=1e-14, check=True)
         stationarity, feasibility = system.residual(dv, lam, None, *columns)
@@ -63,7 +63,7 @@ def test_border_columns_beside_the_kernels(random_system, nc, ma):
     parts = (border.over_variables, border.over_rows)
     B = np.concatenate([part.reshape(batch, K * part.shape[2], w) for part in parts], axis=1)
     D = border.corner + sigma.min(axis=1)[:, None, None] * np.diag([1.0, 1.0, 0.0])
-    dense = np.block([[system.dense(sigma), B], [np.swapaxes(B, 1, 2), D]])
+    dense = np.block([[kkt_matrix(system, sigma), B], [np.swapaxes(B, 1, 2), D]])
     excess = (np.linalg.eigvalsh(dense) < 0).sum(axis=1) - K * ma - 1
     np.testing.assert_array_equal(factor.negative.get(), excess)
     np.testing.assert_array_equal(factor.inertia_ok.get(), excess == 0)
@@ -103,7 +103,7 @@ def test_blocks_that_do_not_fit_into_shared_memory(random_system):
 def test_blocks_of_more_than_one_tile(random_system, device):
     system = random_system(3, 1, 5, 36, 12, lowered=3.0)
     factor = DeviceFactor(Linear(device(1), 36, 12), system.H, system.A, None)
-    assert factor.negative[0] == (np.linalg.eigvalsh(system.dense()) < 0).sum() - 60
+    assert factor.negative[0] == (np.linalg.eigvalsh(kkt_matrix(system)) < 0).sum() - 60
     factor.solve(-system.b, -system.C, tolerance=1e-14, check=True)
     assert factor.residual.max() < 1e-11
 
@@ -144,7 +144,7 @@ def test_the_matrix_of_a_cycle(cycle, wiggle, device, kind):
     for weight, right in ((1e3, True), (0.0, False)):
         sigma = np.full((problem.batch, problem.K), weight)
         factor = DeviceFactor(linear, system.H, system.A, sigma)
-        values = np.linalg.eigvalsh(system.dense(sigma))
+        values = np.linalg.eigvalsh(kkt_matrix(system, sigma))
         assert ((np.abs(values) < 1e-7).sum(axis=1) == empty).all() and (
             factor.shifted == empty
         ).all()
@@ -179,12 +179,7 @@ def test_a_nan_member_leaves_the_others_bit_identical(random_system, device):
 def test_projections(random_system, device, nc, ma):
     system, linear = random_system(4, 2, 9, nc, ma), Linear(device(5), nc, ma)
     normal, other = DeviceNormal(linear, system.A), NormalFactor(system.A)
-    for name, rhs in (
-        ("least_norm", system.C),
-        ("project", system.b),
-        ("multipliers", system.b),
-        ("solve", system.C),
-    ):
+    for name, rhs in (("least_norm", system.C), ("project", system.b), ("solve", system.C)):
         expected = getattr(other, name)(rhs)
         np.testing.assert_allclose(
             getattr(normal, name)(rhs),

@@ -33,6 +33,7 @@ from octo.gpu.program import Program
 from octo.gpu.step_pairs import StepPairs
 from octo.problem.compiled import CompiledProblem
 from tests import emulator
+from tests.gpu.ptxas import kernels_of
 
 TABLE = Path(__file__).parent / "nvrtc.json"
 # 14, 18 and 35 degrees of freedom
@@ -100,7 +101,7 @@ def report(name: str) -> dict[str, Any]:
         kernels = {
             key: kernel
             for binary in compiled(name, architecture)
-            for key, kernel in binary.kernels.items()
+            for key, kernel in kernels_of(binary).items()
         }
         out[architecture] = {
             key: [k.registers, k.stack, k.spill_stores, k.spill_loads]
@@ -141,12 +142,12 @@ def test_registers_spills_and_shared_memory(name, architecture):
 def test_before_compute_capability_8():
     """Warps agree on a pivot by shuffles there: no instruction does it."""
     binary = nvrtc.compile_text(linear.text(4, 2, 48 * 1024), "sm_75")
-    assert binary.kernels["octo_kkt_pivots"].spill_stores == 0
+    assert kernels_of(binary)["octo_kkt_pivots"].spill_stores == 0
 
 
 def test_another_law_and_user_written_dynamics():
     law = nvrtc.compile_text(program(RobotDynamics(robot("chain"), Compliant()), "paper").texts[0])
-    assert {name for name, kernel in law.kernels.items() if kernel.spill_stores} == {
+    assert {name for name, kernel in kernels_of(law).items() if kernel.spill_stores} == {
         "octo_curvature"
     }, "see docs/gpu.md"
     dynamics = CustomDynamics(
@@ -165,7 +166,7 @@ def test_elements_do_not_spill():
         octo.SpringDamper("trunk", (0, 0, 0), None, (0, 0, 1), 200, 5, 0.3),
     )
     made = program(dataclasses.replace(mammal, elements=springs), "robot")
-    for name, kernel in nvrtc.compile_text(made.texts[0], "sm_90").kernels.items():
+    for name, kernel in kernels_of(nvrtc.compile_text(made.texts[0], "sm_90")).items():
         assert (kernel.spill_stores, kernel.spill_loads) == (0, 0), name
 
 
@@ -173,7 +174,7 @@ def test_a_stage_of_code():
     """A look-up in a table with a floor and a limit in it."""
     costs = [octo.Effort(), OverGrid(body="front_left_shank")]
     problem = octo.Problem(robot("mammal"), steps=20, dt=0.025, costs=costs)
-    kernels = nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).texts[1]).kernels
+    kernels = kernels_of(nvrtc.compile_text(Program(CompiledProblem([problem]), Dry(64)).texts[1]))
     for name in ("octo_terms", "octo_cost_derivatives"):
         assert kernels[name].spill_stores == kernels[name].spill_loads == 0, name
 
@@ -185,7 +186,7 @@ def test_terms_over_neighbouring_hermite_controls():
     code = CompiledProblem([problem]).program.between
     assert code is not None
     Between(code, device)
-    kernels = nvrtc.compile_text(device.texts[-1]).kernels
+    kernels = kernels_of(nvrtc.compile_text(device.texts[-1]))
     assert len(kernels) == 4 and all(
         kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()
     )
@@ -196,18 +197,17 @@ def test_terms_over_two_steps_in_a_row():
     made, device = CompiledProblem([problem]), Dry(64)
     assert made.functions.pairs is not None
     StepPairs(made, made.functions.pairs, device)
-    kernels = nvrtc.compile_text(device.texts[-1]).kernels
+    kernels = kernels_of(nvrtc.compile_text(device.texts[-1]))
     assert len(kernels) == 6 and all(
         kernel.spill_stores == kernel.spill_loads == 0 for kernel in kernels.values()
     )
-    assert all(nvrtc.compile_text(text).kernels for text in Program(made, Dry(64)).texts[1:])
+    assert all(kernels_of(nvrtc.compile_text(text)) for text in Program(made, Dry(64)).texts[1:])
 
 
 @pytest.mark.parametrize(("nc", "ma"), [(1, 0), (2, 1), (72, 10)])
 def test_other_blocks(nc, ma):
-    assert (
-        nvrtc.compile_text(Linear(Dry(), nc, ma).text).kernels["octo_kkt_pivots"].spill_stores == 0
-    )
+    kernels = kernels_of(nvrtc.compile_text(Linear(Dry(), nc, ma).text))
+    assert kernels["octo_kkt_pivots"].spill_stores == 0
 
 
 def test_spills_of_a_called_function_are_counted():
@@ -216,7 +216,7 @@ def test_spills_of_a_called_function_are_counted():
       #pragma unroll
       for (int k = 0; k < 400; ++k) y[k] = v[k] * v[399 - k] + v[(7 * k) % 400]; }
     extern "C" __global__ void calling(const double *x, double *y) { called(x, y); }"""
-    assert nvrtc.compile_text(text).kernels["calling"].spill_stores > 0
+    assert kernels_of(nvrtc.compile_text(text))["calling"].spill_stores > 0
 
 
 def test_wrong_text_is_refused_with_the_log():

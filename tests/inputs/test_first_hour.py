@@ -209,6 +209,7 @@ def test_a_table_without_pictures(solution: octo.Solution, monkeypatch: pytest.M
     import sys
 
     assert "<img" in CHAIN._repr_html_()
-    monkeypatch.setitem(sys.modules, "octo.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.delitem(sys.modules, "octo.figure", raising=False)
     for value in (CHAIN, described(), solution):
         assert value._repr_html_().startswith("<table>") and "<img" not in value._repr_html_()

@@ -14,7 +14,7 @@ import octo
 from octo import native
 from octo.dynamics import codegen, long
 from octo.errors import ModelError
-from octo.problem.codegen import cost_functions, cost_text
+from octo.problem.codegen import cost_text, derived, residuals_of
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -91,7 +91,7 @@ def test_a_long_ground_and_a_long_term_compile(monkeypatch):
         robot, steps=4, dt=0.05, x0=robot.default_pose, terrain=bumps, costs=costs
     )
     text = problem.dynamics.lanes_text()
-    made = cost_functions(problem.dynamics, problem.costs, problem.setting, False)
+    made = derived(residuals_of(problem.dynamics, problem.costs, problem.setting, False))
     assert "optimize" in text and "optimize" in cost_text(made, problem.dynamics)
     found = octo.solve(problem, max_iterations=2, passes=1, device="cpu")
     assert np.isfinite(found.energy)
@@ -127,7 +127,7 @@ def test_a_limit_of_instructions_holds_for_terms_and_grounds_too(monkeypatch):
     )
     problem = octo.Problem(robot, **given, costs=[octo.Effort(), endless])
     with pytest.raises(ModelError, match="terms of E: .* the longest is Hum"):
-        cost_functions(problem.dynamics, problem.costs, problem.setting, False)
+        derived(residuals_of(problem.dynamics, problem.costs, problem.setting, False))
     with pytest.raises(ModelError, match="contact law and terrain: "):
         octo.Problem(robot, **given, costs=[octo.Effort()]).dynamics.lanes_text()
 
@@ -143,9 +143,9 @@ def test_a_limit_of_instructions_holds_for_second_derivatives(monkeypatch):
     monkeypatch.setattr(long, "MOST", 400)
     monkeypatch.setattr(codegen, "MOST", 400)
     with pytest.raises(ModelError, match="second derivatives of Hum: .*gauss_newton"):
-        cost_functions(problem.dynamics, problem.costs, problem.setting, False)
+        derived(residuals_of(problem.dynamics, problem.costs, problem.setting, False))
     plain = problem.replace(costs=[octo.Effort(), replace(long_one, curvature="gauss_newton")])
-    cost_functions(plain.dynamics, plain.costs, plain.setting, False)
+    derived(residuals_of(plain.dynamics, plain.costs, plain.setting, False))
 
 
 def test_sparse_dynamics_of_many_coordinates_are_not_refused():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -117,3 +118,105 @@ def test_other_mistakes_say_what_is_allowed(controller):
         controller.update("CenterOfMassVelocity", velocity=0.5)
     with pytest.raises(ProblemError, match="JointLimit.name"):
         controller.update("JointLimit", name="Limits")
+
+
+@dataclass(frozen=True, eq=False)
+class Branching(octo.Cost):
+    """Its residual looks at ``squared`` and, where that is set, at ``power``; at ``gain`` never."""
+
+    gain: float = 1.0
+    squared: bool = False
+    power: float = 2.0
+    limit: float | None = None
+
+    def references(self, setting):
+        return {"gain": self.gain} | ({} if self.limit is None else {"limit": self.limit})
+
+    def residual(self, step, p):
+        return p["gain"] * (step.u**self.power if self.squared else step.u)
+
+
+class Derived(Branching):
+    """Keeps what its residual is made of beside its fields."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "_sign", 1.0 if self.gain > 0.0 else -1.0)
+
+    def residual(self, step, p):
+        return p["gain"] * self._sign * step.u
+
+
+class Whole(Branching):
+    """Its residual looks at its fields without naming them."""
+
+    def residual(self, step, p):
+        return p["gain"] * vars(self)["power"] * step.u
+
+
+class Exact(Branching):
+    """Has another residual than its subclasses."""
+
+    def residual(self, step, p):
+        return (self.power if type(self) is Exact else 1.0) * p["gain"] * step.u
+
+
+@pytest.fixture
+def own(monkeypatch):
+    """A controller of one term, which needs no compiler."""
+    monkeypatch.setenv("OCTO_NO_COMPILER", "1")
+    return of_one
+
+
+def of_one(term: octo.Cost) -> Controller:
+    return Controller(octo.Problem(ROBOT, steps=8, dt=0.03, costs=[term], x0=ROBOT.default_pose))
+
+
+def refused(controller: Controller, name: str, value: object) -> None:
+    label = controller.problem.costs[0].label
+    with pytest.raises(ProblemError, match=rf"{label}\.{name} cannot be updated: it is compiled"):
+        controller.update(label, **{name: value})
+
+
+def test_a_users_residual_may_branch_on_a_field(own):
+    controller = own(Branching())
+    for gain in (2.0, 3.0):
+        controller.update("Branching", gain=gain)
+        assert controller.reference("Branching", "gain")[0, 0] == gain
+        refused(controller, "squared", True)
+        refused(controller, "limit", 1.0)  # another reference
+        refused(controller, "gain", np.ones(ROBOT.nu))  # another size
+    controller.update("Branching", power=3.0)  # which nothing looks at
+    controller = own(Branching(squared=True))
+    controller.update("Branching", gain=2.0)
+    refused(controller, "power", 3.0)
+    controller.update("Branching", gain=4.0, squared=True)
+    refused(controller, "power", 3.0)
+    assert controller.problem.costs[0].power == 2.0
+
+
+def test_a_field_that_is_read_may_change_where_the_residual_stays(own):
+    """A power of 1 is the branch of no power: after it, another field is looked at."""
+    controller = own(Branching(power=1.0))
+    controller.update("Branching", gain=2.0)
+    controller.update("Branching", squared=True)
+    refused(controller, "power", 2.0)
+
+
+@pytest.mark.parametrize("kind", [Derived, Whole, Exact])
+def test_a_users_residual_may_look_at_its_fields_in_other_ways(own, kind):
+    controller, label = own(kind(name="Own")), "Own"
+    controller.update(label, gain=2.0)
+    refused(controller, "gain" if kind is Derived else "power", -3.0)
+    controller.update(label, gain=4.0)
+    assert controller.reference(label, "gain")[0, 0] == 4.0
+    assert "__getattribute__" not in vars(kind)
+
+
+def test_no_residual_is_formed_again_for_numbers(own, monkeypatch):
+    term = octo.CenterOfMassVelocity((0.3, 0.0, 0.0))
+    controller = own(term)
+    controller.update(term.label, velocity=(0.4, 0.0, 0.0))
+    monkeypatch.setattr(type(term), "residual", None)
+    controller.update(term.label, velocity=np.ones((8, 3)), weight=2.0)
+    assert (controller.reference(term.label, "velocity") == 1.0).all()

@@ -34,7 +34,7 @@ def refused(call, said):
 )
 def test_controller(problem, robot, values, said):
     refused(lambda: Controller(problem, **values), said)
-    refused(lambda: Controller(robot), "problem is 'Character', must be a Problem")
+    refused(lambda: Controller(robot), "problem is a Character, must be an octo.Problem")
 
 
 @pytest.mark.parametrize(
@@ -106,8 +106,8 @@ def test_reset_and_warm_start(controller, plant):
     refused(lambda: controller.reset(plant.q, plant.v[:3]), "v has shape (3,), expected (18,)")
     refused(lambda: controller.reset(plant.q, plant.v, "now"), "t is 'now', must be numbers")
     refused(lambda: controller.reset(plant.q, plant.v, NAN), "t is not finite")
-    refused(lambda: controller.warm_start(None), "solution is 'NoneType', must be a Solution")
-    refused(lambda: animate(controller, 1.0), "problem is 'Controller', must be a Problem")
+    refused(lambda: controller.warm_start(None), "solution is None, must be a Solution")
+    refused(lambda: animate(controller, 1.0), "problem is a Controller, must be an octo.Problem")
 
 
 @pytest.mark.parametrize("kind", [MujocoPlant, SimulatorPlant])
@@ -123,5 +123,5 @@ def test_the_ground_and_gravity_of_mujoco(robot):
     refused(lambda: MujocoPlant(robot, gravity=9.81), "gravity has shape (), expected (3,)")
     refused(
         lambda: MujocoPlant(robot, terrain=octo.Terrain(lambda point, p: point[2])),
-        "terrain is 'Terrain', must be a Plane",
+        "terrain is a Terrain, must be a Plane",
     )

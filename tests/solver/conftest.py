@@ -12,6 +12,7 @@ import pytest
 
 import octo
 from octo.solver.blocks import KKTBlocks
+from tests.dense import kkt_matrix
 
 
 @pytest.fixture
@@ -19,7 +20,7 @@ def split() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Dense H (batch, K nc, K nc) and A (batch, K ma, K nc) of blocks."""
 
     def dense_parts(system: KKTBlocks) -> tuple[np.ndarray, np.ndarray]:
-        matrix, variables = system.dense(), system.units * system.nc
+        matrix, variables = kkt_matrix(system), system.units * system.nc
         return matrix[:, :variables, :variables], matrix[:, variables:, :variables]
 
     return dense_parts

@@ -16,6 +16,7 @@ from octo.solver.line_search import KKTDirection
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import FLOOR, GROW
 from octo.solver.rule import Clock
+from tests.dense import kkt_matrix
 
 COMPILER = native.compiler() is not None
 METHODS = [("cyclic_reduction", 1), *([("elimination", 1), ("elimination", 2)] if COMPILER else [])]
@@ -49,7 +50,7 @@ def dense(system: KKTBlocks, border: Border, sigma: np.ndarray | None = None) ->
     if sigma is not None:
         own = np.arange(border.unknowns)
         D[:, own, own] += sigma.min(axis=1)[:, None]
-    return np.block([[system.dense(sigma), B], [np.swapaxes(B, 1, 2), D]])
+    return np.block([[kkt_matrix(system, sigma), B], [np.swapaxes(B, 1, 2), D]])
 
 
 def joined(*parts: np.ndarray) -> np.ndarray:
@@ -114,7 +115,7 @@ def test_a_shared_row_mends_what_is_indefinite_without_it(random_system, method,
     """Σ_k v_k along the one direction of negative curvature is held: T has an eigenvalue too many,
     S one too few, and the whole is right."""
     system = random_system(4, 1, K, 4, 0)
-    values, vectors = np.linalg.eigh(system.dense())
+    values, vectors = np.linalg.eigh(kkt_matrix(system))
     direction = vectors[:, :, 0].reshape(1, K, 4)
     shift = values[0, 0] + 0.5 * (values[0, 1] - values[0, 0])
     system.H[:, :, 0, np.arange(4), np.arange(4)] -= shift
@@ -140,7 +141,7 @@ def test_a_singular_complement_is_not_usable(random_system, method, threads):
     border = bordered(system, 2, 0, 500.0)
     plain = factorize(system.H, system.A, border, method=method, threads=threads)
     B = joined(border.over_variables[1:2, ..., 0], border.over_rows[1:2, ..., 0])[0]
-    border.corner[1] = np.diag([B @ np.linalg.solve(system.dense()[1], B), 500.0])
+    border.corner[1] = np.diag([B @ np.linalg.solve(kkt_matrix(system)[1], B), 500.0])
     border.over_variables[1, ..., 1] = border.over_rows[1, ..., 1] = 0.0
     factor = factorize(system.H, system.A, border, method=method, threads=threads)
     np.testing.assert_array_equal(factor.usable, [True, False, True])
@@ -162,7 +163,7 @@ def test_without_columns_it_is_the_factor_itself(random_system, method, threads)
     dv, lam, z = factor.solve(-system.b, -system.C, tolerance=1e-13)
     assert z.shape == (BATCH, 0)
     rhs = -joined(system.b, system.C)
-    expected = np.linalg.solve(system.dense(), rhs[..., None])[..., 0]
+    expected = np.linalg.solve(kkt_matrix(system), rhs[..., None])[..., 0]
     np.testing.assert_allclose(joined(dv, lam), expected, atol=1e-8 * np.abs(expected).max())
 
 

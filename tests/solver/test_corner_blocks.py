@@ -22,6 +22,7 @@ from octo.solver.blocks import KKTBlocks
 from octo.solver.kkt import factorize
 from octo.solver.normal import NormalFactor
 from octo.starts import first_nodes
+from tests.dense import kkt_matrix
 
 COMPILER = native.compiler() is not None
 METHODS = [("cyclic_reduction", 1), *([("elimination", 1), ("elimination", 2)] if COMPILER else [])]
@@ -193,7 +194,7 @@ def mammal() -> octo.Character:
 
 def unfolded(problem: CompiledProblem, blocks: KKTBlocks) -> Cyclic:
     """The dense cyclic matrix of a robot's cycle, without the dummies of the folded one."""
-    s, dense = problem.stencil, blocks.dense()
+    s, dense = problem.stencil, kkt_matrix(blocks)
     variable = ((s.unit[2:] * blocks.nc + s.part[2:] * problem.n) + np.arange(problem.n)).ravel()
     row = ((s.test_row * blocks.ma + s.test_part * problem.m) + np.arange(problem.m)).ravel()
     tall = blocks.units * blocks.nc + row

@@ -11,6 +11,7 @@ from octo import native
 from octo.errors import ShapeError
 from octo.solver import elimination
 from octo.solver.elimination import factorize
+from tests.dense import kkt_matrix
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
@@ -39,7 +40,7 @@ def test_solves_the_dense_system(random_system, nc, ma, K):
     factor = factorize(system.H, system.A)
     dv, lam = factor.solve(-system.b, -system.C, tolerance=1e-14)
     rhs = np.concatenate([-system.b.reshape(2, -1), -system.C.reshape(2, -1)], axis=1)
-    dense = np.linalg.solve(system.dense(), rhs[..., None])[..., 0]
+    dense = np.linalg.solve(kkt_matrix(system), rhs[..., None])[..., 0]
     found = np.concatenate([dv.reshape(2, -1), lam.reshape(2, -1)], axis=1)
     scale = np.abs(dense).max()
     assert factor.inertia_ok.all() and not factor.dependent.any()
@@ -55,7 +56,7 @@ def test_inertia_is_that_of_the_dense_matrix(random_system, split, nc, ma, lower
         counted = factorize(system.H, system.A, stop=False)
         stopped = factorize(system.H, system.A)
         H, A = split(system)
-        for m, matrix in enumerate(system.dense()):
+        for m, matrix in enumerate(kkt_matrix(system)):
             excess = int((np.linalg.eigvalsh(matrix) < 0).sum()) - K * ma
             definite = bool((reduced_eigenvalues(H[m], A[m]) > 0).all())
             assert counted.negative[m] == excess

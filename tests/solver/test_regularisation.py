@@ -12,6 +12,7 @@ from octo.errors import UnknownNameError, ValueRangeError
 from octo.solver.factors import HostFactors
 from octo.solver.options import SqpOptions
 from octo.solver.regularisation import GROW, SHRINK, Regularisation
+from tests.dense import kkt_matrix
 
 METHODS = [
     "cyclic_reduction",
@@ -22,7 +23,9 @@ METHODS = [
 
 
 def negatives(system, sigma: np.ndarray) -> np.ndarray:
-    return (np.linalg.eigvalsh(system.dense(sigma)) < 0).sum(axis=1) - system.units * system.ma
+    return (np.linalg.eigvalsh(kkt_matrix(system, sigma)) < 0).sum(
+        axis=1
+    ) - system.units * system.ma
 
 
 def made(batch: int, method: str) -> Regularisation:

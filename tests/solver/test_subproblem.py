@@ -9,11 +9,12 @@ from scipy.optimize import minimize as scipy_minimize
 
 from octo.solver.normal import NormalFactor
 from octo.solver.subproblem import Directions, Step, inner, minimize, two_by_two
+from tests.dense import kkt_matrix
 
 
 def directions(system) -> tuple[Directions, NormalFactor]:
     """The three solves that one linearisation gives, by dense algebra."""
-    matrix = system.dense()
+    matrix = kkt_matrix(system)
     size = system.units * system.nc
 
     def solve(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +92,7 @@ def test_the_step_is_the_best_of_its_plane_in_the_ball(random_system, part):
 
 
 def dense_parts(system) -> tuple[np.ndarray, np.ndarray]:
-    matrix, size = system.dense(), system.units * system.nc
+    matrix, size = kkt_matrix(system), system.units * system.nc
     return matrix[:, :size, :size], matrix[:, size:, :size]
 
 
