@@ -248,7 +248,7 @@ class CompiledProblem:
     def row_forces(self, model: Model, weights: Array) -> Array:
         """Rᵀ w (batch, K, nc): what ``weights`` w (batch, N, rows) of the bounded rows are on the
         unknowns; ``model`` as of ``row_products``."""
-        kept = self.functions.kept
+        kept = self.program.kept
         if kept is None or model.R is None:
             return np.zeros((self.batch, self.K, self.nc))
         window = kept.forces(model.R, weights)

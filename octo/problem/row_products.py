@@ -110,18 +110,19 @@ class RowSlopes:
         return np.moveaxis(out, 0, -1)
 
     def forces(self, kept: Array, weights: Array) -> Array:
-        """(batch, N, 3n) Rᵀ ``weights`` (batch, N, rows) of each step's nodes, in NumPy."""
+        """(batch, N, 3n) Rᵀ ``weights`` (batch, N, rows), what they are on each step's nodes, in
+        NumPy."""
         first, width = len(self.entries), 3 * self.n
-        whole = (kept[..., :first] * weights[..., self.rows]) @ self._columns
-        pulled = kept[..., first:].reshape(*kept.shape[:2], len(self.motors), width)
-        out = whole[..., :width]
-        if len(self.motors):
-            out = out + (whole[..., None, width + self.motors] @ pulled)[..., 0, :]
-        return out
+        to_columns, to_nodes = self._places
+        whole = (kept[..., :first] * weights[..., self.rows]) @ to_columns
+        torques = whole[..., width:][..., self.pulled[0]]
+        return np.asarray(whole[..., :width] + (kept[..., first:] * torques) @ to_nodes)
 
     @cached_property
-    def _columns(self) -> Array:
-        """(entries, columns) where each slope stands."""
-        columns = np.zeros((len(self.entries), 3 * self.n + int(self.motors.max(initial=-1)) + 1))
-        columns[np.arange(len(self.entries)), self.columns] = 1.0
-        return columns
+    def _places(self) -> tuple[Array, Array]:
+        """Ones where each slope stands among the nodes and the motors looked at, and each number of
+        FD's Jacobian among the nodes."""
+        width, columns = 3 * self.n, self.columns.copy()
+        over = columns >= width
+        columns[over] = width + np.searchsorted(self.motors, columns[over] - width)
+        return np.eye(width + len(self.motors))[columns], np.eye(width)[self.pulled[1]]
