@@ -142,7 +142,7 @@ class Barrier(Bounds):
 
     @property
     def ended(self) -> Mask:
-        return np.asarray(self.slacks.mu <= self.last)
+        return np.asarray((self.slacks.mu <= self.last) & (self._off() <= ERRORS * self.last))
 
     @property
     def lowered(self) -> NDArray[np.intp]:
@@ -222,7 +222,7 @@ class Barrier(Bounds):
         while True:
             mu = self.slacks.mu
             small = np.maximum(error, steps * self._off()) <= ERRORS * steps * mu
-            lower = small & ~self.ended
+            lower = small & (mu > self.last)
             if not some(lower):
                 break
             less = np.minimum(LINEAR * mu, (steps * mu) ** POWER / steps)
