@@ -35,7 +35,13 @@ from octo.solver.bounds import Bounds, Slacks
 
 INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
-NEAREST = 1e-8  # a slack to a bound
+# of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
+# the filter sees what its row is off. Rows that bend (friction) say steps a hundred times too long:
+# one after the other each would shorten them to a thousandth (a mammal's walk: half of the starts
+# stall), and a cart-pole's swing-up takes 40 iterations for 55
+LEAST = 0.1
+# a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
+RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
@@ -86,11 +92,15 @@ class Limits:
             ends.append(xp.where(has, own + sign * away, -sign * np.inf))
         return xp.where(self.equal, xp.where(self.equal, self.lower, 0.0), xp.clip(rows, *ends))
 
-    def box(self, s: Array) -> tuple[Array, Array]:
-        """Between what slacks may be after a step from ``s``."""
-        xp, (below, above) = array_module(s), self.gaps(s)
-        least = xp.where(self.low, self.lower + xp.maximum((1.0 - PART) * below, NEAREST), -np.inf)
-        most = xp.where(self.high, self.upper - xp.maximum((1.0 - PART) * above, NEAREST), np.inf)
+    def box(self, own: Slacks) -> tuple[Array, Array]:
+        """Between what slacks may be after a step from their own."""
+        xp, gaps = array_module(own.s), self.gaps(own.s)
+        near = []
+        for gap, z in zip(gaps, (own.lower, own.upper), strict=True):
+            end = RELATIVE * _spread(own.mu, z) / xp.maximum(z, 1e-300)
+            near.append(xp.maximum((1.0 - PART) * gap, xp.clip(end, NEAREST, FURTHEST)))
+        least = xp.where(self.low, self.lower + near[0], -np.inf)
+        most = xp.where(self.high, self.upper - near[1], np.inf)
         bound = xp.where(self.equal, self.lower, 0.0)
         return xp.where(self.equal, bound, least), xp.where(self.equal, bound, most)
 
@@ -163,11 +173,16 @@ class Barrier(Bounds):
             self.limits.low, mu / below, 0.0
         )
 
+    def _weight(self, rows: Array) -> Array:
+        """D of the rows."""
+        xp, own = array_module(rows), self.slacks
+        below, above = self.limits.gaps(own.s)
+        return xp.where(self.limits.equal, 1.0 / EQUAL, own.lower / below + own.upper / above)
+
     def _weights(self, rows: Array) -> tuple[Array, Array, Array]:
         """D, d and multipliers of the rows."""
-        xp, own, limits = array_module(rows), self.slacks, self.limits
+        own, limits, weight = self.slacks, self.limits, self._weight(rows)
         below, above = limits.gaps(own.s)
-        weight = xp.where(limits.equal, 1.0 / EQUAL, own.lower / below + own.upper / above)
         push = self._push(_spread(own.mu, rows), below, above)
         shift = weight * limits.residual(rows, own.s) + push + own.equal
         return weight, shift, own.equal + own.upper - own.lower
@@ -201,7 +216,7 @@ class Barrier(Bounds):
         s = self.slacks.s
         rest = np.broadcast_to(1.0 - np.minimum(length, 1.0), len(s))
         left = _spread(rest, s) * self.limits.residual(at.rows, s)
-        return array_module(s).clip(trial.rows - left, *self.limits.box(s))
+        return array_module(s).clip(trial.rows - left, *self.limits.box(self.slacks))
 
     def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
         return self._seen(trial, self._after(at, trial, length))
@@ -246,6 +261,10 @@ class Barrier(Bounds):
         )
         return host(largest(off))
 
+    def pull(self, problem: BlockNLP, at: Evaluation, model: Model) -> Array:
+        residual = self.limits.residual(at.rows, self.slacks.s)
+        return problem.row_forces(model, self._weight(at.rows) * residual)
+
     def shortened(
         self, problem: BlockNLP, at: Evaluation, model: Model, delta: Array, slope: Numbers
     ) -> tuple[Numbers | float, Numbers]:
@@ -264,26 +283,27 @@ class Barrier(Bounds):
         push = self._push(mu, below, above)
         more = push * change - self._weights(at.rows)[1] * products
         most = _longest(-change / below, change / above)
-        return most, slope + host(more.reshape(len(slope), -1).sum(axis=1))
+        return np.maximum(most, LEAST), slope + host(more.reshape(len(slope), -1).sum(axis=1))
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, still: Mask
     ) -> Evaluation:
         """Members that took no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
         assert step is not None
         taken = like(accepted.reshape(-1, 1, 1), own.s)
         s = xp.where(taken, self._after(at, after, length), limits.inside(after.rows))
-        mu = _spread(own.mu, s)
+        mu, whole = _spread(own.mu, s), ~still
+        first, second = _spread(step.length * whole, s), _spread(length * whole, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
-            new = xp.where(taken, old + _spread(step.length, s) * change, mu / gap)
+            new = xp.where(taken, old + first * change, mu / gap)
             return xp.where(has, xp.clip(new, mu / gap / SAFEGUARD, SAFEGUARD * mu / gap), 0.0)
 
         below, above = limits.gaps(s)
         lower = kept(own.lower, step.lower, below, limits.low)
         upper = kept(own.upper, step.upper, above, limits.high)
-        equal = own.equal + xp.where(taken, _spread(length, s) * step.equal, 0.0)
+        equal = own.equal + xp.where(taken, second * step.equal, 0.0)
         self.slacks = Slacks(s, lower, upper, equal, own.mu)
         return self.seen(after)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, host
+from octo.arrays import Array, Numbers, array_module, host
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -82,6 +82,11 @@ class Bounds:
         """The members that ``aimed`` gave another problem."""
         return np.empty(0, dtype=np.intp)
 
+    def pull(self, problem: BlockNLP, at: Evaluation, model: Model) -> Array:
+        """(batch, K, nc) of the gradient b, what draws rows to their slacks."""
+        del problem, at
+        return array_module(model.b).zeros_like(model.b)
+
     def shortened(
         self, problem: BlockNLP, at: Evaluation, model: Model, delta: Array, slope: Numbers
     ) -> tuple[Numbers | float, Numbers]:
@@ -91,11 +96,12 @@ class Bounds:
         return 1.0, slope
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, still: Mask
     ) -> Evaluation:
         """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
-        ``at``, and the others none: ``after`` it, as seen."""
-        del at, length, accepted
+        ``at``, and the others none: ``after`` it, as seen. still: (batch,) those whose multipliers
+        stay."""
+        del at, length, accepted, still
         return after
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, scaled, some
+from octo.arrays import Array, Numbers, choose, host, inner, largest, scaled, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Acceptance, Mask, Step
@@ -139,10 +139,11 @@ class FeasibilityStep:
         return ~feasible & ((self.flat >= self.options.plateau) | close)
 
     def step(
-        self, factors: Factors, model: Model, wanted: Mask, has: Mask, delta: Array
+        self, factors: Factors, model: Model, pull: Array, wanted: Mask, has: Mask, delta: Array
     ) -> tuple[Array, Numbers, Numbers]:
-        """``delta``, with the step of zero gradient where it is wanted, bᵀΔ and ‖Δ‖∞ (batch,)."""
-        still, _ = factors.solve(array_module(model.b).zeros_like(model.b), -model.C)
+        """``delta``, with the step of the gradient ``pull`` (batch, K, nc) alone where it is
+        wanted, bᵀΔ and ‖Δ‖∞ (batch,)."""
+        still, _ = factors.solve(-pull, -model.C)
         delta = choose(wanted & has, still, delta)
         moving = choose(has, delta, 0.0)
         return delta, host(inner(model.b, moving)), host(largest(moving))

@@ -133,7 +133,9 @@ class LineSearch:
             polish = self.feasibility.wanted(feasible, level, full)
             if some(polish):
                 with self.clock("solve"):
-                    delta, slope, most = self.feasibility.step(factors, model, polish, has, delta)
+                    pull = self.bounds.pull(self.trials.problem, at, model)
+                    own = (pull, polish, has, delta)
+                    delta, slope, most = self.feasibility.step(factors, model, *own)
                 first = None
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
@@ -149,7 +151,7 @@ class LineSearch:
             found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
-        after = self.bounds.moved(at, after, length, found.accepted)
+        after = self.bounds.moved(at, after, length, found.accepted, polish)
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
