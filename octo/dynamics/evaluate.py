@@ -55,6 +55,11 @@ class Dynamics:
     def nu(self) -> int:
         return len(self.actuated)
 
+    @property
+    def jacobian_pattern(self) -> NDArray[np.bool_]:
+        """(n, 3n) where ∂FD/∂(x_next, x, x_prev) may not be zero."""
+        return np.ones((self.nx, 3 * self.nx), dtype=bool)
+
     def __getstate__(self) -> dict[str, Any]:
         """For pickle and copies: all but what was generated and compiled."""
         return {name: value for name, value in self.__dict__.items() if name not in self.generated}
@@ -220,6 +225,11 @@ class RobotDynamics(Dynamics):
     def symbolic(self) -> ca.Function:
         """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @property
+    def jacobian_pattern(self) -> NDArray[np.bool_]:
+        jac = slots.of_robot(self.character)[2]
+        return np.asarray(jac.reshape(self.nx, 3 * self.nx) != 0)
 
     def _written(self, lanes: bool) -> str:
         return codegen.robot_text(self.character, self.law, self.terrain, self.layout, lanes)

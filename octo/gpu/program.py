@@ -15,7 +15,6 @@ from octo.problem import codegen
 from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_model import TOUCHED
-from octo.problem.row_products import RowSlopes
 
 WARP = 32  # threads of a block, for a node
 # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are
@@ -51,9 +50,9 @@ class Program(Kernels):
             defined.append("#define FOUR_PARTS")  # of the units of a cycle
         common = [*defined, source("common.cuh")]
         model = [*common, source("model.cu"), source("gather.cu")]
-        self.kept: RowSlopes | None = None
-        if functions.bounded:
-            self.kept = functions.kept_of(pieces.rows, pieces.columns)
+        places = (pieces.rows, pieces.columns)
+        self.kept = codegen.kept_slopes(functions, dynamics, places)
+        if self.kept is not None:
             model += [self.kept.tables(), source("row_products.cu")]
         parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
@@ -110,8 +109,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
     if functions.curvature is not None:
         scratch += N * len(functions.curvature.rows)
-    if functions.kept is not None:
-        model += N * functions.kept.size
+    if problem.program.kept is not None:
+        model += N * problem.program.kept.size
     if problem.program.between is not None:
         scratch += K * problem.program.between.rows * (2 * nc + 1)
     if functions.pairs is not None:

@@ -1,7 +1,7 @@
 /* What a linearisation keeps of the bounded rows of a step, and their products with a step of the nodes: the mathematics of
  * problem/row_products.c. After model.cu and the tables of problem/row_products.py, and only where there are bounded rows. */
 
-#define KEPT_ROOM (NKEPT + NPULLED * W3)
+#define KEPT_ROOM (NKEPT + NPULLED)
 
 /* kept (KEPT_ROOM) of each step, before a cycle carries jac back; grid (steps, batch). */
 extern "C" __global__ void __launch_bounds__(SMALL, 4)
@@ -10,13 +10,13 @@ octo_keep_rows(int steps, const double *q, const double *cost_jac, const double 
   q += item * NQ; cost_jac += item * NZ; jac += item * NX * W3; kept += item * KEPT_ROOM;
   EACH(e, KEPT_ROOM) {
     int z = e < NKEPT ? octo_kept_entry[e] : 0, k = e - NKEPT;
-    if (e >= NKEPT) kept[e] = jac[octo_actuated[octo_kept_motor[k / W3]] * W3 + k % W3];
+    if (e >= NKEPT) kept[e] = jac[octo_actuated[octo_pulled_motor[k]] * W3 + octo_pulled_column[k]];
     else kept[e] = octo_row_weight(q, octo_state_entry_row[z]) != 0.0 ? cost_jac[z] : 0.0;
   }
 }
 
 /* products (NBOUNDED) = R Δ of each step, moved (batch, steps + 2, NX) the step of the nodes, oldest first; grid (steps, batch); shared:
- * W3 + NPULLED doubles. */
+ * W3 + MOTORS doubles. */
 extern "C" __global__ void __launch_bounds__(SMALL, 4)
 octo_row_products(int steps, const double *kept, const double *moved, double *products) {
   SHARED(window);
@@ -24,11 +24,10 @@ octo_row_products(int steps, const double *kept, const double *moved, double *pr
   kept += item * KEPT_ROOM; moved += (item + 2 * (size_t)blockIdx.y) * NX; products += item * NBOUNDED;
   EACH(j, W3) window[j] = moved[(2 - j / NX) * NX + j % NX];
   BARRIER;
-  EACH(k, NPULLED) {
-    const double *jac = kept + NKEPT + k * W3;
+  EACH(k, MOTORS) {
     double sum = 0.0;
 #pragma unroll 8
-    for (int j = 0; j < W3; ++j) sum += jac[j] * window[j];
+    for (int e = octo_pulled_first[k]; e < octo_pulled_first[k + 1]; ++e) sum += kept[NKEPT + e] * window[octo_pulled_column[e]];
     window[W3 + k] = sum;
   }
   BARRIER;

@@ -218,9 +218,6 @@ static octo_input octo_derive_costs(const octo_task *t, octo_scratch *s, int mem
   octo_group_arguments(&s->group, t, member, i, count);
   octo_group_states(&s->group, &in, 1);
   octo_derive_rows(s->group.q, s->group.r, s->group.slopes, &s->sums, s->pull, s->gradient_sum);
-#if NBOUNDED > 0
-  octo_keep_slopes(t, member, i, count, s->group.slopes);
-#endif
   octo_spread((const real *)&s->sums, sizeof s->sums / sizeof(real), sums, count);
   return in;
 }
@@ -263,6 +260,9 @@ static void octo_derive_group(const octo_task *t, octo_scratch *s, int ma, int m
 #endif
   octo_scatter(lanes->jac, octo_jac_slot, NX * W3, octo_jac_use, lanes->touching, kept, jac, STEPS);
   if (t->h && (t->lam || NFC > 0)) octo_scatter(lanes->hess, octo_line_slot, W3 * LD, octo_line_use, lanes->touching, kept, curvature, STEPS);
+#if NBOUNDED > 0
+  octo_keep_rows(t, member, i, count, s->group.slopes, lanes);
+#endif
   s->zeros = lanes->touching;
 }
 
@@ -275,9 +275,6 @@ static void octo_linearize_step(const octo_task *t, octo_target *g, octo_scratch
 #endif
 #ifdef PAIR_ROWS
   octo_pair_keep(t, member, i, s->jac[k]);
-#endif
-#if NBOUNDED > 0
-  octo_keep_torques(t, member, i, s->jac[k]);
 #endif
   double *hess = t->h ? s->hess : 0;
   octo_build_rows(&s->step_sums[k], s->jac[k], &s->rows);

@@ -81,18 +81,6 @@ class CostFunctions:
         weights, shifts, multipliers = (slice(k, k + count) for k in first + count * np.arange(3))
         return weights, shifts, multipliers
 
-    @cached_property
-    def kept(self) -> RowSlopes | None:
-        """What a linearisation keeps of the slopes of the bounded rows, if any."""
-        places = np.array(self.state_sparsity.row()), np.array(self.state_sparsity.get_col())
-        return self.kept_of(*places) if self.bounded else None
-
-    def kept_of(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> RowSlopes:
-        """The same of derivatives over the state in another order."""
-        count = len(self.bounded)
-        sizes = len(self.state_terms) - count, count, self.state.numel_in(0)
-        return RowSlopes.of(rows.astype(int), columns.astype(int), *sizes)
-
     @property
     def rows(self) -> int:
         own = 0 if self.contact is None else len(self.contact.spheres) * len(self.contact.terms)
@@ -249,6 +237,22 @@ def _over_neighbours(made: Residuals) -> Iterator[tuple[int, ca.Function]]:
         yield k, ca.Function(f"octo_between_{number}", inputs, out, {"cse": True})
 
 
+def kept_slopes(
+    functions: CostFunctions,
+    dynamics: Dynamics,
+    places: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None,
+) -> RowSlopes | None:
+    """What a linearisation keeps of the slopes of the bounded rows, if any; ``places``: rows and
+    columns of the derivatives over the state, where they are in an order of their own."""
+    if not functions.bounded:
+        return None
+    if places is None:
+        own = functions.state_sparsity
+        places = np.array(own.row(), dtype=int), np.array(own.get_col(), dtype=int)
+    count, pattern = len(functions.bounded), dynamics.jacobian_pattern[dynamics.actuated]
+    return RowSlopes.of(places, len(functions.state_terms) - count, count, pattern)
+
+
 def step_symbols(dynamics: Dynamics) -> tuple[ca.SX, list[ca.SX], StepSymbols]:
     """The symbols p, and x_next, x, x_prev, u of a time step, and what a term sees of them."""
     n, p = dynamics.nx, ca.SX.sym("p", dynamics.layout.size)
@@ -287,8 +291,9 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     parts = [(resources.files("octo.problem") / name).read_text(encoding="utf-8") for name in names]
     if functions.pairs is not None:
         parts.insert(-1, functions.pairs.c_text)
-    if functions.kept is not None:
-        parts.insert(-1, functions.kept.c_text())
+    kept = kept_slopes(functions, dynamics)
+    if kept is not None:
+        parts.insert(-1, kept.c_text())
     return "\n".join([*text, tables, native.threads(), *parts])
 
 

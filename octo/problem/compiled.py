@@ -217,7 +217,7 @@ class CompiledProblem:
         lam = None if lam is None else doubles("lam", lam, (self.batch, self.K, self.ma))
         H = np.empty((self.batch, self.K, 3, self.nc, self.nc))
         A, b, C = self._first_order()
-        kept = self.functions.kept
+        kept = self.program.kept
         R = None if kept is None else np.empty((self.batch, self.steps, kept.size))
         self.steps_code.linearize(at, lam, curved, (H, A, b, C, R))
         self.plan.fill_dummies(H)

@@ -194,7 +194,7 @@ class Interpreted:
         _, fd_jac, hess = dynamics.evaluate(at.nodes, self.data.p, pull, order)
         assert fd_jac is not None
         slopes = fd_jac  # before they are carried back
-        kept = self.program.functions.kept
+        kept = self.program.kept
         if kept is not None and out[4] is not None:
             own = jac[:, :, self._squares :]
             out[4][:] = kept.packed(own, fd_jac[:, :, dynamics.actuated])
@@ -223,7 +223,7 @@ class Interpreted:
 
     def row_products(self, kept: Array, moved: Array, out: Array) -> None:
         """Fills R Δ (batch, N, rows), of R of a model and the step of the nodes."""
-        slopes = self.program.functions.kept
+        slopes = self.program.kept
         assert slopes is not None
         out[:] = slopes.products(kept, moved)
 
@@ -237,8 +237,8 @@ class Interpreted:
         of_weights, *others = functions.row_weights
         weight[..., first:] = self.data.q[:, :, of_weights]
         r, jac = live_rows(functions.state_jac, functions.state_sparsity, given, weight)
-        shift, live = weight * r, weight[..., first:] != 0.0
-        multiplier = shift.copy()
+        shift = weight * r
+        live, multiplier = weight[..., first:] != 0.0, shift.copy()
         for values, place in zip((shift, multiplier), others, strict=True):
             values[..., first:] = np.where(live, self.data.q[:, :, place], 0.0)
         return weight, shift, multiplier, jac

@@ -12,7 +12,8 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.problem.between import BetweenCode
-from octo.problem.codegen import CostFunctions, cost_text
+from octo.problem.codegen import CostFunctions, cost_text, kept_slopes
+from octo.problem.row_products import RowSlopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,11 @@ class Program:
     def between(self) -> BetweenCode | None:
         """Of the terms over neighbouring controls, if any."""
         return BetweenCode(self.functions) if self.functions.between else None
+
+    @cached_property
+    def kept(self) -> RowSlopes | None:
+        """What a linearisation keeps of the slopes of the bounded rows, if any."""
+        return kept_slopes(self.functions, self.dynamics)
 
     def interpreted(self) -> Program:
         """The same for CasADi's virtual machine, dynamics included."""

@@ -1,27 +1,32 @@
 /* What a linearisation keeps of the bounded rows of a step, and their products with a step of the nodes: after scatter.c and the
  * tables of row_products.py, before assemble.c, and only where there are bounded rows. Kept are NKEPT slopes, sorted by row, then
- * the rows of FD's Jacobian of the NPULLED motors that they look at. Of a row whose weight D is 0 the slopes are 0. */
+ * NPULLED numbers of FD's Jacobian, by the MOTORS that they look at. Of a row whose weight D is 0 the slopes are 0. */
 
-#define KEPT_ROOM (NKEPT + NPULLED * W3)
+#define KEPT_ROOM (NKEPT + NPULLED)
 #define PRODUCT_STEPS 64 /* of an item of work */
 
 static double *octo_kept(const octo_task *t, int member, int i) { return t->kept + ((size_t)member * t->steps + i) * KEPT_ROOM; }
 
-/* slopes (NZ) of ``count`` steps from i on, in lanes. */
-static void octo_keep_slopes(const octo_task *t, int member, int i, int count, const real *slopes) {
-  real own[NKEPT + 1];
-  double *to[STEPS];
-  if (!t->kept) return;
-  for (int z = 0; z < NKEPT; ++z) own[z] = slopes[octo_kept_entry[z]];
-  for (int k = 0; k < count; ++k) to[k] = octo_kept(t, member, i + k);
-  octo_spread(own, NKEPT, to, count);
+static octo_slot octo_pulled_slot[NPULLED + 1];
+static char octo_pulled_use[NPULLED / STEPS + 1];
+
+__attribute__((constructor)) static void octo_find_pulled(void) {
+  for (int e = 0; e < NPULLED; ++e) octo_pulled_slot[e] = octo_jac_slot[octo_actuated[octo_pulled_motor[e]] * W3 + octo_pulled_column[e]];
+  octo_find_use(octo_pulled_slot, NPULLED, JAC_SLOTS - NCOUPLED, octo_pulled_use);
 }
 
-/* jac (NX, W3) of the FD of step i, before a cycle carries it back. */
-static void octo_keep_torques(const octo_task *t, int member, int i, const double *jac) {
+/* Of ``count`` steps from i on, in lanes: slopes (NZ), and the Jacobian of FD before a cycle carries it back. */
+static void octo_keep_rows(const octo_task *t, int member, int i, int count, const real *slopes, const octo_lanes *lanes) {
+  real own[NKEPT + 1];
+  double *to[STEPS], *pulled[STEPS];
   if (!t->kept) return;
-  double *to = octo_kept(t, member, i) + NKEPT;
-  for (int k = 0; k < NPULLED; ++k) memcpy(to + k * W3, jac + octo_actuated[octo_kept_motor[k]] * W3, W3 * sizeof(double));
+  for (int z = 0; z < NKEPT; ++z) own[z] = slopes[octo_kept_entry[z]];
+  for (int k = 0; k < count; ++k) {
+    to[k] = octo_kept(t, member, i + k);
+    pulled[k] = to[k] + NKEPT;
+  }
+  octo_spread(own, NKEPT, to, count);
+  octo_scatter(lanes->jac, octo_pulled_slot, NPULLED, octo_pulled_use, lanes->touching, 2, pulled, count);
 }
 
 typedef struct { int steps, items; const double *kept, *moved; double *products; } octo_product_call;
@@ -32,12 +37,11 @@ static void octo_products_of_steps(void *shared, int item) {
   for (int i = first; i < last && i < call->steps; ++i) {
     size_t step = (size_t)member * call->steps + i;
     const double *kept = call->kept + step * KEPT_ROOM, *moved = call->moved + (step + 2 * member) * NX;
-    double window[W3 + NPULLED + 1], *out = call->products + step * NBOUNDED;
+    double window[W3 + MOTORS + 1], *out = call->products + step * NBOUNDED;
     for (int node = 0; node < 3; ++node) memcpy(window + node * NX, moved + (2 - node) * NX, NX * sizeof(double));
-    for (int k = 0; k < NPULLED; ++k) {
-      const double *jac = kept + NKEPT + k * W3;
+    for (int k = 0; k < MOTORS; ++k) {
       double sum = 0.0;
-      for (int j = 0; j < W3; ++j) sum += jac[j] * window[j];
+      for (int e = octo_pulled_first[k]; e < octo_pulled_first[k + 1]; ++e) sum += kept[NKEPT + e] * window[octo_pulled_column[e]];
       window[W3 + k] = sum;
     }
     for (int row = 0; row < NBOUNDED; ++row) {

@@ -1,11 +1,11 @@
 """Products R Δ of the bounded rows' derivatives with a step of the nodes, out of what a
 linearisation keeps.
 
-Of each time step a model keeps the slopes of its bounded rows over (x_next, x, x_prev, u) that may
-not be zero, and ∂u/∂(x_next, x, x_prev) of the motors that they look at: the chain rule through the
-torques is left to the product. Slopes over nodes are as they are before a cycle carries them back;
-the step of the nodes is what is carried. The text for C and CUDA is row_products.c of this folder
-and row_products.cu of octo.gpu.
+Of each time step a model keeps what may not be zero of the slopes of its bounded rows over (x_next,
+x, x_prev, u), and of ∂u/∂(x_next, x, x_prev) of the motors that they look at: the chain rule
+through the torques is left to the product. Slopes over nodes are as they are before a cycle carries
+them back; the step of the nodes is what is carried. The text for C and CUDA is row_products.c of
+this folder and row_products.cu of octo.gpu.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class RowSlopes:
-    """What is kept of a time step: ``entries`` slopes, sorted by row, then rows of FD's Jacobian.
+    """What is kept of a time step: slopes sorted by row, then numbers of FD's Jacobian by motor.
 
     Attributes
     ----------
     count: bounded rows. n: coordinates.
     entries: of each slope kept, its place among the derivatives of all rows over the state.
     rows, columns: of each slope kept, its bounded row and its column in (x_next, x, x_prev, u).
-    motors: (T,) that a bounded row looks at.
+    motors: (T,) that a bounded row looks at. pulled: of each number of FD's Jacobian kept, its
+        place in ``motors`` and its column in (x_next, x, x_prev).
     """
 
     count: int
@@ -40,33 +41,42 @@ class RowSlopes:
     rows: Indices
     columns: Indices
     motors: Indices
+    pulled: tuple[Indices, Indices]
 
     @classmethod
-    def of(cls, rows: Indices, columns: Indices, squares: int, count: int, n: int) -> RowSlopes:
-        """Of derivatives at ``rows`` and ``columns``; the first ``squares`` rows are not bounded,
-        ``count`` others are."""
+    def of(
+        cls, places: tuple[Indices, Indices], squares: int, count: int, pattern: NDArray[np.bool_]
+    ) -> RowSlopes:
+        """Of derivatives at ``places``, rows and columns; the first ``squares`` rows are not
+        bounded, ``count`` others are. pattern (nu, 3n): where ∂u/∂(x_next, x, x_prev) is not
+        zero."""
+        (rows, columns), n = places, pattern.shape[1] // 3
         entries = np.flatnonzero(rows >= squares)
         entries = entries[np.argsort(rows[entries], kind="stable")]
         own = columns[entries]
         motors = np.unique(own[own >= 3 * n] - 3 * n)
-        return cls(count, n, entries, rows[entries] - squares, own, motors)
+        of_motor, column = np.nonzero(pattern[motors])
+        return cls(count, n, entries, rows[entries] - squares, own, motors, (of_motor, column))
 
     @property
     def size(self) -> int:
         """Numbers that are kept of a step."""
-        return len(self.entries) + len(self.motors) * 3 * self.n
+        return len(self.entries) + len(self.pulled[0])
 
     def tables(self) -> str:
         """C text of sizes and places; a column over torques is the place of its motor here."""
         places = self.columns.copy()
         over = places >= 3 * self.n
         places[over] = 3 * self.n + np.searchsorted(self.motors, places[over] - 3 * self.n)
-        sizes = {"NKEPT": len(self.entries), "NPULLED": len(self.motors)}
+        of_motor, column = self.pulled
+        sizes = {"NKEPT": len(self.entries), "MOTORS": len(self.motors), "NPULLED": len(column)}
         tables = {
             "kept_entry": self.entries,
             "kept_first": np.searchsorted(self.rows, np.arange(self.count + 1)),
             "kept_column": places,
-            "kept_motor": self.motors,
+            "pulled_motor": self.motors[of_motor],
+            "pulled_first": np.searchsorted(of_motor, np.arange(len(self.motors) + 1)),
+            "pulled_column": column,
         }
         return tables_text(sizes, tables, anew=True)
 
@@ -79,8 +89,8 @@ class RowSlopes:
         """(batch, N, size) what is kept: of ``slopes`` (batch, N, bounded rows, 3n + nu) and
         ∂u/∂(x_next, x, x_prev) ``torques`` (batch, N, nu, 3n)."""
         own = slopes[..., self.rows, self.columns]
-        pulled = torques[:, :, self.motors].reshape(*own.shape[:2], -1)
-        return np.concatenate([own, pulled], axis=-1)
+        of_motor, column = self.pulled
+        return np.concatenate([own, torques[:, :, self.motors[of_motor], column]], axis=-1)
 
     def products(self, kept: Array, moved: Array) -> Array:
         """(batch, N, bounded rows) R Δ in NumPy, ``moved`` (batch, N+2, n) being the step of the
@@ -88,7 +98,8 @@ class RowSlopes:
         batch, steps = kept.shape[:2]
         window = np.concatenate([moved[:, at : at + steps] for at in (2, 1, 0)], axis=-1)
         first, width = len(self.entries), 3 * self.n
-        pulled = kept[..., first:].reshape(batch, steps, len(self.motors), width)
+        pulled = np.zeros((batch, steps, len(self.motors), width))
+        pulled[:, :, self.pulled[0], self.pulled[1]] = kept[..., first:]
         whole = np.zeros((batch, steps, width + int(self.motors.max(initial=-1)) + 1))
         whole[..., :width] = window
         whole[..., width + self.motors] = (pulled @ window[..., None])[..., 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import octo
 from octo import native
+from octo.dynamics import slots
 from octo.gpu.problem import DeviceProblem
 from octo.problem.basis import Hermite
 from octo.problem.compiled import CompiledProblem
@@ -163,9 +165,10 @@ def test_what_is_kept():
         model = own.linearize(own.evaluate(unknowns), None)
         assert model.R is None
         assert own.row_products(model, delta).shape == (1, 4, 0)
-    for bounded, size in (((Joints,), 3), ((Joints, Torques), 3 + 7 + 5 * 3 * 18)):
-        kept = compiled(4, bounded=bounded).functions.kept
-        assert kept is not None and kept.size == size
+    for bounded, slopes, motors in (((Joints,), 3, []), ((Joints, Torques), 10, [0, 1, 2, 3, 5])):
+        kept = compiled(4, bounded=bounded).program.kept
+        assert kept is not None and len(kept.entries) == slopes and kept.motors.tolist() == motors
+        assert slopes <= kept.size < slopes + 1 + len(motors) * 3 * 18
 
 
 def test_threads_and_members_change_nothing():
@@ -183,3 +186,35 @@ def test_threads_and_members_change_nothing():
     one = four.take(np.array([1]))
     alone = one.linearize(one.evaluate(unknowns[1:]), None)
     np.testing.assert_array_equal(one.row_products(alone, delta[1:]), products[1:])
+
+
+def test_limbs_that_touch_couple_their_motors():
+    """Of FD's Jacobian nothing is dropped that is not zero."""
+    robot = octo.gallery.mammal()
+    costs, start = [octo.Effort(), Torques()], robot.default_pose
+    problem = CompiledProblem([octo.Problem(robot, steps=16, dt=DT, costs=costs, x0=start)])
+    dynamics, rng = problem.dynamics, np.random.default_rng(1)
+    pattern = dynamics.jacobian_pattern
+    coupled = pattern & (
+        slots.of_robot(dataclasses.replace(robot, pairs=()))[2].reshape(18, 54) == 0
+    )
+    poses = np.repeat(start[None, None], 2000, axis=1)
+    poses[..., 6:] += rng.uniform(-1.5, 1.5, (2000, 12))
+    jac = dynamics.evaluate(poses, problem.p, order=1)[1]
+    assert jac is not None and (jac[..., ~pattern] == 0.0).all()
+    touching = int(jac[0][:, coupled].any(axis=1).argmax())
+    assert touching > 10 and jac[0, touching, coupled].any()
+    unknowns = problem.unknowns(poses[:, touching - 10 : touching + 8])
+    ones, delta = np.ones((1, 16, 5)), rng.standard_normal(unknowns.shape)
+    products = []
+    for own in (problem, problem.interpreted(), on_device(problem)):
+        own.set_row_weights(ones, ones)
+        at = own.evaluate(unknowns)
+        products.append(np.asarray(own.row_products(own.linearize(at, None), delta)))
+        np.testing.assert_allclose(products[-1], products[0], rtol=1e-9, atol=1e-6)
+    jac = dynamics.evaluate(problem.evaluate(unknowns).nodes, problem.p, order=1)[1]
+    assert jac is not None and jac[..., coupled].any()
+    moved = np.pad(delta, ((0, 0), (2, 0), (0, 0)))
+    window = np.concatenate([moved[:, k : k + 16] for k in (2, 1, 0)], axis=-1)
+    torques = np.einsum("bijk,bik->bij", jac[:, :, dynamics.actuated[:4]], window) / 30.0
+    np.testing.assert_allclose(products[0][..., :4], torques, rtol=1e-9, atol=1e-6)
