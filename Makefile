@@ -3,14 +3,18 @@ NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3.14; do \
 	$$python -c '$(NEW_ENOUGH)' 2>/dev/null && echo $$python && break; done)
 BIN := .venv/bin
+# How many tests run at the same time: one a core.
+WORKERS ?= 2
 
 .PHONY: demo test docs acceptance clean
 
 demo: .venv/ready
 	$(BIN)/python -m octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
 
+# A file of tests stays with one process, which shares what it makes; what is timed then runs alone.
 test: .venv/ready-dev
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not timed' -n $(WORKERS) --dist loadfile --no-loadscope-reorder; \
+	first=$$?; $(BIN)/python -m pytest -m timed && exit $$first
 
 # build/site/index.html; it needs no network to be read, and a warning is an error.
 docs: .venv/ready-docs

@@ -21,12 +21,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from octo.errors import DeviceError
-from octo.files import locked, place, reason, scratch
+from octo.files import alone, locked, place, reason, scratch
 
 LOG = logging.getLogger("octo")
 TEMPORARY = "octo-code-"  # how the names of temporary folders begin
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 NOEXEC: int = getattr(os, "ST_NOEXEC", 0)
+PATIENCE = 300.0  # s, for another process that makes the same file; the longest compile takes 40
 
 Maker = Callable[[Path], object]  # writes the file at the path that it is given
 
@@ -53,7 +54,9 @@ def path_of(name: str, make: Maker) -> Path:
         if folder in _given_up:
             return path_in_temporary(name, make)
         try:
-            _make(path, make)
+            with alone(path, PATIENCE):
+                if not whole(path):  # nor has another process made it meanwhile
+                    _make(path, make)
             return path
         except (OSError, DeviceError) as error:  # a compiler on a full disk fails in its own words
             made = path_in_temporary(name, make)  # raises where the folder was not to blame

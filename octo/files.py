@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,6 +48,27 @@ def locked(folder: Path, prefix: str) -> tuple[Path, int]:
             if path.exists():
                 return path, lock
             os.close(lock)
+
+
+@contextlib.contextmanager
+def alone(path: Path, seconds: float) -> Iterator[None]:
+    """Wait until no other process is within ``alone`` of that path, for so long at most: for work
+    that two may do without harm, and one should. The lock is a file beside it."""
+    lock, end = path.with_name(f"{path.name}.lock"), time.monotonic() + seconds
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    try:
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(0.02)
+            except OSError:  # a file system without locks
+                break
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(handle)
 
 
 def sweep(folder: Path, prefix: str) -> None:

@@ -25,9 +25,12 @@ from octo.reference.program import nlp, point_of
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
-pytestmark = pytest.mark.skipif(
-    native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
-)
+pytestmark = [
+    pytest.mark.skipif(
+        native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
+    ),
+    pytest.mark.usefixtures("quick_compiler"),
+]
 HERE = Path(__file__).parent
 STEPS, DT = 12, 0.05
 PAIR = EqualLoads(pair=("foot", "front"), weight=2.0, name="pair")

@@ -269,6 +269,7 @@ def test_another_process_goes_on_where_the_gpu_is_lost(script, plant, module, mo
     )
 
 
+@pytest.mark.timed
 def test_a_section_that_takes_too_long_is_stopped(script, plant, module, monkeypatch):
     def endless(bench):
         yield "first", {}

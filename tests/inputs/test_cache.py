@@ -363,3 +363,34 @@ def test_two_threads_compile_once(folder: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         paths = set(pool.map(lambda _: cache.path_of("shared.so", make), range(4)))
     assert len(made) == len(paths) == 1
+
+
+MAKES = """
+import sys, time
+from pathlib import Path
+from octo import cache
+def make(path):
+    print("made", flush=True)
+    time.sleep(1.0)
+    path.write_bytes(b"whole")
+cache.path_of("shared.so", make)
+"""
+
+
+def test_two_processes_compile_once(folder: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", MAKES]
+    first = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    assert first.stdout is not None and first.stdout.readline() == "made\n"
+    second = subprocess.run(command, capture_output=True, text=True, env=environment)
+    first.communicate()
+    assert (first.returncode, second.returncode, second.stdout) == (0, 0, "")
+    assert {path.name for path in folder.iterdir()} == {"shared.so", "shared.so.sha256"}
+
+
+def test_a_lock_that_is_not_released_is_waited_for_only_so_long(tmp_path: Path) -> None:
+    with files.alone(tmp_path / "code.so", 60.0):
+        began = time.monotonic()
+        with files.alone(tmp_path / "code.so", 0.1):
+            assert 0.1 <= time.monotonic() - began < 30.0
+    assert list(tmp_path.iterdir()) == []

@@ -85,6 +85,7 @@ def test_the_gains_are_derivatives_on_the_tangent_space(controller, plant, stand
         )
 
 
+@pytest.mark.timed
 def test_command_is_read_in_microseconds_and_follows_the_plan(controller, plant, stand, robot):
     stand(10)
     q, v = plant.q, plant.v

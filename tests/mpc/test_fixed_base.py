@@ -80,6 +80,7 @@ def test_a_pole_is_balanced_by_its_cart(cart, kind):
     assert log.solution().steps == 249
 
 
+@pytest.mark.timed
 def test_noise_delay_and_real_time(arm):
     log = run(Controller(arm), plant_of(MujocoPlant, arm), 1.5, noise=1.0, delay=1, realtime=True)
     np.testing.assert_allclose(log.x[-1], GOAL, atol=0.05)

@@ -15,6 +15,8 @@ from octo.mpc import Controller, Push, VelocityCommand, run, walking_problem
 from octo.mpc.loop import Sensors
 from octo.plant import MujocoPlant, SimulatorPlant
 
+REALTIME = pytest.mark.parametrize("realtime", [pytest.param(True, marks=pytest.mark.timed), False])
+
 
 @pytest.fixture(scope="module")
 def walked(problem, robot):
@@ -170,6 +172,7 @@ def test_simulator_plant_falls_freely(robot):
     )
 
 
+@pytest.mark.timed
 def test_real_time(problem, robot):
     plant = MujocoPlant(robot)
     plant.reset_chart(problem.start)
@@ -188,6 +191,7 @@ class Slow(VelocityCommand):
         time.sleep(self.seconds)
 
 
+@pytest.mark.timed
 def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
     plant = MujocoPlant(robot)
     plant.reset_chart(problem.start)
@@ -207,6 +211,7 @@ def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
     assert log.solution().steps == 49 and np.isfinite(log.solution().seconds)
 
 
+@pytest.mark.timed
 def test_real_time_falls_and_goes_on(problem, robot):
     plant = MujocoPlant(robot)
     plant.reset_chart(problem.start)
@@ -225,7 +230,7 @@ def test_real_time_falls_and_goes_on(problem, robot):
     assert log.x[int(100 * log.falls[0]) + 3, 2] > 0.8 * problem.start[2]  # put back
 
 
-@pytest.mark.parametrize("realtime", [True, False])
+@REALTIME
 def test_what_each_raises_comes_through(controller, plant, realtime):
     def each(t, _):
         if t > 0.1:
@@ -256,7 +261,7 @@ def test_refused(controller, plant, values):
         run(controller, plant, **{"seconds": 1.0, **values})
 
 
-@pytest.mark.parametrize("realtime", [True, False])
+@REALTIME
 def test_a_delay_is_no_missed_deadline(controller, plant, realtime):
     """Until the first measurement is through nothing is asked of the controller, and its first plan
     is followed."""
@@ -279,6 +284,7 @@ def test_a_delay_is_no_missed_deadline(controller, plant, realtime):
         assert plant.height > 0.9 * controller.problem.start[2]
 
 
+@pytest.mark.timed
 def test_a_controller_that_never_answers_has_a_report(problem, robot):
     plant = MujocoPlant(robot)
     plant.reset_chart(problem.start)
@@ -296,7 +302,7 @@ def test_a_controller_that_never_answers_has_a_report(problem, robot):
     )
 
 
-@pytest.mark.parametrize("realtime", [True, False])
+@REALTIME
 def test_a_controller_in_pinocchio_s_form_is_given_it(problem, robot, realtime):
     """Moving at the start and not along its heading, so that world and body axes differ."""
     start, rate = problem.start.copy(), np.zeros(robot.nx)
@@ -312,7 +318,7 @@ def test_a_controller_in_pinocchio_s_form_is_given_it(problem, robot, realtime):
     assert logs[1].falls == [] and logs[1].x[-1, 2] > 0.8 * start[2]
 
 
-@pytest.mark.parametrize("realtime", [True, False])
+@REALTIME
 def test_ctrl_c_keeps_the_log_so_far(controller, plant, realtime):
     contacts, calls = plant.contacts, []
 

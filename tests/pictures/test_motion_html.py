@@ -20,9 +20,10 @@ from octo.result.solution import Solution
 from octo.viewer import view
 
 STEPS, DT = 120, 0.025
-pytestmark = pytest.mark.skipif(
-    executable() is None, reason="no chromium or google-chrome is installed"
-)
+pytestmark = [
+    pytest.mark.skipif(executable() is None, reason="no chromium or google-chrome is installed"),
+    pytest.mark.timed,
+]
 
 
 @contextmanager

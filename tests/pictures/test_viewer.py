@@ -95,6 +95,7 @@ def test_viser_has_the_still_scene_alone(tmp_path: Path) -> None:
     assert nodes <= {message.get("name") for _, message in scene["messages"]}
 
 
+@pytest.mark.timed
 def test_ten_seconds_are_quick_and_small(tmp_path: Path) -> None:
     solution = motions.wandering(CHARACTERS["mammal"](), steps=400)
     began = time.perf_counter()

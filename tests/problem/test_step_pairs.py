@@ -22,6 +22,7 @@ from octo.starts import first_nodes
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 DT = 0.05
 DOUBLE = octo.CodeStage(
     "double_",
@@ -68,7 +69,8 @@ def mammal() -> octo.Character:
 def compiled(basis: str, steps: int, end: bool, threads: int = 1) -> CompiledProblem:
     per_step = np.linspace(0.0, 2.0, steps)[::-1]
     terms = [octo.TorqueRate(weight=per_step), PowerChange(at="last")]
-    return CompiledProblem([problem(basis, steps, end, *terms)] * 2, threads)
+    like = compiled(basis, steps, end) if threads > 1 else None
+    return CompiledProblem([problem(basis, steps, end, *terms)] * 2, threads, like=like)
 
 
 def wiggle(made: CompiledProblem) -> np.ndarray:

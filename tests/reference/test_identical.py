@@ -29,6 +29,7 @@ from octo.reference.program import (
 )
 
 TOLERANCE = 1e-10
+pytestmark = pytest.mark.usefixtures("quick_compiler")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
