@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, every, host, largest, like, some
+from octo.arrays import Array, Numbers, array_module, host, largest, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -274,18 +274,20 @@ class Barrier(Bounds):
         return most, slope + host(more.reshape(len(slope), -1).sum(axis=1))
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, lost: Mask
     ) -> Evaluation:
-        """Members that took no step begin anew, with slacks next to their rows."""
+        """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
         assert step is not None
-        taken, s = like(accepted.reshape(-1, 1, 1), own.s), self._after(at, after, length)
-        if not every(accepted):
-            s = xp.where(taken, s, limits.inside(after.rows))
+        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (accepted, lost))
+        s = xp.where(taken, self._after(at, after, length), own.s)
+        if some(lost):
+            s = xp.where(anew, limits.inside(after.rows), s)
         mu = _spread(own.mu, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
-            new = xp.where(taken, old + _spread(step.length, s) * change, mu / gap)
+            new = old + xp.where(taken, _spread(step.length, s) * change, 0.0)
+            new = xp.where(anew, mu / gap, new)
             return xp.where(has, xp.clip(new, mu / gap / SAFEGUARD, SAFEGUARD * mu / gap), 0.0)
 
         below, above = limits.gaps(s)
