@@ -40,7 +40,7 @@ SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
-FIRST, AGAIN, LAST = 1e-2, 1e-2, 1e-6  # N μ: of a start, of one with multipliers, of an end
+FIRST, AGAIN, LAST = 1e-2, 1e-3, 1e-6  # N μ: of a start, of one with multipliers, of an end
 
 
 @dataclass(frozen=True, eq=False)
