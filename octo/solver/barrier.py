@@ -40,7 +40,8 @@ SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
-FIRST, AGAIN, LAST = 1e-2, 1e-3, 1e-6  # N μ: of a start, of one with multipliers, of an end
+FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
+LAST = 0.1  # N μ of an end, in parts of the dual tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +117,16 @@ class Barrier(Bounds):
 
     Parameters
     ----------
-    limits: of the rows. at: where the solve begins. slacks: of an end of another solve, for a warm
-        start.
+    limits: of the rows. at: where the solve begins. tolerance: of the dual infeasibility.
+    slacks: of an end of another solve, for a warm start.
     """
 
-    def __init__(self, limits: Limits, at: Evaluation, slacks: Slacks | None = None):
+    def __init__(
+        self, limits: Limits, at: Evaluation, tolerance: float, slacks: Slacks | None = None
+    ):
         xp, rows = array_module(at.rows), at.rows
         steps = rows.shape[1]
-        self.limits, self.last = limits, LAST / steps
+        self.limits, self.last = limits, LAST * tolerance / steps
         self._step: RowStep | None = None
         self._lowered = np.zeros(len(rows), dtype=bool)
         mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
@@ -321,9 +324,11 @@ def _longest(*parts: Array) -> Numbers:
     return np.minimum(1.0, PART / np.maximum(most, 1e-300))
 
 
-def bounds_of(problem: BlockNLP, at: Evaluation, slacks: Slacks | None = None) -> Bounds:
-    """Of the rows of a problem that begins at ``at``."""
+def bounds_of(
+    problem: BlockNLP, at: Evaluation, tolerance: float, slacks: Slacks | None = None
+) -> Bounds:
+    """Of the rows of a problem that begins at ``at``; see :class:`Barrier`."""
     lower, upper = problem.row_bounds
     if lower.size == 0:
         return Bounds()
-    return Barrier(Limits(lower, upper), at, slacks)
+    return Barrier(Limits(lower, upper), at, tolerance, slacks)
