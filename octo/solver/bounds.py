@@ -96,12 +96,18 @@ class Bounds:
         return 1.0, slope
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, still: Mask
+        self,
+        at: Evaluation,
+        after: Evaluation,
+        length: Numbers,
+        accepted: Mask,
+        lost: Mask,
+        still: Mask,
     ) -> Evaluation:
         """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
-        ``at``, and the others none: ``after`` it, as seen. still: (batch,) those whose multipliers
-        stay."""
-        del at, length, accepted, still
+        ``at``, with multipliers that stay where it was a ``still`` one, and that ``lost`` ones
+        found none: ``after`` it, as seen."""
+        del at, length, accepted, lost, still
         return after
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
