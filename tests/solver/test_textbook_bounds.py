@@ -139,19 +139,23 @@ def test_a_block_beyond_the_cone_slides_as_far_as_friction_lets_it(tangent: floa
 
 
 def test_a_robot_on_a_plane_keeps_within_its_cones() -> None:
-    """A plane of tan 0.35 under a robot that is asked to stay, with μ = 0.5."""
-    angle = np.arctan(0.35)
+    """A plane of tan 0.35 under a robot that is asked to stay, with μ = 0.5 under two feet."""
+    angle, robot = np.arctan(0.35), octo.gallery.mammal()
+    ground = [contact.name for contact in robot.contacts if contact.touches_terrain]
+    names = [name for name in ground if name in ("front_left", "hind_right")]
     problem = octo.Problem(
-        octo.gallery.mammal(),
+        robot,
         steps=12,
         dt=0.05,
         terrain=octo.Plane(slope=angle),
         costs=[octo.CenterOfMassVelocity((0.0, 0.0, 0.0)), *octo.costs.natural()],
-        constraints=[octo.FrictionCones(0.5, contacts="feet")],
+        constraints=[octo.FrictionCones(0.5, contacts=names)],
     )
     motion = octo.solve(problem)
     assert motion.converged
-    force, normal = motion.contact_force / motion.weight, motion.contact_normal
+    own = [ground.index(name) for name in names]
+    assert len(own) == 2
+    force, normal = motion.contact_force[:, own] / motion.weight, motion.contact_normal[:, own]
     along = np.sum(force * normal, axis=2)
     across = np.linalg.norm(force - along[..., None] * normal, axis=2)
     rounded = across**2 / np.hypot(across, 0.01) / (0.5 * (along + np.hypot(along, 0.02)))
