@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, host
+from octo.arrays import Array, Numbers, host, like
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -28,9 +28,11 @@ class Slacks:
     mu: Numbers
 
     def select(self, members: Any) -> Slacks:
-        """Those of some members."""
-        parts = (self.s, self.lower, self.upper, self.equal, self.mu)
-        return Slacks(*(part[members] for part in parts))
+        """Those of some members, by index or as a slice."""
+        chosen = members if isinstance(members, slice) else like(members, self.s)
+        parts = (self.s, self.lower, self.upper, self.equal)
+        s, lower, upper, equal = (part[chosen] for part in parts)
+        return Slacks(s, lower, upper, equal, self.mu[members])
 
     def on_host(self) -> Slacks:
         """The same in NumPy arrays."""
