@@ -19,6 +19,7 @@ bounds; the filter sees E with its barrier, and ‖C‖ with the residuals of th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -246,15 +247,19 @@ class Barrier(Bounds):
     # -- a step ------------------------------------------------------------------------------------
 
     def aimed(
-        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model
+        self,
+        problem: BlockNLP,
+        at: Evaluation,
+        lam: Array,
+        model: Model,
+        blocks: Callable[[Model], KKTBlocks],
     ) -> tuple[Evaluation, Model, Numbers | None]:
         """With the next μ wherever the problem of this one is solved well enough; the dual
         infeasibility is that of the multipliers, ‖∇E + Aᵀlam + Rᵀ(z_u − z_l + y)‖∞."""
         steps = at.rows.shape[1]
         _, shift, multipliers = self._weighted
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
         gradient = model.b + problem.row_forces(model, multipliers - shift)
-        dual = host(largest(gradient + blocks.constraints_transposed_times(lam)))
+        dual = host(largest(gradient + blocks(model).constraints_transposed_times(lam)))
         error, self._lowered = np.maximum(dual, at.largest), np.zeros(len(dual), dtype=bool)
         while True:
             mu = self.slacks.mu

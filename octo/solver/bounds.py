@@ -3,7 +3,7 @@ have none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -14,6 +14,7 @@ from octo.arrays import Array, Numbers, host, like
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
+from octo.solver.blocks import KKTBlocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +73,16 @@ class Bounds:
         return trial
 
     def aimed(
-        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model
+        self,
+        problem: BlockNLP,
+        at: Evaluation,
+        lam: Array,
+        model: Model,
+        blocks: Callable[[Model], KKTBlocks],
     ) -> tuple[Evaluation, Model, Numbers | None]:
         """The iterate and its model as the next step is to see them, and (batch,) their dual
-        infeasibility where it is not ‖b + Aᵀlam‖∞."""
-        del problem, lam
+        infeasibility where it is not ‖b + Aᵀlam‖∞; ``blocks``: of Eq. 12, with products."""
+        del problem, lam, blocks
         return at, model, None
 
     @property
