@@ -89,7 +89,7 @@ class _Trial:
     at: Evaluation
     holds: bool  # all of it
     certain: bool  # a least of what is broken, where it does not hold
-    broken: Kept  # labels of the constraints that are beyond their bounds, and END
+    broken: Kept  # of kept, what is beyond its bounds, and END: nobody knows whether it pulls
 
 
 class _Search:
@@ -123,8 +123,8 @@ class _Search:
             return Conflict(motion=trial.at.nodes[0, 1:].copy(), solves=self.solves)
         self.starts[0] = trial.at.nodes[0]
         idle = trial.kept - trial.broken
-        # as they are written, the end last
-        names = [name for name in dict.fromkeys([*self.labels, END]) if name in trial.broken]
+        # as they are written, then the end, then those that the first search left within bounds
+        names = sorted(dict.fromkeys([*self.labels, END]), key=lambda name: name in idle)
         for left_out in [*([idle] if idle else []), *(frozenset([name]) for name in names)]:
             if left_out <= trial.kept:
                 less = self._trial(trial.kept - left_out)
@@ -165,25 +165,27 @@ class _Search:
             off = np.abs(at.rows - np.clip(at.rows, lower, upper)).max(axis=(0, 1), initial=0.0)
             return np.where(np.isnan(off), np.inf, off)
 
-        def holds(at: Evaluation) -> bool:
-            most = beyond(at).max(initial=0.0)
-            return bool(most <= HOLDS and at.largest[0] <= OPTIONS.tolerance)
+        def holds(iterate: sqp.Iterate) -> bool:
+            most = beyond(iterate.at).max(initial=0.0)
+            if most <= HOLDS and iterate.at.largest[0] <= OPTIONS.tolerance:
+                held.append(iterate.at)
+            return bool(held)
 
         self.solves += 1
-        unknowns, lam = compiled.unknowns(nodes[None]), None
-        monitor = sqp.Monitor(lambda iterate: holds(iterate.at))
+        unknowns, lam, held = compiled.unknowns(nodes[None]), None, list[Evaluation]()
+        monitor = sqp.Monitor(holds)
         for width in WIDTHS:
             elastic = Elastic(lower, upper, width)
             result = sqp.run(compiled, unknowns, lam, OPTIONS, monitor, bounds=elastic)
             unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
-            if holds(result.at):
-                break
+            if held:
+                return _Trial(kept, held[0], True, True, frozenset())
             if status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         far = beyond(result.at)
         least = PART * far.max(initial=0.0)
         broken = {name for name, most in zip(self.labels, far, strict=True) if most > least}
-        return _Trial(kept, result.at, holds(result.at), status.converged, kept & {*broken, END})
+        return _Trial(kept, result.at, False, status.converged, kept & {*broken, END})
 
 
 def _of_one_period(problem: Problem, solution: Solution) -> Problem:

@@ -65,7 +65,7 @@ class Conflict:
         words = [_where(row) for row in self.rows]
         words += [f"the fixed end at {self.seconds:.4g} s"] if self.end else []
         if len(words) == 1:
-            said = f"{words[0]} cannot hold, from this start and whatever else is given up"
+            said = f"{words[0]} cannot hold, whatever else is given up"
         else:
             said = f"{listed(words)} cannot hold together; without any one of them the rest can"
         return said if self.certain else f"as far as {self.solves} searches show, {said}"

@@ -47,7 +47,7 @@ class Elastic(Bounds):
             has = xp.isfinite(bound) & ~equal
             z = xp.where(has, side * (rows - xp.where(has, bound, 0.0)), 0.0)
             root = xp.sqrt(z**2 + 4.0 * mu)
-            e = xp.where(z < 0.0, 2.0 * mu / (root - z), 0.5 * (z + root))
+            e = xp.where(z < 0.0, 2.0 * mu / (root + abs(z)), 0.5 * (z + root))
             price = price + xp.where(has, 0.5 * e**2 + mu * xp.log(e / self.width), 0.0)
             shift = shift + xp.where(has, side * e, 0.0)
             weight = weight + xp.where(has, e / root, 0.0)
