@@ -183,9 +183,9 @@ def explained(
     residuals = tuple(sorted(motion.residuals, key=lambda own: -own.part))
     missing = () if status.converged else tuple(own for own in residuals if not own.held)
     hints = [*motion.warnings, *([] if status.converged else _hints(status, bounds))]
-    if status.converged and passes and not passes[-1]["converged"]:
-        last = passes[-1]
-        failed = f"pass {last['pass']} did not converge ({last['status']})"
+    last = passes[-1] if passes else {}
+    if status.converged and not last.get("converged", True):
+        failed = f"pass {last.get('pass')} did not converge ({last.get('status')})"
         hints.append(f"{failed}: this is the motion of the pass before it")
     terms = dict(sorted(motion.terms.items(), key=lambda item: -item[1]))
     stopped = sentence_of(status, motion.bounds)
