@@ -239,6 +239,7 @@ def test_terms_that_dominate_are_said() -> None:
     assert list(told.terms) == ["PoseTarget", "Effort"]
     assert list(told.shares) == ["PoseTarget"] and "PoseTarget 100%" in str(told)
     assert told.broken == () and told.residuals == () and told.hints == ()
+    assert repr(told) == str(told) and "PoseTarget 100%" in told._repr_html_()
 
 
 def test_the_command_reads_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from octo.checks import Array
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.trajectory import Trajectory
+from octo.shown import Shown
 from octo.solver.status import Status
 
 LARGE = 0.1  # of E: a term with less does not dominate
@@ -26,8 +27,8 @@ HELP = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Conflict:
+@dataclass(frozen=True, eq=False, repr=False)
+class Conflict(Shown):
     """Constraints that cannot hold together: without any one of them the others can.
 
     Attributes
@@ -92,9 +93,9 @@ def _where(row: Bound) -> str:
     return f"{row.name} ({when}, {allowed})"
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """Why a solve ended as it did; ``print`` it, or read its fields.
+@dataclass(frozen=True, eq=False, repr=False)
+class Explanation(Shown):
+    """Why a solve ended as it did: a text, or its fields.
 
     Attributes
     ----------
