@@ -11,7 +11,6 @@ from octo.checks import Array
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.trajectory import Trajectory
-from octo.shown import Shown
 from octo.solver.status import Status
 
 LARGE = 0.1  # of E: a term with less does not dominate
@@ -28,7 +27,7 @@ HELP = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Conflict(Shown):
+class Conflict:
     """Constraints that cannot hold together: without any one of them the others can.
 
     Attributes
@@ -71,6 +70,9 @@ class Conflict(Shown):
             said = f"{listed(words)} cannot hold together; without any one of them the rest can"
         return said if self.certain else f"as far as {self.solves} searches show, {said}"
 
+    def __repr__(self) -> str:
+        return str(self)
+
     def report(self) -> dict[str, Any]:
         """For JSON, without the motion."""
         return {
@@ -94,7 +96,7 @@ def _where(row: Bound) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Explanation(Shown):
+class Explanation:
     """Why a solve ended as it did: a text, or its fields.
 
     Attributes
@@ -149,6 +151,9 @@ class Explanation(Shown):
         lines += [f"  {one}" for one in self.hints]
         lines += [] if self.conflict is None else [f"  {self.conflict}"]
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def report(self) -> dict[str, Any]:
         """For JSON."""

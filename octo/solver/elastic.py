@@ -67,9 +67,9 @@ class Elastic(Bounds):
         return self.seen(trial)
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, lost: Mask
     ) -> Evaluation:
-        del at, length, accepted
+        del at, length, accepted, lost
         return self.seen(after)
 
     def take(self, members: NDArray[np.intp]) -> None:
