@@ -17,15 +17,16 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import (
-    live_places,
     multipliers_of,
     nlp,
     parameter_vector,
+    places_of,
     point_of,
     rows_of,
     start_nodes,
     unknowns_of,
 )
+from octo.reference.rows import complementarity, gap, limits
 from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
@@ -51,7 +52,7 @@ class Ipopt:
     ----------
     options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E +
         Aᵀlam‖∞ ≤ ``dual_tolerance``, or by octo's own rule "acceptable", which a compiled function
-        watches.
+        watches; of constraints their violation ≤ ``tolerance`` and octo's complementarity too.
     settings: more options of IPOPT, by its own names.
     """
 
@@ -78,6 +79,9 @@ class Ipopt:
             "sb": "yes",
             **(settings or {}),
         }
+        self.bounds = limits(self.blocks, places_of(self.blocks))
+        if self.blocks.functions.bounded:  # the last weight of the barrier is octo's own
+            self.settings.setdefault("compl_inf_tol", complementarity(self.blocks))
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(source, warm) for warm in (False, True)}
@@ -99,9 +103,9 @@ class Ipopt:
         """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
         compiled, o = self.blocks, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
-        rows = np.zeros(len(live_places(compiled)))
+        lower, upper = self.bounds
         p = parameter_vector(compiled)
-        arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": rows, "ubg": rows}
+        arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": lower, "ubg": upper}
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
         solver = self.solvers[multipliers is not None]
@@ -117,7 +121,8 @@ class Ipopt:
         elif not status.converged and settled(
             columns["energy"], columns["violation"] / compiled.weight, o
         ):
-            status = Status.ACCEPTABLE
+            ended = gap(lower, upper, made.found) <= complementarity(compiled)
+            status = Status.ACCEPTABLE if ended else status
         multipliers = multipliers_of(compiled, made.found["lam_g"])
         solution = solution_of(
             compiled,
