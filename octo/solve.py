@@ -225,7 +225,7 @@ def _solve(
     began = time.perf_counter()
     current = stiffened(batch, [plan[0] for plan in schedules])
     compiled = CompiledProblem(current, int(request.threads))
-    compiled.check_squares("octo.solve") if options.step != "line_search" else None
+    compiled.check_squares("octo.solve", bounds=options.step == "line_search")
     starts = starts_of(start, problems, seeds)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     backend = _prepared(backend, compiled, options, request.device)

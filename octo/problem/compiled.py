@@ -20,6 +20,7 @@ from octo import native
 from octo.checks import Array, doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
 from octo.problem.basis import node_forces, node_values
+from octo.problem.constraints import Constraint
 from octo.problem.data import Data, fill, lowered
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.interpreted import Interpreted
@@ -117,15 +118,20 @@ class CompiledProblem:
         Nothing is recompiled."""
         fill(self.data, self.plan, self.problems, self.functions)
 
-    def check_squares(self, solver: str) -> None:
+    def check_squares(self, solver: str, bounds: bool = False) -> None:
         """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights.
+
+        bounds: it keeps rows between bounds, so constraints are no such terms.
 
         Raises
         ------
         ProblemError: names the term.
         """
         for k in self.functions.bounded:
-            label = self.functions.references.terms[k].label
+            term = self.functions.references.terms[k]
+            if bounds and isinstance(term, Constraint):
+                continue
+            label = term.label
             raise ProblemError(
                 f"{label} is a bounded term, whose rows {solver} gives no weights; only squares "
                 "can be given here"

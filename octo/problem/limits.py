@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 SPEED = ("rad/s", "m/s")
 PLACE = ("rad", "m")
+TORQUE = ("N m", "N")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +86,16 @@ class _Symmetric(Constraint):
     def rows(self, setting: Setting) -> Sequence[Row]:
         own, robot = self._coordinates(setting), setting.character
         chosen, _, size = self._limited(robot, len(own))
-        return [
-            Row(*in_words(robot, int(own[k]), self.units), float(one))
-            for k, one in zip(chosen, size, strict=True)
-        ]
+        words = [in_words(robot, int(own[k]), self.units) for k in chosen]
+        if robot is None and self.units == TORQUE:
+            words = [(f"u{k}", "") for k in chosen]
+        return [Row(*each, float(one)) for each, one in zip(words, size, strict=True)]
 
 
 def in_words(robot: Character | None, coordinate: int, units: tuple[str, str]) -> tuple[str, str]:
     """Name of a coordinate, and its unit of the two for hinges and for slides."""
     if robot is None:
-        return f"x[{coordinate}]", ""
+        return f"x{coordinate}", ""
     joint = robot.joints[coordinate]
     return f"joint {joint.name!r}", units[0] if joint.kind == "hinge" else units[1]
 
@@ -134,7 +135,7 @@ class TorqueLimits(_OfTheFile):
     margin: what is allowed, in parts of the limit.
     """
 
-    units: ClassVar[tuple[str, str]] = ("N m", "N")
+    units: ClassVar[tuple[str, str]] = TORQUE
 
     def _in_file(self, robot: Character) -> Array:
         return robot.torque_limit

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, host, largest, like, some
+from octo.arrays import Array, Numbers, array_module, every, host, largest, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -65,9 +65,8 @@ class Limits:
         return array_module(self.lower).isfinite(self.upper) & ~self.equal
 
     @cached_property
-    def count(self) -> Numbers:
-        """(batch,) bounds, equalities left out."""
-        return host((self.low * 1 + self.high * 1).sum(axis=(1, 2)))
+    def used(self) -> Array:
+        return self.equal | self.low | self.high
 
     def gaps(self, s: Array) -> tuple[Array, Array]:
         """s − lower and upper − s; 1 where there is no bound."""
@@ -86,9 +85,9 @@ class Limits:
             ends.append(xp.where(has, own + sign * away, -sign * np.inf))
         return xp.where(self.equal, xp.where(self.equal, self.lower, 0.0), xp.clip(rows, *ends))
 
-    def box(self, s: Array) -> tuple[Array, Array]:
-        """Between what slacks may be after a step from ``s``."""
-        xp, (below, above) = array_module(s), self.gaps(s)
+    def box(self, below: Array, above: Array) -> tuple[Array, Array]:
+        """Between what slacks may be after a step, the gaps before it being these."""
+        xp = array_module(below)
         least = xp.where(self.low, self.lower + xp.maximum((1.0 - PART) * below, NEAREST), -np.inf)
         most = xp.where(self.high, self.upper - xp.maximum((1.0 - PART) * above, NEAREST), np.inf)
         bound = xp.where(self.equal, self.lower, 0.0)
@@ -96,8 +95,7 @@ class Limits:
 
     def residual(self, rows: Array, s: Array) -> Array:
         """r − s, zero where a row has no bound."""
-        used = self.equal | self.low | self.high
-        return array_module(rows).where(used, rows - s, 0.0)
+        return array_module(rows).where(self.used, rows - s, 0.0)
 
     def select(self, members: Any) -> Limits:
         return Limits(self.lower[members], self.upper[members])
@@ -138,7 +136,13 @@ class Barrier(Bounds):
         if slacks is not None:  # multipliers that are there stay, those of idle bounds rise
             lower, upper = xp.maximum(lower, slacks.lower), xp.maximum(upper, slacks.upper)
             equal = slacks.equal
-        self.slacks = Slacks(s, lower, upper, equal, mu)
+        self._hold(Slacks(s, lower, upper, equal, mu))
+        self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
+
+    def _hold(self, slacks: Slacks) -> None:
+        """Take over slacks, and what is often asked of them."""
+        self.slacks, self.gaps = slacks, self.limits.gaps(slacks.s)
+        self._box = self.limits.box(*self.gaps)
 
     @property
     def ended(self) -> Mask:
@@ -152,7 +156,8 @@ class Barrier(Bounds):
         return self.slacks.select(slice(member, member + 1)).on_host()
 
     def take(self, members: NDArray[np.intp]) -> None:
-        self.limits, self.slacks = self.limits.select(members), self.slacks.select(members)
+        self.limits = self.limits.select(members)
+        self._hold(self.slacks.select(members))
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -166,14 +171,15 @@ class Barrier(Bounds):
     def _weights(self, rows: Array) -> tuple[Array, Array, Array]:
         """D, d and multipliers of the rows."""
         xp, own, limits = array_module(rows), self.slacks, self.limits
-        below, above = limits.gaps(own.s)
+        below, above = self.gaps
         weight = xp.where(limits.equal, 1.0 / EQUAL, own.lower / below + own.upper / above)
         push = self._push(_spread(own.mu, rows), below, above)
         shift = weight * limits.residual(rows, own.s) + push + own.equal
         return weight, shift, own.equal + own.upper - own.lower
 
     def weigh(self, problem: BlockNLP, at: Evaluation) -> None:
-        problem.set_row_weights(*self._weights(at.rows))
+        self._weighted = self._weights(at.rows)
+        problem.set_row_weights(*self._weighted)
 
     def _seen(self, at: Evaluation, s: Array) -> Evaluation:
         """With slacks ``s``."""
@@ -201,7 +207,7 @@ class Barrier(Bounds):
         s = self.slacks.s
         rest = np.broadcast_to(1.0 - np.minimum(length, 1.0), len(s))
         left = _spread(rest, s) * self.limits.residual(at.rows, s)
-        return array_module(s).clip(trial.rows - left, *self.limits.box(s))
+        return array_module(s).clip(trial.rows - left, *self._box)
 
     def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
         return self._seen(trial, self._after(at, trial, length))
@@ -214,7 +220,7 @@ class Barrier(Bounds):
         """With the next μ wherever the problem of this one is solved well enough; the dual
         infeasibility is that of the multipliers, ‖∇E + Aᵀlam + Rᵀ(z_u − z_l + y)‖∞."""
         steps = at.rows.shape[1]
-        _, shift, multipliers = self._weights(at.rows)
+        _, shift, multipliers = self._weighted
         blocks = KKTBlocks(model.H, model.A, model.b, model.C)
         gradient = model.b + problem.row_forces(model, multipliers - shift)
         dual = host(largest(gradient + blocks.constraints_transposed_times(lam)))
@@ -230,7 +236,8 @@ class Barrier(Bounds):
             self.slacks = replace(self.slacks, mu=mu)
             self._lowered |= lower
         if some(self._lowered):
-            change = self._weights(at.rows)[1] - shift
+            self._weighted = self._weights(at.rows)
+            change = self._weighted[1] - shift
             model = replace(model, b=model.b + problem.row_forces(model, change))
             at = self.seen(at)
         return at, model, dual
@@ -238,7 +245,7 @@ class Barrier(Bounds):
     def _off(self) -> Numbers:
         """(batch,) the largest |(s − bound) z − μ|."""
         xp, own, limits = array_module(self.slacks.s), self.slacks, self.limits
-        below, above = limits.gaps(own.s)
+        below, above = self.gaps
         mu = _spread(own.mu, own.s)
         off = xp.maximum(
             xp.where(limits.low, abs(own.lower * below - mu), 0.0),
@@ -250,7 +257,7 @@ class Barrier(Bounds):
         self, problem: BlockNLP, at: Evaluation, model: Model, delta: Array, slope: Numbers
     ) -> tuple[Numbers | float, Numbers]:
         xp, own, limits = array_module(at.rows), self.slacks, self.limits
-        below, above = limits.gaps(own.s)
+        below, above = self.gaps
         mu = _spread(own.mu, own.s)
         products, residual = problem.row_products(model, delta), limits.residual(at.rows, own.s)
         change = xp.where(limits.equal, 0.0, products + residual)
@@ -262,7 +269,7 @@ class Barrier(Bounds):
         self._step = RowStep(lower, upper, equal, length)
         # bᵀΔ has dᵀR Δ in it, the barrier's slope is that of the slacks
         push = self._push(mu, below, above)
-        more = push * change - self._weights(at.rows)[1] * products
+        more = push * change - self._weighted[1] * products
         most = _longest(-change / below, change / above)
         return most, slope + host(more.reshape(len(slope), -1).sum(axis=1))
 
@@ -272,8 +279,9 @@ class Barrier(Bounds):
         """Members that took no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
         assert step is not None
-        taken = like(accepted.reshape(-1, 1, 1), own.s)
-        s = xp.where(taken, self._after(at, after, length), limits.inside(after.rows))
+        taken, s = like(accepted.reshape(-1, 1, 1), own.s), self._after(at, after, length)
+        if not every(accepted):
+            s = xp.where(taken, s, limits.inside(after.rows))
         mu = _spread(own.mu, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
@@ -284,7 +292,7 @@ class Barrier(Bounds):
         lower = kept(own.lower, step.lower, below, limits.low)
         upper = kept(own.upper, step.upper, above, limits.high)
         equal = own.equal + xp.where(taken, _spread(length, s) * step.equal, 0.0)
-        self.slacks = Slacks(s, lower, upper, equal, own.mu)
+        self._hold(Slacks(s, lower, upper, equal, own.mu))
         return self.seen(after)
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:

@@ -406,6 +406,15 @@ def test_torques_are_said_in_newton_metres_and_friction_as_a_share() -> None:
     assert cone.value == pytest.approx(_cones(motion)[:, 0].max())
 
 
+def test_user_written_coordinates_have_the_names_of_the_solution() -> None:
+    given = swing(costs=[octo.Effort(reference=1.0)])
+    problem = described(octo.TorqueLimits(3.0), octo.StepLimit([INF, 0.1]), **given)
+    nodes = np.linspace(0.0, 0.4, STEPS + 1)[:, None] * [1.0, 2.0]
+    torque, step = evaluated(problem, nodes, Status.SIMULATED).bounds
+    assert (torque.row, torque.unit, torque.bound) == ("u0", "", 3.0)
+    assert (step.row, step.value) == ("x1", pytest.approx(0.1))
+
+
 def test_a_constraint_that_a_fixed_state_settles_has_no_line() -> None:
     problem = described(octo.PoseTarget(target=START), x_end=START)
     assert evaluated(problem, np.tile(START, (STEPS + 1, 1)), Status.SIMULATED).bounds == ()

@@ -127,7 +127,7 @@ def test_a_newton_step_is_that_of_the_whole_system() -> None:
         own.equal,
         own.mu,
     )
-    barrier.slacks = own
+    barrier._hold(own)
     barrier.weigh(compiled, at)
     model, lam = compiled.linearize(at, np.zeros((1, compiled.K, compiled.ma))), None
     factor = kkt.factorize(model.H, model.A, 0.0)
