@@ -50,6 +50,7 @@ class Library:
     """
 
     def __init__(self, compiled: CompiledProblem, layout: Layout):
+        compiled.check_squares("a reference solver", bounds=True)
         if compiled.library is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
         self.layout, self.size = layout, layout.variables

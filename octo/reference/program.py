@@ -128,6 +128,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
         along.
     """
     compiled = CompiledProblem([instance("problem", problem, Problem, "an octo.Problem")])
+    compiled.check_squares("a reference solver", bounds=True)
     n, numbers = compiled.n, parameter_vector(compiled)
     x, p = ca.MX.sym("x", len(free_places(compiled))), ca.MX.sym("p", len(numbers))
     constant = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2)
