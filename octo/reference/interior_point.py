@@ -26,7 +26,7 @@ from octo.reference.program import (
     start_nodes,
     unknowns_of,
 )
-from octo.reference.rows import complementarity, gap, limits
+from octo.reference.rows import complementarity, first_weight, gap, limits
 from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
@@ -80,7 +80,7 @@ class Ipopt:
             **(settings or {}),
         }
         self.bounds = limits(self.blocks, places_of(self.blocks))
-        if self.blocks.functions.bounded:  # the last weight of the barrier is octo's own
+        if self.blocks.functions.bounded:  # the barrier ends at octo's own weight
             self.settings.setdefault("compl_inf_tol", complementarity(self.blocks))
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
@@ -92,6 +92,8 @@ class Ipopt:
         """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
         given."""
         settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
+        if self.blocks.functions.bounded:
+            settings.setdefault("mu_init", first_weight(self.blocks, warm))
         options = {"ipopt": settings, **QUIET}
         if self.library is not None:
             options["iteration_callback"] = self.library.function("octo_watch")

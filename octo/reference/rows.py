@@ -14,7 +14,7 @@ from scipy import sparse
 from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.row_products import RowSlopes
-from octo.solver.barrier import ERRORS, LAST
+from octo.solver.barrier import AGAIN, ERRORS, FIRST, LAST
 
 Indices = NDArray[np.intp]
 # D of a row in g: octo derives no row without one, and of H nothing is left of this one
@@ -58,6 +58,11 @@ def complementarity(compiled: CompiledProblem) -> float:
     """What a multiplier times the room to its bound may be at the end, as of octo's interior
     point."""
     return (1.0 + ERRORS) * LAST / compiled.steps
+
+
+def first_weight(compiled: CompiledProblem, warm: bool) -> float:
+    """Of the barrier at a start, with multipliers or without, as of octo's interior point."""
+    return (AGAIN if warm else FIRST) / compiled.steps
 
 
 def gap(lower: Array, upper: Array, found: Mapping[str, Any]) -> float:
