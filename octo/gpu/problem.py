@@ -14,7 +14,7 @@ from octo.gpu.tables import gathers, pair_gathers
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.neighbours import anchors
 
-BATCHED = ("p", "q", "row_scale", "constant", "anchor", "carry", "rest")
+BATCHED = ("p", "q", "row_scale", "constant", "lower", "upper", "anchor", "carry", "rest")
 
 
 class DeviceProblem:
@@ -24,8 +24,8 @@ class DeviceProblem:
     def __init__(self, problem: CompiledProblem, device: Device, like: DeviceProblem | None = None):
         self.host, self.device, self.xp = problem, device, device.xp
         self.program: Program = Program(problem, device) if like is None else like.program
-        self.p, self.q, self.row_scale, self.constant = (
-            device.array(getattr(problem, name)) for name in BATCHED[:4]
+        self.p, self.q, self.row_scale, self.constant, self.lower, self.upper = (
+            device.array(getattr(problem, name)) for name in BATCHED[:6]
         )
         between = bool(problem.functions.between)
         self.anchor = device.array(
@@ -82,6 +82,11 @@ class DeviceProblem:
             setattr(part, name, None if whole is None else self.xp.ascontiguousarray(whole[chosen]))
         part.batch = len(part.p)
         return part
+
+    @property
+    def row_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (batch, N, rows) of the bounded rows."""
+        return self.lower, self.upper
 
     def set_row_weights(
         self, weights: Array, shifts: Array, multipliers: Array | None = None
@@ -195,6 +200,19 @@ class DeviceProblem:
         room = 8 * (3 * self.n + len(self.program.kept.motors))
         self._each_step("octo_row_products", SMALL, room, model.R, moved, products)
         return products
+
+    def row_forces(self, model: Model, weights: Array) -> Array:
+        """As :meth:`CompiledProblem.row_forces`."""
+        if self.program.kept is None:
+            return self.xp.zeros((self.batch, self.K, self.nc))
+        window = self.device.empty((self.batch, self.steps, 3 * self.n))
+        room = 8 * (3 * self.n + len(self.program.kept.motors))
+        self._each_step("octo_row_forces", SMALL, room, model.R, weights, self.carry, window)
+        forces = self.device.empty((self.batch, self.K, self.nc))
+        own = (self._tables[f"gradient_{part}"] for part in ("first", "source", "value"))
+        given = (self.steps, self.host.stencil.parts, *own, window, forces)
+        self.program.each("octo_gather_forces", (self.K, self.batch), *given, threads=SMALL)
+        return forces
 
     def _kept_rows(self) -> Array | None:
         """R of a model, out of the slopes in ``scratch``."""

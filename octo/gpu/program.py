@@ -53,7 +53,7 @@ class Program(Kernels):
         places = (pieces.rows, pieces.columns)
         self.kept = codegen.kept_slopes(functions, dynamics, places)
         if self.kept is not None:
-            model += [self.kept.tables(), source("row_products.cu")]
+            model += [self.kept.tables(), self.kept.turned_tables(), source("row_products.cu")]
         parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)

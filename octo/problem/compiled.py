@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import Array, doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
-from octo.problem.basis import node_forces, node_values
+from octo.problem.basis import node_values
 from octo.problem.constraints import Constraint
 from octo.problem.data import Data, fill, lowered
 from octo.problem.evaluation import Evaluation, Model
@@ -254,15 +254,10 @@ class CompiledProblem:
     def row_forces(self, model: Model, weights: Array) -> Array:
         """Rᵀ w (batch, K, nc): what ``weights`` w (batch, N, rows) of the bounded rows are on the
         unknowns; ``model`` as of ``row_products``."""
-        kept = self.program.kept
-        if kept is None or model.R is None:
-            return np.zeros((self.batch, self.K, self.nc))
-        window = kept.forces(model.R, weights)
-        nodes = np.zeros((self.batch, self.steps + 2, self.n))
-        for node, own in enumerate(np.split(window, 3, axis=-1)):
-            nodes[:, 2 - node : 2 - node + self.steps] += own
-        forces = node_forces(self.stencil, nodes, self.nc, self.carry)
-        forces[:, self.fixed] = 0.0
+        forces = np.zeros((self.batch, self.K, self.nc))
+        if model.R is not None:
+            shape = (self.batch, self.steps, len(self.functions.bounded))
+            self.steps_code.row_forces(model.R, doubles("weights", weights, shape), forces)
         return forces
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:

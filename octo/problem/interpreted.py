@@ -16,7 +16,7 @@ from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-from octo.problem.basis import block, scatter, slots_of
+from octo.problem.basis import block, node_forces, scatter, slots_of
 from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
@@ -226,6 +226,15 @@ class Interpreted:
         slopes = self.program.kept
         assert slopes is not None
         out[:] = slopes.products(kept, moved)
+
+    def row_forces(self, kept: Array, weights: Array, out: Array) -> None:
+        """Fills Rᵀ w (batch, K, nc), of R of a model and weights (batch, N, rows)."""
+        slopes, (batch, steps), n = self.program.kept, kept.shape[:2], self.plan.n
+        assert slopes is not None
+        nodes = np.zeros((batch, steps + 2, n))
+        for node, own in enumerate(np.split(slopes.forces(kept, weights), 3, axis=-1)):
+            nodes[:, 2 - node : 2 - node + steps] += own
+        out[:] = node_forces(self.plan.stencil, nodes, self.plan.nc, self.data.carry)
 
     def _rows(self, given: list[list[Array]]) -> tuple[Array, Array, Array, Array]:
         """What the rows over the state add to the model, D r' r'ᵀ, d r' and curvature of y r: D, d

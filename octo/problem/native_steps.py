@@ -79,6 +79,14 @@ class NativeSteps:
         arrays = (ctypes.c_void_p(array.ctypes.data) for array in (kept, given, out))
         functions(batch, steps, *arrays, self.threads)
 
+    def row_forces(self, kept: Array, weights: Array, out: Array) -> None:
+        """Fills Rᵀ w (batch, K, nc), of R of a model and weights (batch, N, rows)."""
+        batch, steps = kept.shape[:2]
+        window, own = np.empty((batch, steps, 3 * self.plan.n)), self._own_task()
+        arrays = (ctypes.c_void_p(array.ctypes.data) for array in (kept, weights, window, out))
+        self.library.octo_row_forces(ctypes.byref(own[0]), *arrays, self.threads)
+        self._free_tasks.append(own)
+
     def _add_between(self, task: Task, unknowns: Array) -> None:
         """What the terms over neighbouring controls add to H and b."""
         controls = controls_of(self.plan, self.data, unknowns)

@@ -1,6 +1,7 @@
-/* What a linearisation keeps of the bounded rows of a step, and their products with a step of the nodes: after scatter.c and the
- * tables of row_products.py, before assemble.c, and only where there are bounded rows. Kept are NKEPT slopes, sorted by row, then
- * NPULLED numbers of FD's Jacobian, by the MOTORS that they look at. Of a row whose weight D is 0 the slopes are 0. */
+/* What a linearisation keeps of the bounded rows of a step, and its products with a step of the nodes and with weights
+ * of the rows: after scatter.c and the tables of row_products.py, before assemble.c, and only where there are bounded rows. Kept are
+ * NKEPT slopes, sorted by row, then NPULLED numbers of FD's Jacobian, by the MOTORS that they look at. Of a row whose weight D is 0 the
+ * slopes are 0. */
 
 #define KEPT_ROOM (NKEPT + NPULLED)
 #define PRODUCT_STEPS 64 /* of an item of work */
@@ -57,4 +58,48 @@ static void octo_products_of_steps(void *shared, int item) {
 void octo_row_products(int batch, int steps, const double *kept, const double *moved, double *products, int threads) {
   octo_product_call call = {steps, (steps + PRODUCT_STEPS - 1) / PRODUCT_STEPS, kept, moved, products};
   octo_parallel_for(octo_products_of_steps, &call, batch * call.items, threads);
+}
+
+typedef struct { const octo_task *task; int items; const double *kept, *weights; double *window, *forces; } octo_force_call;
+
+static void octo_forces_of_steps(void *shared, int item) { /* window (W3) = Rᵀ w of each step, on its nodes or what these are of */
+  const octo_force_call *call = shared;
+  int steps = call->task->steps, member = item / call->items, first = item % call->items * PRODUCT_STEPS, last = first + PRODUCT_STEPS;
+  for (int i = first; i < last && i < steps; ++i) {
+    size_t step = (size_t)member * steps + i;
+    const double *kept = call->kept + step * KEPT_ROOM, *weights = call->weights + step * NBOUNDED;
+    double window[W3 + MOTORS + 1] = {0.0};
+    for (int row = 0; row < NBOUNDED; ++row)
+      for (int z = octo_kept_first[row]; z < octo_kept_first[row + 1]; ++z) window[octo_kept_column[z]] += kept[z] * weights[row];
+    for (int k = 0; k < MOTORS; ++k)
+      for (int e = octo_pulled_first[k]; e < octo_pulled_first[k + 1]; ++e) window[octo_pulled_column[e]] += kept[NKEPT + e] * window[W3 + k];
+    if (call->task->carry && i < 2) octo_carry_line(call->task->carry + (size_t)member * NX * NX, 1 + i, window);
+    memcpy(call->window + step * W3, window, W3 * sizeof(double));
+  }
+}
+
+static void octo_forces_of_member(void *shared, int member) { /* forces (units, nc), of the windows */
+  const octo_force_call *call = shared;
+  const octo_task *t = call->task;
+  const double *window = call->window + (size_t)member * t->steps * W3;
+  double *forces = call->forces + (size_t)member * t->units * t->nc;
+  memset(forces, 0, (size_t)t->units * t->nc * sizeof(double));
+  for (int j = 0; j < t->steps + 2; ++j) {
+    double own[NX] = {0.0};
+    for (int node = 0, i = j - 2; node < 3; ++node, ++i)
+      if (i >= 0 && i < t->steps)
+        for (int c = 0; c < NX; ++c) own[c] += window[(size_t)i * W3 + node * NX + c];
+    for (int s = j * t->slots; s < (j + 1) * t->slots; ++s) {
+      if (t->slot_unit[s] < 0) continue;
+      double *to = forces + (size_t)t->slot_unit[s] * t->nc + t->slot_part[s] * NX;
+      for (int c = 0; c < NX; ++c) to[c] += t->slot_value[s] * own[c];
+    }
+  }
+}
+
+/* forces (batch, units, nc) = Rᵀ w; kept as of octo_row_products, weights w (batch, steps, NBOUNDED), window (batch, steps, W3) room. */
+void octo_row_forces(const octo_task *t, const double *kept, const double *weights, double *window, double *forces, int threads) {
+  octo_force_call call = {t, (t->steps + PRODUCT_STEPS - 1) / PRODUCT_STEPS, kept, weights, window, forces};
+  octo_parallel_for(octo_forces_of_steps, &call, t->batch * call.items, threads);
+  octo_parallel_for(octo_forces_of_member, &call, t->batch, threads);
 }

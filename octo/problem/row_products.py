@@ -1,5 +1,5 @@
-"""Products R Δ of the bounded rows' derivatives with a step of the nodes, out of what a
-linearisation keeps.
+"""Products R Δ of the bounded rows' derivatives with a step of the nodes, and Rᵀ w with weights of
+the rows, out of what a linearisation keeps.
 
 Of each time step a model keeps what may not be zero of the slopes of its bounded rows over (x_next,
 x, x_prev, u), and of ∂u/∂(x_next, x, x_prev) of the motors that they look at: the chain rule
@@ -64,22 +64,43 @@ class RowSlopes:
         """Numbers that are kept of a step."""
         return len(self.entries) + len(self.pulled[0])
 
-    def tables(self) -> str:
-        """C text of sizes and places; a column over torques is the place of its motor here."""
+    @cached_property
+    def places(self) -> Indices:
+        """Columns of the slopes, one over torques as the place of its motor here, behind those
+        over nodes."""
         places = self.columns.copy()
         over = places >= 3 * self.n
         places[over] = 3 * self.n + np.searchsorted(self.motors, places[over] - 3 * self.n)
+        return places
+
+    def tables(self) -> str:
+        """C text of sizes and places."""
         of_motor, column = self.pulled
         sizes = {"NKEPT": len(self.entries), "MOTORS": len(self.motors), "NPULLED": len(column)}
         tables = {
             "kept_entry": self.entries,
             "kept_first": np.searchsorted(self.rows, np.arange(self.count + 1)),
-            "kept_column": places,
+            "kept_column": self.places,
             "pulled_motor": self.motors[of_motor],
             "pulled_first": np.searchsorted(of_motor, np.arange(len(self.motors) + 1)),
             "pulled_column": column,
         }
         return tables_text(sizes, tables, anew=True)
+
+    def turned_tables(self) -> str:
+        """C text of the same by columns, for products with Rᵀ in which each sum has one writer."""
+        of_motor, column = self.pulled
+        own, back = np.argsort(self.places, kind="stable"), np.argsort(column, kind="stable")
+        width, count = 3 * self.n, 3 * self.n + len(self.motors)
+        tables = {
+            "turned_first": np.searchsorted(self.places[own], np.arange(count + 1)),
+            "turned_entry": own,
+            "turned_row": self.rows[own],
+            "back_first": np.searchsorted(column[back], np.arange(width + 1)),
+            "back_entry": back,
+            "back_motor": of_motor[back],
+        }
+        return tables_text({}, tables)
 
     def c_text(self) -> str:
         """For assemble.c, after scatter.c."""
@@ -113,16 +134,14 @@ class RowSlopes:
         """(batch, N, 3n) Rᵀ ``weights`` (batch, N, rows), what they are on each step's nodes, in
         NumPy."""
         first, width = len(self.entries), 3 * self.n
-        to_columns, to_nodes = self._places
+        to_columns, to_nodes = self._incidence
         whole = (kept[..., :first] * weights[..., self.rows]) @ to_columns
         torques = whole[..., width:][..., self.pulled[0]]
         return np.asarray(whole[..., :width] + (kept[..., first:] * torques) @ to_nodes)
 
     @cached_property
-    def _places(self) -> tuple[Array, Array]:
+    def _incidence(self) -> tuple[Array, Array]:
         """Ones where each slope stands among the nodes and the motors looked at, and each number of
         FD's Jacobian among the nodes."""
-        width, columns = 3 * self.n, self.columns.copy()
-        over = columns >= width
-        columns[over] = width + np.searchsorted(self.motors, columns[over] - width)
-        return np.eye(width + len(self.motors))[columns], np.eye(width)[self.pulled[1]]
+        width = 3 * self.n
+        return np.eye(width + len(self.motors))[self.places], np.eye(width)[self.pulled[1]]

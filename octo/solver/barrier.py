@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, every, host, largest, like, some
+from octo.arrays import Array, Numbers, array_module, host, largest, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -40,7 +40,8 @@ SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
-FIRST, AGAIN, LAST = 1e-2, 1e-2, 1e-6  # N μ: of a start, of one with multipliers, of an end
+FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
+LAST = 0.1  # N μ of an end, in parts of the dual tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +117,16 @@ class Barrier(Bounds):
 
     Parameters
     ----------
-    limits: of the rows. at: where the solve begins. slacks: of an end of another solve, for a warm
-        start.
+    limits: of the rows. at: where the solve begins. tolerance: of the dual infeasibility.
+    slacks: of an end of another solve, for a warm start.
     """
 
-    def __init__(self, limits: Limits, at: Evaluation, slacks: Slacks | None = None):
+    def __init__(
+        self, limits: Limits, at: Evaluation, tolerance: float, slacks: Slacks | None = None
+    ):
         xp, rows = array_module(at.rows), at.rows
         steps = rows.shape[1]
-        self.limits, self.last = limits, LAST / steps
+        self.limits, self.last = limits, LAST * tolerance / steps
         self._step: RowStep | None = None
         self._lowered = np.zeros(len(rows), dtype=bool)
         mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
@@ -274,18 +277,20 @@ class Barrier(Bounds):
         return most, slope + host(more.reshape(len(slope), -1).sum(axis=1))
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, lost: Mask
     ) -> Evaluation:
-        """Members that took no step begin anew, with slacks next to their rows."""
+        """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
         assert step is not None
-        taken, s = like(accepted.reshape(-1, 1, 1), own.s), self._after(at, after, length)
-        if not every(accepted):
-            s = xp.where(taken, s, limits.inside(after.rows))
+        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (accepted, lost))
+        s = xp.where(taken, self._after(at, after, length), own.s)
+        if some(lost):
+            s = xp.where(anew, limits.inside(after.rows), s)
         mu = _spread(own.mu, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
-            new = xp.where(taken, old + _spread(step.length, s) * change, mu / gap)
+            new = old + xp.where(taken, _spread(step.length, s) * change, 0.0)
+            new = xp.where(anew, mu / gap, new)
             return xp.where(has, xp.clip(new, mu / gap / SAFEGUARD, SAFEGUARD * mu / gap), 0.0)
 
         below, above = limits.gaps(s)
@@ -319,9 +324,11 @@ def _longest(*parts: Array) -> Numbers:
     return np.minimum(1.0, PART / np.maximum(most, 1e-300))
 
 
-def bounds_of(problem: BlockNLP, at: Evaluation, slacks: Slacks | None = None) -> Bounds:
-    """Of the rows of a problem that begins at ``at``."""
+def bounds_of(
+    problem: BlockNLP, at: Evaluation, tolerance: float, slacks: Slacks | None = None
+) -> Bounds:
+    """Of the rows of a problem that begins at ``at``; see :class:`Barrier`."""
     lower, upper = problem.row_bounds
     if lower.size == 0:
         return Bounds()
-    return Barrier(Limits(lower, upper), at, slacks)
+    return Barrier(Limits(lower, upper), at, tolerance, slacks)

@@ -91,11 +91,11 @@ class Bounds:
         return 1.0, slope
 
     def moved(
-        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask
+        self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, lost: Mask
     ) -> Evaluation:
         """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
-        ``at``, and the others none: ``after`` it, as seen."""
-        del at, length, accepted
+        ``at``, and that ``lost`` ones found none: ``after`` it, as seen."""
+        del at, length, accepted, lost
         return after
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:

@@ -148,8 +148,9 @@ class LineSearch:
             near = self.acceptance.near
             found = self.extrapolation.further(self.trials, at, line, near, found, growing)
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
-        after, lam, failed = self._restore(found.at, lam, ~(found.accepted | converged))
-        after = self.bounds.moved(at, after, length, found.accepted)
+        lost = ~(found.accepted | converged)
+        after, lam, failed = self._restore(found.at, lam, lost)
+        after = self.bounds.moved(at, after, length, found.accepted, lost)
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(

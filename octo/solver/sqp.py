@@ -200,7 +200,7 @@ class _Run:
         self.at = problem.evaluate(xp.ascontiguousarray(unknowns))
         shape = (problem.batch, problem.K, problem.ma)
         self.lam = xp.zeros(shape) if lam is None else xp.ascontiguousarray(lam, dtype=float)
-        self.bounds = bounds_of(problem, self.at, slacks)
+        self.bounds = bounds_of(problem, self.at, options.dual_tolerance, slacks)
         self.at = self.bounds.seen(self.at)
         own = (self.bounds,) if kind is LineSearch else ()
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend, *own)

@@ -1,4 +1,5 @@
-"""R Δ, how bounded rows change along a step of the unknowns, beside differences of the rows."""
+"""R Δ, how bounded rows change along a step of the unknowns, beside differences of the rows, and
+Rᵀ w beside R Δ."""
 
 from __future__ import annotations
 
@@ -133,6 +134,32 @@ def test_it_is_the_slope_of_the_rows(name):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("name", MOTIONS)
+def test_forces_are_the_transposed_products(name, backend):
+    """wᵀ (R Δ) = (Rᵀ w)ᵀ Δ for each unknown alone, and nothing where units are fixed."""
+    problem = compiled(**MOTIONS[name])
+    unknowns, delta = wiggle(problem)
+    own, rng = BACKENDS[backend](problem), np.random.default_rng(3)
+    weights = rng.standard_normal((2, problem.steps, 13))
+    ones = np.ones_like(weights)
+    own.set_row_weights(ones, ones)
+    model = own.linearize(own.evaluate(unknowns), None)
+    forces = np.asarray(own.row_forces(model, weights))
+    assert forces.shape == delta.shape and (forces[:, problem.fixed] == 0.0).all()
+    found = np.full_like(forces, np.nan)
+    for unit in range(problem.K):
+        for place in rng.choice(problem.nc, 3, replace=False):
+            one = np.zeros_like(delta)
+            one[:, unit, place] = 1.0
+            products = np.asarray(own.row_products(model, one))
+            found[:, unit, place] = (weights * products).sum(axis=(1, 2))
+    asked, least = ~np.isnan(found), 1e-12 * np.abs(forces).max()
+    np.testing.assert_allclose(forces[asked], found[asked], rtol=1e-9, atol=least)
+    whole = (weights * np.asarray(own.row_products(model, delta))).sum(axis=(1, 2))
+    np.testing.assert_allclose((forces * delta).sum(axis=(1, 2)), whole, rtol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_it_is_what_h_is_made_of(backend):
     """Δᵀ H Δ has Σ D (R Δ)², and rows that are left out have no slope."""
     problem = compiled(13)
@@ -165,6 +192,7 @@ def test_what_is_kept():
         model = own.linearize(own.evaluate(unknowns), None)
         assert model.R is None
         assert own.row_products(model, delta).shape == (1, 4, 0)
+        assert (own.row_forces(model, np.zeros((1, 4, 0))) == np.zeros_like(delta)).all()
     for bounded, slopes, motors in (((Joints,), 3, []), ((Joints, Torques), 10, [0, 1, 2, 3, 5])):
         kept = compiled(4, bounded=bounded).program.kept
         assert kept is not None and len(kept.entries) == slopes and kept.motors.tolist() == motors
@@ -183,9 +211,14 @@ def test_threads_and_members_change_nothing():
     made = four.linearize(four.evaluate(unknowns), None)
     np.testing.assert_array_equal(made.R, model.R)
     np.testing.assert_array_equal(four.row_products(made, delta), products)
+    forces = problem.row_forces(model, products)
+    np.testing.assert_array_equal(four.row_forces(made, products), forces)
     one = four.take(np.array([1]))
     alone = one.linearize(one.evaluate(unknowns[1:]), None)
     np.testing.assert_array_equal(one.row_products(alone, delta[1:]), products[1:])
+    np.testing.assert_array_equal(one.row_forces(alone, products[1:]), forces[1:])
+    with pytest.raises(octo.errors.ShapeError, match="weights"):
+        problem.row_forces(model, products[:, 1:])
 
 
 def test_limbs_that_touch_couple_their_motors():

@@ -119,7 +119,7 @@ def test_a_newton_step_is_that_of_the_whole_system() -> None:
     compiled, rng = CompiledProblem([problem]), np.random.default_rng(1)
     unknowns = compiled.unknowns(0.3 * rng.standard_normal((1, 8, 2)))
     at = compiled.evaluate(unknowns)
-    barrier = Barrier(Limits(*compiled.row_bounds), at)
+    barrier = Barrier(Limits(*compiled.row_bounds), at, 1e-5)
     own, limits = barrier.slacks, barrier.limits
     own = type(own)(
         own.s,
