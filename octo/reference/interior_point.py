@@ -81,7 +81,7 @@ class Ipopt:
         }
         self.bounds = limits(self.blocks, places_of(self.blocks))
         if self.blocks.functions.bounded:  # the barrier ends at octo's own weight
-            self.settings.setdefault("compl_inf_tol", complementarity(self.blocks))
+            self.settings.setdefault("compl_inf_tol", complementarity(self.blocks.steps, options))
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(source, warm) for warm in (False, True)}
@@ -123,7 +123,7 @@ class Ipopt:
         elif not status.converged and settled(
             columns["energy"], columns["violation"] / compiled.weight, o
         ):
-            ended = gap(lower, upper, made.found) <= complementarity(compiled)
+            ended = gap(lower, upper, made.found) <= complementarity(compiled.steps, o)
             status = Status.ACCEPTABLE if ended else status
         multipliers = multipliers_of(compiled, made.found["lam_g"])
         solution = solution_of(

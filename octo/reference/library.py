@@ -27,6 +27,7 @@ from octo.problem.neighbours import anchors
 from octo.reference.layout import Layout
 from octo.reference.program import parameter_vector
 from octo.reference.rows import complementarity, limits
+from octo.solver.options import SqpOptions
 
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
 _ACTIVE: dict[str, Any] = {}  # by library, what its code points to
@@ -58,7 +59,7 @@ class Library:
         handle = native.load(_text(compiled.library, layout))
         assert handle is not None
         self.handle, self.path = handle, handle._name
-        self.complementarity = complementarity(compiled)
+        self.steps = compiled.steps
         numbers = (ctypes.c_double,) * 3
         self.handle.octo_watch_set.argtypes = (*numbers, ctypes.c_int)
         self.handle.octo_log_rows.restype = ctypes.POINTER(ctypes.c_double)
@@ -74,9 +75,10 @@ class Library:
         """nlp_f, nlp_grad_f, … as a CasADi function."""
         return ca.external(name, self.path)
 
-    def begin(self, tolerance: float, change: float, plateau: int) -> None:
+    def begin(self, options: SqpOptions) -> None:
         """Start the clock, and the rule by which octo_watch stops."""
-        self.handle.octo_watch_set(tolerance, change, self.complementarity, plateau)
+        o, room = options, complementarity(self.steps, options)
+        self.handle.octo_watch_set(o.tolerance, o.plateau_change, room, o.plateau)
 
     def stop(self, stopped: bool = True) -> None:
         """Make every evaluation fail, so that the solver ends; or no longer."""

@@ -15,6 +15,7 @@ from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.row_products import RowSlopes
 from octo.solver.barrier import AGAIN, ERRORS, FIRST, LAST
+from octo.solver.options import SqpOptions
 
 Indices = NDArray[np.intp]
 # D of a row in g: octo derives no row without one, and of H nothing is left of this one
@@ -54,10 +55,10 @@ def used(compiled: CompiledProblem) -> Array:
     return q
 
 
-def complementarity(compiled: CompiledProblem) -> float:
+def complementarity(steps: int, options: SqpOptions) -> float:
     """What a multiplier times the room to its bound may be at the end, as of octo's interior
     point."""
-    return (1.0 + ERRORS) * LAST / compiled.steps
+    return (1.0 + ERRORS) * LAST * options.dual_tolerance / steps
 
 
 def first_weight(compiled: CompiledProblem, warm: bool) -> float:

@@ -120,7 +120,7 @@ class Fatrop:
         if made.caught:
             status = Status.INTERRUPTED
         elif not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
-            ended = gap(least, most, made.found) <= complementarity(c)
+            ended = gap(least, most, made.found) <= complementarity(c.steps, o)
             status = Status.ACCEPTABLE if ended else status
         x = np.asarray(made.found["x"]).reshape(c.steps, 3, c.n)
         unknowns = x[None, :, 2].copy()
