@@ -88,13 +88,17 @@ class Ipopt:
         self.setup_seconds = time.perf_counter() - began
         prepare(self.blocks)
 
-    def _solver(self, source: dict[str, ca.MX] | str, warm: bool) -> ca.Function:
-        """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
-        given."""
+    def _told(self, warm: bool) -> dict[str, Any]:
+        """The settings of a solve, with multipliers or without."""
         settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
         if self.blocks.functions.bounded:
             settings.setdefault("mu_init", first_weight(self.blocks, warm))
-        options = {"ipopt": settings, **QUIET}
+        return settings
+
+    def _solver(self, source: dict[str, ca.MX] | str, warm: bool) -> ca.Function:
+        """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
+        given."""
+        options = {"ipopt": self._told(warm), **QUIET}
         if self.library is not None:
             options["iteration_callback"] = self.library.function("octo_watch")
         return ca.nlpsol("reference", "ipopt", source, options)
@@ -110,7 +114,8 @@ class Ipopt:
         arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": lower, "ubg": upper}
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
-        solver = self.solvers[multipliers is not None]
+        warm = multipliers is not None
+        solver = self.solvers[warm]
         made = timed(solver, self.library, o, arguments)
         stats = solver.stats()
         said = str(stats["return_status"])
@@ -137,7 +142,7 @@ class Ipopt:
             setup_seconds=self.setup_seconds,
             seed=seed,
         )
-        return Run("ipopt", solution, said, self.compiled, dict(self.settings))
+        return Run("ipopt", solution, said, self.compiled, self._told(warm))
 
     def _history(self, stats: dict[str, Any], seconds: float) -> dict[str, Array]:
         """A row an iterate: E, ‖C‖∞ in N and when, as the compiled watch saw them; IPOPT's own
