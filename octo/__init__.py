@@ -30,6 +30,7 @@ _NAMES = {  # by the module that defines them
     "octo.devices": "devices",
     "octo.dynamics.evaluate": "CustomDynamics",
     "octo.dynamics.simulate": "simulate",
+    "octo.explain": "explain",
     "octo.goals": "Goal",
     "octo.jump": "jump",
     "octo.model.character": "Character",
@@ -118,6 +119,7 @@ if TYPE_CHECKING:
     from octo.dynamics import laws as laws
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
+    from octo.explain import explain as explain
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump
     from octo.model import gallery as gallery

@@ -32,6 +32,13 @@ def host(array: Array) -> Numbers:
     return np.asarray(array.get())
 
 
+def hosts(*values: Array) -> list[Numbers]:
+    """Arrays of one shape in NumPy, a device's in one copy."""
+    if isinstance(values[0], np.ndarray):
+        return list(values)
+    return list(host(array_module(values[0]).stack(values)))
+
+
 def like(values: Numbers, array: Array) -> Array:
     """NumPy ``values`` where ``array`` is."""
     return values if isinstance(array, np.ndarray) else array_module(array).asarray(values)

@@ -56,7 +56,7 @@ def _facts(value: Known) -> tuple[str, list[Row]]:
 def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
     relative = solution.violation / solution.weight
     rows = [
-        ("status", solution.status.value),
+        ("status", solution.sentence),
         ("iterations", f"{solution.iterations} in {solution.seconds:.2f} s on {solution.device}"),
         ("E", f"{solution.energy:.5g}"),
         ("‖C‖∞", f"{solution.violation:.1e} N, {relative:.1e} of the weight"),

@@ -11,7 +11,19 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NoReturn
 
 import octo
-from octo.cli import bench, compare, completion, cycle, inspect, mpc, replay, simulate, solve, view
+from octo.cli import (
+    bench,
+    compare,
+    completion,
+    cycle,
+    explain,
+    inspect,
+    mpc,
+    replay,
+    simulate,
+    solve,
+    view,
+)
 from octo.errors import OctoError, UnknownNameError, UsageError
 
 REFUSED = 2
@@ -25,6 +37,7 @@ EXAMPLES = """examples:
   octo info go2.urdf --json
   octo simulate biped --seconds 2 --hold
   octo replay demo --starts 5
+  octo explain demo
   octo view demo --out motion.html
   octo completion bash > ~/.local/share/bash-completion/completions/octo"""
 
@@ -64,6 +77,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "robots": ("the robots that octo brings along", inspect.add_robots_arguments),
         "simulate": ("let a robot move without a plan", simulate.add_arguments),
         "replay": ("run a saved plan in MuJoCo", replay.add_arguments),
+        "explain": ("why a saved solve ended as it did", explain.add_arguments),
         "view": ("a picture of a saved solution or log", view.add_arguments),
         "completion": (
             "a script with which a shell completes what you type",

@@ -29,6 +29,7 @@ TILE, TOGETHER = 3, 2
 # for the kernels
 DEFINED = {"WARP": WARP, "SMALL": SMALL, "TILED": TILED, "FLAT": WIDE}
 DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
+BARRIER = 40  # numbers of each bounded row that an interior point has at the same time
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
 DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
@@ -103,7 +104,8 @@ def bytes_of(problem: CompiledProblem) -> int:
     n, N, K, nc, ma = problem.n, problem.steps, problem.K, problem.nc, problem.ma
     functions, blocks = problem.functions, -(-problem.K // 2)
     rows, touch = functions.rows, len(functions.contact_spheres) * contact_numbers(functions)
-    iterate = K * (nc + ma) + N * (2 * n + len(functions.references.terms)) + K * ma
+    values = len(functions.references.terms) + len(functions.bounded)
+    iterate = K * (nc + ma) + N * (2 * n + values) + K * ma
     model = K * (3 * nc * nc + 3 * ma * nc + nc)
     squares = 3 + problem.dynamics.curvature_blocks + 6  # of n numbers a step: jac, curvature, hess
     scratch = N * (rows + functions.state_sparsity.nnz() + touch + 5 * n + n * n * squares)
@@ -111,6 +113,7 @@ def bytes_of(problem: CompiledProblem) -> int:
         scratch += N * len(functions.curvature.rows)
     if problem.program.kept is not None:
         model += N * problem.program.kept.size
+        scratch += N * (3 * n + BARRIER * len(functions.bounded))
     if problem.program.between is not None:
         scratch += K * problem.program.between.rows * (2 * nc + 1)
     if functions.pairs is not None:

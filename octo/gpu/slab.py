@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import cached_property
 from math import prod
 
+from octo.arrays import host
 from octo.gpu.device import Array, Device
 from octo.problem.compiled import Evaluation
 
@@ -63,3 +65,17 @@ class SlabEvaluation(Evaluation):
             raise AttributeError(name)
         self.__dict__[name] = found = self.slab[name]
         return found
+
+    @cached_property
+    def _hosted(self) -> Slab:
+        """Summary and sizes, which lie beside each other, in one copy."""
+        part = self.slab.part("summary", "sizes")
+        return Slab(part.places, host(part.flat))
+
+    @cached_property
+    def numbers(self) -> Array:
+        return self._hosted["summary"]
+
+    @cached_property
+    def unit_sizes(self) -> Array:
+        return self._hosted["sizes"]

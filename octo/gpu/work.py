@@ -115,8 +115,10 @@ class Work:
         self.__dict__.clear()
 
     def evaluate(self, unknowns: Array) -> Evaluation:
-        """A trial, in arrays of its own; its numbers are on the host."""
-        return self.evaluate_with(unknowns, [])[0]
+        """A trial, in arrays of its own; its numbers come to the host when they are asked for."""
+        self.device.copy(unknowns, self.tried.unknowns)
+        self._evaluate()
+        return SlabEvaluation(self._iterate.copy())
 
     def evaluate_with(
         self, unknowns: Array, numbers: list[Array]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -14,7 +15,7 @@ from octo.arrays import every, host, like, some
 from octo.checks import Array
 
 # what an Evaluation keeps on the host once it was asked for
-HOSTED = frozenset(("numbers", "unit_sizes"))
+HOSTED = frozenset(("numbers", "unit_sizes", "objective"))
 
 
 @dataclass(eq=False)
@@ -48,6 +49,11 @@ class Evaluation:
     def unit_sizes(self) -> Array:
         """(batch, K) ‖C‖₁ of each unit, on the host."""
         return host(abs(self.C).sum(axis=2))
+
+    @cached_property
+    def objective(self) -> Array:
+        """(batch,) E of the terms, whatever the summary says, on the host."""
+        return host(self.terms.sum(axis=(1, 2)))
 
     @property
     def energy(self) -> Array:
@@ -109,6 +115,14 @@ class Evaluation:
     def copy(self) -> Evaluation:
         """One that may be changed."""
         return self.take(np.arange(len(self.numbers)))
+
+    def summarised(self, summary: Array, numbers: Array, objective: Array) -> Evaluation:
+        """The same with another summary (batch, 4), which is ``numbers`` on the host; there too
+        E of the terms (batch,)."""
+        made = copy.copy(self)
+        made.summary = summary
+        made.__dict__.update(numbers=numbers, objective=objective)
+        return made
 
     def on_host(self) -> Evaluation:
         """The same in NumPy arrays."""

@@ -46,12 +46,15 @@ class Bound:
         return self.excess <= SAME
 
     def __str__(self) -> str:
-        value = f"{self.value:.4g} {self.unit}".rstrip()
         off = f"broken by {abs(self.value - self.bound):.2g} {self.unit}".rstrip()
-        return (
-            f"{self.name} {'held' if self.held else off}: {self.row} is {value} at "
-            f"{self.time:.4g} s, must be {self.side} {self.bound:.4g}"
-        )
+        return f"{self.name} {'held' if self.held else off}: {self.short}"
+
+    @property
+    def short(self) -> str:
+        """The row in words."""
+        value = f"{self.value:.4g} {self.unit}".rstrip()
+        allowed = f"{self.side} {self.bound:.4g}"
+        return f"{self.row} is {value} at {self.time:.4g} s, must be {allowed}"
 
     def plain(self) -> dict[str, Any]:
         """For files."""

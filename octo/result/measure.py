@@ -16,6 +16,7 @@ from octo.model.character import Character
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
+from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
 
@@ -59,6 +60,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "parameters": dict(zip(dynamics.layout.names, p.tolist(), strict=True)),
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
+        "residuals": residuals_of(problem, at, member),
         **_contacts(dynamics, at.nodes[member], p, problem),
     }
 

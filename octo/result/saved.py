@@ -16,13 +16,14 @@ from octo.model.archive import Archive, Array
 from octo.model.character import Character
 from octo.problem.asked import Asked
 from octo.result.bounds import Bound
+from octo.result.residuals import Residual
 from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
-DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": []}
+DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": []}
 SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
 
@@ -37,7 +38,7 @@ def write(target: Path, values: Mapping[str, Any]) -> None:
         arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
         plain["cycle"] = cycle.plain()
     plain["status"] = values["status"].label
-    for name in ("asked", "bounds"):
+    for name in ("asked", "bounds", "residuals"):
         plain[name] = [one.plain() for one in values[name]]
     plain["character"] = None if robot is None else store.to_plain(robot)
     arrays["plain"] = np.array(json.dumps(plain))
@@ -61,6 +62,7 @@ def fields_of(file: Archive) -> dict[str, Any]:
         "history": file.group("history_"),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
         "bounds": tuple(_bound(record, finite) for record in file.records("bounds")),
+        "residuals": tuple(_residual(record, finite) for record in file.records("residuals")),
         "terms": file.numbers("terms", finite=finite),
         **{name: file.numbers(name) for name in ("parameters", "stages")},
         **{name: file.records(name) for name in ("passes", "starts")},
@@ -142,6 +144,14 @@ def _bound(record: dict[str, Any], finite: bool) -> Bound:
     values: dict[str, Any] = {key: own.word(key) for key in ("name", "row", "unit", "side")}
     values |= {key: own.number(key, finite=finite) for key in ("value", "bound", "excess")}
     return Bound(**values, step=own.whole("step"), time=own.number("time"))
+
+
+def _residual(record: dict[str, Any], finite: bool) -> Residual:
+    """What :meth:`Residual.plain` made."""
+    own = Archive({}, record)
+    values: dict[str, Any] = {key: own.word(key) for key in ("row", "unit")}
+    values |= {key: own.number(key, finite=finite) for key in ("value", "part")}
+    return Residual(**values, step=own.whole("step"), time=own.number("time"))
 
 
 def _stride(file: Archive, x: Array, u: Array, robot: Character | None) -> Stride | None:

@@ -13,6 +13,7 @@ from octo.checks import Array, ending
 from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
+from octo.result.explanation import Explanation, explained, sentence_of
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.trajectory import VECTORS, Trajectory
 from octo.shown import Shown
@@ -83,6 +84,7 @@ class Solution(Trajectory, Shown):
     asked: what the terms, or the goal, ask of the whole motion, and what came of it.
     bounds: of each constraint the row that is nearest to breaking it, or breaks it most: where, its
         value and its bound, and how far beyond it is.
+    residuals: of each row of C the moment at which most of a force or a moment is missing.
     """
 
     FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
@@ -120,6 +122,20 @@ class Solution(Trajectory, Shown):
         user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
 
+    def explain(self) -> Explanation:
+        """Why the solve ended as it did: ``print(solution.explain())``.
+
+        It says which constraints are broken, which laws of physics do not hold yet, which terms
+        dominate E, and what may help. :func:`octo.explain` also looks for constraints that
+        contradict each other, which costs solves.
+        """
+        return explained(self, self.status, self.passes)
+
+    @property
+    def sentence(self) -> str:
+        """How the solve ended; where it did not converge, with the constraints left violated."""
+        return sentence_of(self.status, self.bounds)
+
     # -- words and numbers -------------------------------------------------------------------------
 
     def report(self) -> dict[str, Any]:
@@ -132,11 +148,12 @@ class Solution(Trajectory, Shown):
         carried_on = {} if self.cycle is None else {**self.cycle.plain(), "power": self.power}
         return {
             "status": self.status.label,
-            "status_sentence": self.status.value,
+            "status_sentence": self.sentence,
             **{name: getattr(self, name) for name in REPORTED.split()},
             "terms": dict(self.terms),
             "asked": [one.report() for one in self.asked],
             "bounds": [one.report() for one in self.bounds],
+            "residuals": [one.plain() for one in self.residuals],
             "warnings": list(self.warnings),
             "largest_step": self.largest_step,
             "com_travel": [float(v) for v in travel],
@@ -153,7 +170,7 @@ class Solution(Trajectory, Shown):
         sampled = f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
         terms = ", ".join(f"{name} {value:.3g}" for name, value in self.terms.items())
         lines = [
-            f"{self.name}, {sampled}: {self.status.value}",
+            f"{self.name}, {sampled}: {self.sentence}",
             f"  {self.iterations} iterations in {self.seconds:.2f} s on {self.device}, E = "
             f"{self.energy:.5g} ({terms})",
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual "

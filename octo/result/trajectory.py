@@ -15,6 +15,7 @@ from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
 from octo.result.bounds import Bound
+from octo.result.residuals import Residual
 from octo.result.stride import Stride
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
@@ -53,6 +54,7 @@ class Trajectory:
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
+    residuals: tuple[Residual, ...] = ()
 
     # -- the motion --------------------------------------------------------------------------------
 

@@ -19,14 +19,14 @@ bounds; the filter sees E with its barrier, and ‖C‖ with the residuals of th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, host, largest, like, some
+from octo.arrays import Array, Numbers, array_module, host, hosts, largest, like, some
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
@@ -98,8 +98,9 @@ class Limits:
         """r − s, zero where a row has no bound."""
         return array_module(rows).where(self.used, rows - s, 0.0)
 
-    def select(self, members: Any) -> Limits:
-        return Limits(self.lower[members], self.upper[members])
+    def select(self, members: NDArray[np.intp]) -> Limits:
+        chosen = like(members, self.lower)
+        return Limits(self.lower[chosen], self.upper[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +138,12 @@ class Barrier(Bounds):
         upper = xp.where(limits.high, own / above, 0.0)
         equal = xp.zeros_like(rows)
         if slacks is not None:  # multipliers that are there stay, those of idle bounds rise
-            lower, upper = xp.maximum(lower, slacks.lower), xp.maximum(upper, slacks.upper)
-            equal = slacks.equal
+            parts = (slacks.lower, slacks.upper, slacks.equal)
+            known, more, equal = (like(part, rows) for part in parts)
+            lower, upper = xp.maximum(lower, known), xp.maximum(upper, more)
+        self._placed: tuple[Numbers, Array] = (mu, own)
         self._hold(Slacks(s, lower, upper, equal, mu))
+        self._least, self._most = hosts(*self._products())
         self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
 
     def _hold(self, slacks: Slacks) -> None:
@@ -161,8 +165,31 @@ class Barrier(Bounds):
     def take(self, members: NDArray[np.intp]) -> None:
         self.limits = self.limits.select(members)
         self._hold(self.slacks.select(members))
+        self._least, self._most = self._least[members], self._most[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
+
+    @property
+    def _mu(self) -> Array:
+        """μ (batch, 1, 1), where the rows are."""
+        if self._placed[0] is not self.slacks.mu:
+            self._placed = self.slacks.mu, _spread(self.slacks.mu, self.slacks.s)
+        return self._placed[1]
+
+    def _products(self) -> tuple[Array, Array]:
+        """(batch,) the least and the most (s − bound) z, ±inf where there is no bound."""
+        xp, own, limits = array_module(self.slacks.s), self.slacks, self.limits
+        low, high = (gap * z for gap, z in zip(self.gaps, (own.lower, own.upper), strict=True))
+        ends = []
+        for one_of, none in ((xp.minimum, np.inf), (xp.maximum, -np.inf)):
+            both = one_of(xp.where(limits.low, low, none), xp.where(limits.high, high, none))
+            ends.append(both.reshape(len(both), -1))
+        return ends[0].min(axis=1), ends[1].max(axis=1)
+
+    def _off(self) -> Numbers:
+        """(batch,) the largest |(s − bound) z − μ|."""
+        mu = self.slacks.mu
+        return np.maximum(np.maximum(self._most - mu, mu - self._least), 0.0)
 
     def _push(self, mu: Array, below: Array, above: Array) -> Array:
         """∂/∂s of the barrier."""
@@ -176,7 +203,7 @@ class Barrier(Bounds):
         xp, own, limits = array_module(rows), self.slacks, self.limits
         below, above = self.gaps
         weight = xp.where(limits.equal, 1.0 / EQUAL, own.lower / below + own.upper / above)
-        push = self._push(_spread(own.mu, rows), below, above)
+        push = self._push(self._mu, below, above)
         shift = weight * limits.residual(rows, own.s) + push + own.equal
         return weight, shift, own.equal + own.upper - own.lower
 
@@ -184,25 +211,27 @@ class Barrier(Bounds):
         self._weighted = self._weights(at.rows)
         problem.set_row_weights(*self._weighted)
 
-    def _seen(self, at: Evaluation, s: Array) -> Evaluation:
-        """With slacks ``s``."""
-        xp, batch, mu = array_module(s), len(s), self.slacks.mu
+    def _seen(self, at: Evaluation, s: Array, *beside: Array) -> tuple[Evaluation, list[Numbers]]:
+        """With slacks ``s``; its numbers, and (batch,) others, come to the host in one copy."""
+        xp, batch = array_module(s), len(s)
         below, above = self.limits.gaps(s)
         logs = (xp.log(below) + xp.log(above)).reshape(batch, -1).sum(axis=1)
-        energy = at.terms.sum(axis=(1, 2)) - like(mu, logs) * logs
         residuals = (at.C, self.limits.residual(at.rows, s))
         sizes = [abs(part).reshape(batch, -1) for part in residuals]
-        most = [size.max(axis=1, initial=0.0) for size in sizes]
         total = sum(size.sum(axis=1) for size in sizes)
         square = sum((size**2).sum(axis=1) for size in sizes)
-        numbers = [energy, total, xp.maximum(*most), square]
-        return replace(at, summary=xp.stack(numbers, axis=1))
+        most = xp.maximum(*map(largest, residuals))
+        objective = at.terms.sum(axis=(1, 2))
+        numbers = [objective - self._mu.reshape(-1) * logs, total, most, square]
+        found = hosts(*numbers, objective, *beside)
+        own = np.stack(found[:4], axis=1), found[4]
+        return at.summarised(xp.stack(numbers, axis=1), *own), found[5:]
 
     def objective(self, at: Evaluation) -> Numbers:
-        return host(at.terms.sum(axis=(1, 2)))
+        return at.objective
 
     def seen(self, at: Evaluation) -> Evaluation:
-        return self._seen(at, self.slacks.s)
+        return self._seen(at, self.slacks.s)[0]
 
     def _after(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Array:
         """Slacks after a step of ``length``: on the row itself as far as that is inside, but for
@@ -213,20 +242,24 @@ class Barrier(Bounds):
         return array_module(s).clip(trial.rows - left, *self._box)
 
     def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
-        return self._seen(trial, self._after(at, trial, length))
+        return self._seen(trial, self._after(at, trial, length))[0]
 
     # -- a step ------------------------------------------------------------------------------------
 
     def aimed(
-        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model
+        self,
+        problem: BlockNLP,
+        at: Evaluation,
+        lam: Array,
+        model: Model,
+        blocks: Callable[[Model], KKTBlocks],
     ) -> tuple[Evaluation, Model, Numbers | None]:
         """With the next μ wherever the problem of this one is solved well enough; the dual
         infeasibility is that of the multipliers, ‖∇E + Aᵀlam + Rᵀ(z_u − z_l + y)‖∞."""
         steps = at.rows.shape[1]
         _, shift, multipliers = self._weighted
-        blocks = KKTBlocks(model.H, model.A, model.b, model.C)
         gradient = model.b + problem.row_forces(model, multipliers - shift)
-        dual = host(largest(gradient + blocks.constraints_transposed_times(lam)))
+        dual = host(largest(gradient + blocks(model).constraints_transposed_times(lam)))
         error, self._lowered = np.maximum(dual, at.largest), np.zeros(len(dual), dtype=bool)
         while True:
             mu = self.slacks.mu
@@ -241,40 +274,30 @@ class Barrier(Bounds):
         if some(self._lowered):
             self._weighted = self._weights(at.rows)
             change = self._weighted[1] - shift
-            model = replace(model, b=model.b + problem.row_forces(model, change))
+            model.b += problem.row_forces(model, change)  # in place: a device has its address
             at = self.seen(at)
         return at, model, dual
-
-    def _off(self) -> Numbers:
-        """(batch,) the largest |(s − bound) z − μ|."""
-        xp, own, limits = array_module(self.slacks.s), self.slacks, self.limits
-        below, above = self.gaps
-        mu = _spread(own.mu, own.s)
-        off = xp.maximum(
-            xp.where(limits.low, abs(own.lower * below - mu), 0.0),
-            xp.where(limits.high, abs(own.upper * above - mu), 0.0),
-        )
-        return host(largest(off))
 
     def shortened(
         self, problem: BlockNLP, at: Evaluation, model: Model, delta: Array, slope: Numbers
     ) -> tuple[Numbers | float, Numbers]:
         xp, own, limits = array_module(at.rows), self.slacks, self.limits
-        below, above = self.gaps
-        mu = _spread(own.mu, own.s)
+        (below, above), mu = self.gaps, self._mu
         products, residual = problem.row_products(model, delta), limits.residual(at.rows, own.s)
         change = xp.where(limits.equal, 0.0, products + residual)
         change = xp.where(limits.low | limits.high, change, 0.0)
         lower = xp.where(limits.low, (mu - own.lower * change) / below - own.lower, 0.0)
         upper = xp.where(limits.high, (mu + own.upper * change) / above - own.upper, 0.0)
         equal = xp.where(limits.equal, (products + residual) / EQUAL, 0.0)
-        length = _longest(_fall(lower, own.lower), _fall(upper, own.upper))
-        self._step = RowStep(lower, upper, equal, length)
         # bᵀΔ has dᵀR Δ in it, the barrier's slope is that of the slacks
         push = self._push(mu, below, above)
         more = push * change - self._weighted[1] * products
-        most = _longest(-change / below, change / above)
-        return most, slope + host(more.reshape(len(slope), -1).sum(axis=1))
+        falls = _fall(lower, own.lower), _fall(upper, own.upper)
+        parts = (*falls, -change / below, change / above)
+        most = (part.reshape(len(slope), -1).max(axis=1) for part in parts)
+        *far, rest = hosts(*most, more.reshape(len(slope), -1).sum(axis=1))
+        self._step = RowStep(lower, upper, equal, _longest(*far[:2]))
+        return _longest(*far[2:]), slope + rest
 
     def moved(
         self, at: Evaluation, after: Evaluation, length: Numbers, accepted: Mask, lost: Mask
@@ -286,7 +309,7 @@ class Barrier(Bounds):
         s = xp.where(taken, self._after(at, after, length), own.s)
         if some(lost):
             s = xp.where(anew, limits.inside(after.rows), s)
-        mu = _spread(own.mu, s)
+        mu = self._mu
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
             new = old + xp.where(taken, _spread(step.length, s) * change, 0.0)
@@ -298,7 +321,8 @@ class Barrier(Bounds):
         upper = kept(own.upper, step.upper, above, limits.high)
         equal = own.equal + xp.where(taken, _spread(length, s) * step.equal, 0.0)
         self._hold(Slacks(s, lower, upper, equal, own.mu))
-        return self.seen(after)
+        after, (self._least, self._most) = self._seen(after, s, *self._products())
+        return after
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """Not where a correction helps: blamed again and again, at every third iteration, units
@@ -317,11 +341,10 @@ def _fall(change: Array, value: Array) -> Array:
     return xp.where(value > 0.0, -change / xp.where(value > 0.0, value, 1.0), 0.0)
 
 
-def _longest(*parts: Array) -> Numbers:
-    """(batch,) the length in (0, 1] with which nothing goes further than ``PART``, ``parts`` being
-    how far a whole step goes."""
-    most = np.maximum(*(host(part.reshape(len(part), -1).max(axis=1)) for part in parts))
-    return np.minimum(1.0, PART / np.maximum(most, 1e-300))
+def _longest(*most: Numbers) -> Numbers:
+    """(batch,) the length in (0, 1] with which nothing goes further than ``PART``, ``most`` being
+    how far a whole step goes at most."""
+    return np.minimum(1.0, PART / np.maximum(np.maximum(*most), 1e-300))
 
 
 def bounds_of(

@@ -3,17 +3,18 @@ have none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, host
+from octo.arrays import Array, Numbers, host, like
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
+from octo.solver.blocks import KKTBlocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +29,11 @@ class Slacks:
     mu: Numbers
 
     def select(self, members: Any) -> Slacks:
-        """Those of some members."""
-        parts = (self.s, self.lower, self.upper, self.equal, self.mu)
-        return Slacks(*(part[members] for part in parts))
+        """Those of some members, by index or as a slice."""
+        chosen = members if isinstance(members, slice) else like(members, self.s)
+        parts = (self.s, self.lower, self.upper, self.equal)
+        s, lower, upper, equal = (part[chosen] for part in parts)
+        return Slacks(s, lower, upper, equal, self.mu[members])
 
     def on_host(self) -> Slacks:
         """The same in NumPy arrays."""
@@ -70,11 +73,16 @@ class Bounds:
         return trial
 
     def aimed(
-        self, problem: BlockNLP, at: Evaluation, lam: Array, model: Model
+        self,
+        problem: BlockNLP,
+        at: Evaluation,
+        lam: Array,
+        model: Model,
+        blocks: Callable[[Model], KKTBlocks],
     ) -> tuple[Evaluation, Model, Numbers | None]:
         """The iterate and its model as the next step is to see them, and (batch,) their dual
-        infeasibility where it is not ‖b + Aᵀlam‖∞."""
-        del problem, lam
+        infeasibility where it is not ‖b + Aᵀlam‖∞; ``blocks``: of Eq. 12, with products."""
+        del problem, lam, blocks
         return at, model, None
 
     @property

@@ -185,10 +185,11 @@ class SecondOrderCorrection:
         for _ in range(self.TIMES):
             with trials.clock("solve"):
                 step = factors.attempt(choose(pending, -residual, 0.0), length, np.inf, pending)
-            new = step.trial
-            if new is None:
+            if step.trial is None:
                 change = choose(pending, scaled(length, step.delta), 0.0)
                 new = trials.evaluate(at, change, pending, length)
+            else:
+                new = trials.bounds.tried(at, step.trial, length)
             good = pending & acceptance.accepts(at, new, line)
             if some(good):
                 trial = trial.replaced(good, new)

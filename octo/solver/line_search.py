@@ -117,10 +117,11 @@ class LineSearch:
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move:
         """One iteration."""
-        at, model, dual = self.bounds.aimed(self.trials.problem, at, lam, model)
+        problem = self.trials.problem
+        at, model, dual = self.bounds.aimed(problem, at, lam, model, self.backend.blocks)
         if dual is not None:
             self.acceptance.restored(self.bounds.lowered)
-        factors = self.backend.factors(self.trials.problem, model, at, lam, self.options)
+        factors = self.backend.factors(problem, model, at, lam, self.options)
         attempt, sigma, has = self.direction.step(factors)
         slope = attempt.numbers[2]
         dual = attempt.numbers[1] if dual is None else dual
@@ -137,7 +138,7 @@ class LineSearch:
                 first = None
         pending = has & ~converged
         size, slope = choose(pending, most, 0.0), choose(pending, slope, 0.0)
-        longest, slope = self.bounds.shortened(self.trials.problem, at, model, delta, slope)
+        longest, slope = self.bounds.shortened(problem, at, model, delta, slope)
         first = None if np.less(longest, 1.0).any() else first
         line = Line(delta, attempt.multipliers, size, slope, first, most=longest)
         mend = partial(self._mended, at, model, factors)

@@ -97,8 +97,10 @@ def search(
     for attempt in range(tries):
         if not some(pending):
             break
-        moved, trial = length * line.largest, line.first if attempt == 0 else None
-        if trial is None:
+        moved = length * line.largest
+        if attempt == 0 and line.first is not None:
+            trial = trials.bounds.tried(at, line.first, length)
+        else:
             change = choose(pending, scaled(length, line.delta), 0.0)
             trial = trials.evaluate(at, change, pending, length)
         good = pending & acceptance.accepts(at, trial, step)

@@ -21,7 +21,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.barrier import bounds_of
-from octo.solver.bounds import Slacks, joined
+from octo.solver.bounds import Bounds, Slacks, joined
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.rule import STAGES, Clock, Move, Rule
@@ -169,14 +169,17 @@ def run(
     monitor: Monitor | None = None,
     backend: Backend = CPU,
     slacks: Slacks | None = None,
+    bounds: Bounds | None = None,
 ) -> Result:
     """One pass from ``unknowns`` (batch, K, nc) and multipliers ``lam`` (batch, K, ma), zero by
-    default; ``slacks``: of rows with bounds, from a solve before, if any.
+    default; ``slacks``: of rows with bounds, from a solve before, if any; ``bounds``: what becomes
+    of such rows, by default an interior point keeps them.
 
     ``problem``, ``unknowns`` and ``lam`` are where ``backend`` keeps its arrays; the result is
     NumPy's.
     """
-    return _Run(problem, unknowns, lam, options, monitor or Monitor(), backend, slacks).run()
+    told = monitor or Monitor()
+    return _Run(problem, unknowns, lam, options, told, backend, slacks, bounds).run()
 
 
 class _Run:
@@ -189,6 +192,7 @@ class _Run:
         monitor: Monitor,
         backend: Backend,
         slacks: Slacks | None,
+        bounds: Bounds | None,
     ):
         self.options, self.monitor, self.clock = options, monitor, Clock(backend.finish)
         self.problem = problem
@@ -200,7 +204,9 @@ class _Run:
         self.at = problem.evaluate(xp.ascontiguousarray(unknowns))
         shape = (problem.batch, problem.K, problem.ma)
         self.lam = xp.zeros(shape) if lam is None else xp.ascontiguousarray(lam, dtype=float)
-        self.bounds = bounds_of(problem, self.at, options.dual_tolerance, slacks)
+        if bounds is None:
+            bounds = bounds_of(problem, self.at, options.dual_tolerance, slacks)
+        self.bounds = bounds
         self.at = self.bounds.seen(self.at)
         own = (self.bounds,) if kind is LineSearch else ()
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend, *own)

@@ -34,6 +34,12 @@ class Status(Enum):
     def converged(self) -> bool:
         return self in (Status.CONVERGED, Status.ACCEPTABLE, Status.JOINED, Status.SIMULATED)
 
+    def infeasible(self, violated: str) -> str:
+        """The sentence of a solve that did not converge, where constraints are ``violated``."""
+        if self is Status.STALLED:
+            return f"stalled: {violated}, and no step improves that any more"
+        return f"{self.value}; {violated}"
+
     @property
     def label(self) -> str:
         """The name reports use: "converged", "iteration_limit", …"""

@@ -162,6 +162,8 @@ def case(random: Random, folder: Path) -> None:
             (
                 ["info", name],
                 ["info", "--json", name],
+                ["explain", name],
+                ["explain", "--json", name],
                 ["view", name, "--out", "m.html"],
                 ["view", name, "--out", "m.csv"],
                 ["info", "."],

@@ -154,6 +154,9 @@ for _name in (
     "argmax",
     "ascontiguousarray",
     "maximum",
+    "minimum",
+    "clip",
+    "log",
     "sqrt",
     "abs",
     "arange",
@@ -171,8 +174,8 @@ class linalg:  # noqa: N801  (the name CuPy's has)
         return _made(values), _made(vectors)
 
 
-def stack(arrays: Any) -> ndarray:
-    return _made(np.stack([_bare(array) for array in arrays]))
+def stack(arrays: Any, axis: int = 0) -> ndarray:
+    return _made(np.stack([_bare(array) for array in arrays], axis=axis))
 
 
 nan, inf = np.nan, np.inf

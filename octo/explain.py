@@ -1,0 +1,198 @@
+"""Why a solve failed: what it says itself, and which of its constraints contradict each other.
+
+A deletion filter over constraints (Chinneck and Dravnieks 1991), each question an elastic phase on
+the code that the problem has already: are there motions that obey the laws of physics and keep
+these constraints? What an elastic phase ends with breaks only some of them; those alone are as
+impossible, so that the others are left out at once. Then one after the other is left out, and stays
+out where the rest still cannot hold.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from octo.checks import Array, asked
+from octo.continuation.member import CONTACT
+from octo.errors import ProblemError, ShapeError, said
+from octo.problem.compiled import CompiledProblem
+from octo.problem.evaluation import Evaluation
+from octo.problem.problem import Problem
+from octo.result.bounds import bounds_kept
+from octo.result.explanation import Conflict, Explanation
+from octo.result.solution import Solution, solution_of
+from octo.solver import sqp
+from octo.solver.backend import CPU
+from octo.solver.elastic import Elastic
+from octo.solver.options import SqpOptions
+from octo.solver.status import Status
+from octo.starts import first_nodes
+
+HOLDS = 1e-4  # of a row: what it may be beyond its bounds
+WIDTHS = (
+    1.0,
+    0.1,
+    0.01,
+    1e-3,
+    1e-4,
+)  # of a row, over which its price rises, one solve after the other
+PART = 1e-3  # of the most that a row is beyond: constraints with less are left out first
+PRICE = 1e-6  # of E beside the rows: it picks one of the motions that hold
+OPTIONS = SqpOptions(max_iterations=300)
+Kept = frozenset[str]  # labels of constraints, and END
+END = ""
+
+
+@asked
+def explain(problem: Problem, solution: Solution | str | os.PathLike[str]) -> Explanation:
+    """Say why a solve failed, and look for constraints that cannot hold together.
+
+    What :meth:`octo.Solution.explain` says costs nothing. The search for a contradiction is a
+    feasibility solve, or two from two starts, for each constraint and for the fixed last state; it
+    runs on the CPU and compiles nothing that the problem has not compiled already. What it says is
+    as local as every solve: it names constraints that cannot hold together near the motions that it
+    tried.
+
+    Parameters
+    ----------
+    problem: that was solved.
+    solution: what came of it, or the path of its file or folder; the search starts there.
+
+    Returns
+    -------
+    An Explanation, which ``print`` shows. ``conflict.names`` are the constraints of the smallest
+    set that was found, none where all can hold together; then ``conflict.motion`` (N+1, nx) is a
+    ``start`` that keeps them.
+
+    Raises
+    ------
+    OctoError: one of the two is none, or the solution is not of this problem.
+    """
+    if not isinstance(problem, Problem):
+        raise ProblemError(f"octo.explain was given {said(problem)}, must be an octo.Problem")
+    found = solution_of(solution)
+    if found.x.shape != (problem.steps + 2, problem.dynamics.nx):
+        expected = f"({problem.steps + 2}, {problem.dynamics.nx}), as the problem has"
+        raise ShapeError("solution.x", found.x.shape, expected)
+    own = found.explain()
+    hints = tuple(hint for hint in own.hints if "octo.explain" not in hint)
+    return replace(own, hints=hints, conflict=_Search(problem, found).conflict())
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What an elastic phase ended with."""
+
+    kept: Kept  # what was asked for
+    at: Evaluation
+    holds: bool  # all of it
+    certain: bool  # a least of what is broken, where it does not hold
+    broken: Kept  # of kept, what is beyond its bounds, and END: nobody knows whether it pulls
+
+
+class _Search:
+    """Elastic phases over subsets of the constraints of one problem."""
+
+    def __init__(self, problem: Problem, solution: Solution):
+        own = solution.parameters  # of its last pass
+        stiffness = {k: own[k] for k in CONTACT if k in own and k in problem.values}
+        problem = _of_one_period(problem, solution)
+        problem = problem.replace(parameters=stiffness) if stiffness else problem
+        self.problem, self.fixed = problem, problem.end is not None
+        self.compiled = self.free = CompiledProblem([problem])
+        if self.fixed:
+            loose = problem.replace(x_end=None, v_end=None, displacement=None)
+            self.free = CompiledProblem([loose], like=self.compiled)
+        costs = len(problem.costs)
+        for one in {id(one): one for one in (self.compiled, self.free)}.values():
+            one.q[:, :, :costs] *= PRICE
+        CPU.prepare(self.compiled, OPTIONS)
+        labels = [term.label for term in problem.terms]
+        self.labels = [labels[k] for k in self.compiled.functions.bounded]  # of each row
+        self.starts = [first_nodes(problem, 0, None)]
+        if np.isfinite(solution.x).all():
+            self.starts.insert(0, first_nodes(problem, 0, solution))
+        self.solves = 0
+
+    def conflict(self) -> Conflict:
+        """The smallest set that was found."""
+        trial = self._trial(frozenset([*self.labels, *([END] if self.fixed else [])]))
+        if trial.holds:
+            return Conflict(motion=trial.at.nodes[0, 1:].copy(), solves=self.solves)
+        self.starts[0] = trial.at.nodes[0]
+        idle = trial.kept - trial.broken
+        # as they are written, then the end, then those that the first search left within bounds
+        names = sorted(dict.fromkeys([*self.labels, END]), key=lambda name: name in idle)
+        for left_out in [*([idle] if idle else []), *(frozenset([name]) for name in names)]:
+            if left_out <= trial.kept:
+                less = self._trial(trial.kept - left_out)
+                trial = trial if less.holds else less
+        return self._found(trial)
+
+    def _found(self, trial: _Trial) -> Conflict:
+        compiled = self.compiled if END in trial.kept else self.free
+        rows = bounds_kept(compiled, trial.at, 0)
+        return Conflict(
+            rows=tuple(row for row in rows if row.name in trial.kept),
+            end=END in trial.kept,
+            seconds=float(self.problem.steps * self.problem.dt),
+            certain=trial.certain,
+            solves=self.solves,
+        )
+
+    def _trial(self, kept: Kept) -> _Trial:
+        """From one start after the other, until one ends where all of it holds."""
+        best: _Trial | None = None
+        for nodes in self.starts:
+            trial = self._phase(kept, nodes)
+            if best is None or trial.holds or (trial.certain and not best.certain):
+                best = trial
+            if trial.holds:
+                break
+        assert best is not None
+        return best
+
+    def _phase(self, kept: Kept, nodes: Array) -> _Trial:
+        """One elastic phase, which stops where everything holds."""
+        compiled = self.compiled if END in kept else self.free
+        own = np.array([label in kept for label in self.labels], dtype=bool)
+        lower, upper = np.where(own, compiled.lower, -np.inf), np.where(own, compiled.upper, np.inf)
+
+        def beyond(at: Evaluation) -> Array:
+            """(rows,) how far each is beyond its bounds, at most."""
+            off = np.abs(at.rows - np.clip(at.rows, lower, upper)).max(axis=(0, 1), initial=0.0)
+            return np.where(np.isnan(off), np.inf, off)
+
+        def holds(iterate: sqp.Iterate) -> bool:
+            most = beyond(iterate.at).max(initial=0.0)
+            if most <= HOLDS and iterate.at.largest[0] <= OPTIONS.tolerance:
+                held.append(iterate.at)
+            return bool(held)
+
+        self.solves += 1
+        unknowns, lam, held = compiled.unknowns(nodes[None]), None, list[Evaluation]()
+        monitor = sqp.Monitor(holds)
+        for width in WIDTHS:
+            elastic = Elastic(lower, upper, width)
+            result = sqp.run(compiled, unknowns, lam, OPTIONS, monitor, bounds=elastic)
+            unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
+            if held:
+                return _Trial(kept, held[0], True, True, frozenset())
+            if status is Status.INTERRUPTED:
+                raise KeyboardInterrupt
+        far = beyond(result.at)
+        least = PART * far.max(initial=0.0)
+        broken = {name for name, most in zip(self.labels, far, strict=True) if most > least}
+        return _Trial(kept, result.at, False, status.converged, kept & {*broken, END})
+
+
+def _of_one_period(problem: Problem, solution: Solution) -> Problem:
+    """Of a cycle with a range of periods, the problem of the one that was returned."""
+    cycle = problem.cycle
+    if cycle is None or not isinstance(cycle.period, tuple):
+        return problem
+    found = solution.dt * solution.steps * (2.0 if cycle.mirrored else 1.0)
+    period = min(cycle.periods, key=lambda one: abs(one - found))
+    return problem.replace(cycle=replace(cycle, period=period))
