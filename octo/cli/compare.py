@@ -92,7 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
     interrupted = False
     kind = "cycle" if goal is None else f"goal {goal.kind}"
     steps_of_dt = f"{problem.steps} steps of {problem.dt:g} s"
-    print(f"{robot.name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{HEAD}", flush=True)
+    head = f"{HEAD}{'bounds':>10s}" if problem.constraints else HEAD
+    print(f"{robot.name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{head}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -169,6 +170,8 @@ def row(entry: Any) -> str:
     line += f"{s.iterations:5d}{s.processor_seconds:9.2f}"
     line += f"{1e3 * s.processor_seconds / max(s.iterations, 1):8.1f}"
     line += f"{s.energy:12.6g}{s.violation:10.1e}{s.pointwise_residual:10.1e}"
+    if s.bounds:  # of all constraints, in parts of their size
+        line += f"{max(bound.violation for bound in s.bounds):10.1e}"
     return line if entry.compiled else f"{line}  interpreted"
 
 

@@ -12,14 +12,18 @@ typedef long long octo_int; /* casadi_int */
 enum { POINT, NUMBERS, SCALAR, ROWS, JACOBIAN, HESSIAN, NOTHING, KINDS };
 
 typedef struct {
-  int variables, rows, numbers, n, nodes, slots, steps, terms, references, first_q, linear, segment;
+  int variables, rows, numbers, n, nodes, slots, steps, terms, references, first_q, linear, segment, tested, bounded, first_slope,
+      slopes, products;
   const int *node_variable, *place, *row_place;    /* (nodes, slots) first of x; (variables) in b; (rows) in C; -1: none */
   const int *jacobian_index, *hessian_index;       /* of each nonzero, in A (-1: constant) and in H */
   const int *linear_row, *linear_column, *fixed;   /* of the constant part of g; (units) that nothing moves */
+  const int *target, *one, *other;                 /* (products) of slopes of bounded rows: which, of what numbers in kept */
   const double *node_value, *jacobian_constant, *linear_value;
   const double *carry;                             /* (n, n) of cycles: what x in nodes -1 and 0 is multiplied with; else NULL */
+  const double *product_value, *lower, *upper;     /* (products); (rows) bounds of g */
   double *x, *p, *q, *trajectory, *energies, *g, *controls; /* p: constant nodes (steps+2, n), parameters, q (steps, references), scales */
-  double *C, *A, *b, *H, *lam, *gradient, *lagrangian;
+  double *C, *A, *b, *H, *lam, *gradient, *lagrangian, *kept; /* behind C (tested) bounded rows (steps, bounded), behind lam their
+                                                               * multipliers, behind A their slopes; kept ends with a 1 */
   void *value, *slope, *curvature;                 /* tasks over this memory: of values, first derivatives, all of them */
   int (*evaluate)(void *, int), (*linearize)(void *, int);
   void (*between_values)(void *, double *, int), (*between_model)(void *, double *, const int *, int);
@@ -35,7 +39,7 @@ void octo_adapter_set(const octo_adapter *tables) { T = *tables; at.order = -1; 
 static volatile int octo_stopped;
 void octo_stop(int stopped) { octo_stopped = stopped; }
 
-/* Seconds, E, ‖g‖∞ of every point whose Jacobian (stagewise) or iterate (watched) was asked for. */
+/* Seconds, E, violation of every point whose Jacobian (stagewise) or iterate (watched) was asked for. */
 #define LOGGED 100000
 static double octo_log[LOGGED][3];
 static int octo_logged;
@@ -47,9 +51,24 @@ static double octo_now(void) {
   return t.tv_sec + 1e-9 * t.tv_nsec;
 }
 
-static double octo_largest(const double *v, int count) {
+/* How far g is off its bounds; of C, whose bounds are 0, ‖C‖∞. */
+static double octo_violation(const double *g) {
   double most = 0.0;
-  for (int k = 0; k < count; ++k) if (!(fabs(v[k]) <= most)) most = fabs(v[k]);
+  for (int r = 0; r < T.rows; ++r) {
+    double off = fmax(T.lower[r] - g[r], g[r] - T.upper[r]);
+    if (!(off <= most)) most = off;
+  }
+  return most;
+}
+
+/* The largest multiplier of an inequality times the room to its bound. */
+static double octo_gap(const double *g, const double *lam) {
+  double most = 0.0;
+  for (int r = 0; r < T.rows; ++r) {
+    if (T.lower[r] == T.upper[r]) continue;
+    double room = lam[r] > 0.0 ? T.upper[r] - g[r] : g[r] - T.lower[r], gap = fabs(lam[r] * room);
+    if (isfinite(room) && gap > most) most = gap;
+  }
   return most;
 }
 
@@ -101,6 +120,9 @@ static int octo_make_slopes(void) {
   if (T.linearize(T.slope, 1)) return 1;
   if (T.between_model) T.between_model(T.slope, T.controls, T.fixed, 1);
   for (int k = 0; k < T.variables; ++k) T.gradient[k] = T.b[T.place[k]];
+  double *slopes = T.A + T.first_slope;
+  for (int k = 0; k < T.slopes; ++k) slopes[k] = 0.0;
+  for (int k = 0; k < T.products; ++k) slopes[T.target[k]] += T.product_value[k] * T.kept[T.one[k]] * T.kept[T.other[k]];
   return 0;
 }
 
@@ -133,6 +155,8 @@ static int octo_point_hessian(const double *x, const double *p, double sigma, co
     for (int k = 0; k < T.terms; ++k) T.q[(size_t)i * T.references + k] *= fabs(sigma);
   for (int r = 0; r < T.rows; ++r)
     if (T.row_place[r] >= 0) T.lam[T.row_place[r]] = lam ? at.sign * lam[r] : 0.0;
+  for (int i = 0; i < T.steps; ++i) /* q ends with the multipliers of the bounded rows */
+    for (int k = 0; k < T.bounded; ++k) T.q[(i + 1) * T.references - T.bounded + k] = T.lam[T.tested + i * T.bounded + k];
   if (T.linearize(T.curvature, 1)) return 1;
   if (T.between_model) T.between_model(T.curvature, T.controls, T.fixed, 1);
   return 0;

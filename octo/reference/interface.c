@@ -30,7 +30,7 @@ int nlp_grad_f(const double **arg, double **res, octo_int *iw, double *w, int me
 int nlp_jac_g(const double **arg, double **res, octo_int *iw, double *w, int mem) {
   if (octo_point(arg[0], arg[1], 1)) return 1;
 #ifdef STAGEWISE
-  octo_note(at.f, octo_largest(T.g, T.rows));
+  octo_note(at.f, octo_violation(T.g));
 #endif
   octo_copy(T.g, T.rows, res[0]);
   if (!res[1]) return 0;
@@ -60,13 +60,13 @@ int nlp_grad(const double **arg, double **res, octo_int *iw, double *w, int mem)
   return 0;
 }
 
-/* ---- octo's rule "acceptable": ‖g‖∞ within tolerance, and E has settled ---- */
+/* ---- octo's rule "acceptable": g within tolerance of its bounds, complementarity, and E has settled ---- */
 
 #define WINDOW 64
-static struct { double tolerance, change, energies[WINDOW]; int plateau, count, settled; } watch;
+static struct { double tolerance, change, complementarity, energies[WINDOW]; int plateau, count, settled; } watch;
 
-void octo_watch_set(double tolerance, double change, int plateau) {
-  watch.tolerance = tolerance; watch.change = change; watch.count = watch.settled = 0;
+void octo_watch_set(double tolerance, double change, double complementarity, int plateau) {
+  watch.tolerance = tolerance; watch.change = change; watch.complementarity = complementarity; watch.count = watch.settled = 0;
   watch.plateau = plateau < WINDOW ? plateau : WINDOW - 1;
   octo_logged = 0;
   octo_began = octo_now();
@@ -76,14 +76,15 @@ int octo_log_size(void) { return octo_logged; }
 const double *octo_log_rows(void) { return octo_log[0]; }
 
 int octo_watch(const double **arg, double **res, octo_int *iw, double *w, int mem) {
-  double f = arg[1] ? arg[1][0] : 0.0, violation = arg[2] ? octo_largest(arg[2], T.rows) : 0.0, low = f, high = f;
+  double f = arg[1] ? arg[1][0] : 0.0, violation = arg[2] ? octo_violation(arg[2]) : 0.0, low = f, high = f;
   octo_note(f, violation);
   watch.energies[watch.count++ % WINDOW] = f;
   for (int k = 1; k <= watch.plateau && k < watch.count; ++k) {
     double e = watch.energies[(watch.count - 1 - k) % WINDOW];
     low = e < low ? e : low; high = e > high ? e : high;
   }
-  if (watch.count > watch.plateau && violation <= watch.tolerance && high - low <= watch.change * fabs(f)) watch.settled = 1;
+  if (watch.count > watch.plateau && violation <= watch.tolerance && high - low <= watch.change * fabs(f))
+    watch.settled = !arg[2] || !arg[4] || octo_gap(arg[2], arg[4]) <= watch.complementarity;
   if (res[0]) res[0][0] = watch.settled || octo_stopped;
   return 0;
 }

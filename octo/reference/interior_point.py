@@ -17,15 +17,16 @@ from octo.problem.problem import Problem
 from octo.reference.layout import octo_layout
 from octo.reference.library import Library
 from octo.reference.program import (
-    live_places,
     multipliers_of,
     nlp,
     parameter_vector,
+    places_of,
     point_of,
     rows_of,
     start_nodes,
     unknowns_of,
 )
+from octo.reference.rows import complementarity, first_weight, gap, limits
 from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
@@ -51,7 +52,7 @@ class Ipopt:
     ----------
     options: tolerances and limits. IPOPT stops where octo does: ‖C‖∞ ≤ ``tolerance`` and ‖∇E +
         Aᵀlam‖∞ ≤ ``dual_tolerance``, or by octo's own rule "acceptable", which a compiled function
-        watches.
+        watches; of constraints their violation ≤ ``tolerance`` and octo's complementarity too.
     settings: more options of IPOPT, by its own names.
     """
 
@@ -78,17 +79,26 @@ class Ipopt:
             "sb": "yes",
             **(settings or {}),
         }
+        self.bounds = limits(self.blocks, places_of(self.blocks))
+        if self.blocks.functions.bounded:  # the barrier ends at octo's own weight
+            self.settings.setdefault("compl_inf_tol", complementarity(self.blocks.steps, options))
         if np.isfinite(options.time_limit):
             self.settings["max_wall_time"] = options.time_limit
         self.solvers = {warm: self._solver(source, warm) for warm in (False, True)}
         self.setup_seconds = time.perf_counter() - began
         prepare(self.blocks)
 
+    def _told(self, warm: bool) -> dict[str, Any]:
+        """The settings of a solve, with multipliers or without."""
+        settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
+        if self.blocks.functions.bounded:
+            settings.setdefault("mu_init", first_weight(self.blocks, warm))
+        return settings
+
     def _solver(self, source: dict[str, ca.MX] | str, warm: bool) -> ca.Function:
         """Of expressions or a library; with ``warm``, IPOPT takes over the multipliers that it is
         given."""
-        settings = {**self.settings, **({"warm_start_init_point": "yes"} if warm else {})}
-        options = {"ipopt": settings, **QUIET}
+        options = {"ipopt": self._told(warm), **QUIET}
         if self.library is not None:
             options["iteration_callback"] = self.library.function("octo_watch")
         return ca.nlpsol("reference", "ipopt", source, options)
@@ -99,12 +109,13 @@ class Ipopt:
         """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
         compiled, o = self.blocks, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
-        rows = np.zeros(len(live_places(compiled)))
+        lower, upper = self.bounds
         p = parameter_vector(compiled)
-        arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": rows, "ubg": rows}
+        arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": lower, "ubg": upper}
         if multipliers is not None:
             arguments["lam_g0"] = rows_of(compiled, multipliers)
-        solver = self.solvers[multipliers is not None]
+        warm = multipliers is not None
+        solver = self.solvers[warm]
         made = timed(solver, self.library, o, arguments)
         stats = solver.stats()
         said = str(stats["return_status"])
@@ -117,7 +128,8 @@ class Ipopt:
         elif not status.converged and settled(
             columns["energy"], columns["violation"] / compiled.weight, o
         ):
-            status = Status.ACCEPTABLE
+            ended = gap(lower, upper, made.found) <= complementarity(compiled.steps, o)
+            status = Status.ACCEPTABLE if ended else status
         multipliers = multipliers_of(compiled, made.found["lam_g"])
         solution = solution_of(
             compiled,
@@ -130,7 +142,7 @@ class Ipopt:
             setup_seconds=self.setup_seconds,
             seed=seed,
         )
-        return Run("ipopt", solution, said, self.compiled, dict(self.settings))
+        return Run("ipopt", solution, said, self.compiled, self._told(warm))
 
     def _history(self, stats: dict[str, Any], seconds: float) -> dict[str, Array]:
         """A row an iterate: E, ‖C‖∞ in N and when, as the compiled watch saw them; IPOPT's own

@@ -17,7 +17,8 @@ from scipy import sparse
 from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.reference.patterns import pair_rows, patterns
-from octo.reference.program import free_places, live_places, node_variables
+from octo.reference.program import free_places, live_places, node_matrix, node_variables
+from octo.reference.rows import Slopes, given_rows, steps_rows
 
 Indices = NDArray[np.intp]
 Entries = tuple[Indices, Indices, Indices]  # rows, columns, and where the numbers stand
@@ -31,12 +32,13 @@ class Layout:
     Attributes
     ----------
     place (variables,): of each number of x among the unknowns and in b. row_place (rows,): of each
-        of g in C, -1 where none.
+        of g in C and, from ``tested`` on, among the bounded rows (N, rows); -1 where none.
     node_variable, node_value (nodes, slots): first of the n numbers of x that a node is made of,
         -1 where none, and what they are multiplied with.
     hessian, jacobian: sparsities as CasADi's C interface wants them; hessian_index, jacobian_index:
-        place of every nonzero in H or A, -1 where it is that of ``jacobian_constant``.
-    linear: rows, columns, values of the constant part of g's Jacobian.
+        place of every nonzero in H, or in A and behind it in ``slopes``, -1 where it is that of
+        ``jacobian_constant``.
+    linear: rows, columns, values of the constant part of g's Jacobian. slopes: of bounded rows.
     stagewise: for fatrop: no constants in the nodes, the whole symmetric Hessian.
     """
 
@@ -50,7 +52,19 @@ class Layout:
     jacobian_index: Indices
     jacobian_constant: Array
     linear: tuple[Indices, Indices, Array]
+    slopes: Slopes
+    tested: int
     stagewise: bool
+
+    @property
+    def bounded_place(self) -> Indices:
+        """(rows,) of each of g among the bounded rows (N, rows), -1 where none."""
+        return np.where(self.row_place >= self.tested, self.row_place - self.tested, -1)
+
+    @property
+    def of_c(self) -> NDArray[np.bool_]:
+        """(rows,) those of g that are in C."""
+        return (self.row_place >= 0) & (self.row_place < self.tested)
 
     @property
     def variables(self) -> int:
@@ -63,7 +77,7 @@ class Layout:
 
 def octo_layout(compiled: CompiledProblem) -> Layout:
     """x is octo's unknowns without those that nothing moves, g is C without the rows that are 0 =
-    0."""
+    0, and the bounded rows."""
     c, place, row_place = compiled, free_places(compiled), live_places(compiled)
     node_variable = node_variables(c)
     first, second = _octo_patterns(c, place, row_place, node_variable)
@@ -76,16 +90,25 @@ def octo_layout(compiled: CompiledProblem) -> Layout:
     row_units, row = np.divmod(row_place, max(c.ma, 1))
     block = 3 * row_units[i] + row_units[i] - units[j]
     jacobian = i, j, (block * c.ma + row[i]) * c.nc + own[j]
+    slopes = Slopes.of(c, made_of(c), steps_rows(c.steps, c.n))
+    tested, behind = c.K * c.ma, len(row_place) + slopes.row
+    jacobian = _joined(jacobian, (behind, slopes.column), 3 * tested * c.nc)
+    row_place = np.concatenate([row_place, tested + given_rows(c)])
     none = np.zeros(0, dtype=np.intp)
     nodes = node_variable, c.stencil.coefficient
-    return _layout(place, row_place, nodes, hessian, jacobian, (none, none, np.zeros(0)))
+    linear = none, none, np.zeros(0)
+    return _layout(place, row_place, nodes, hessian, jacobian, linear, slopes, tested)
 
 
 def stage_layout(compiled: CompiledProblem) -> Layout:
-    """Stage i: x_i, x_{i−1}, x_{i+1}; then rows s_{i+1} − (x_{i+1}, x_i) = 0, then U_/FD_i = 0."""
+    """Stage i: x_i, x_{i−1}, x_{i+1}; then rows s_{i+1} − (x_{i+1}, x_i) = 0, then U_/FD_i = 0,
+    then its bounded rows."""
     n, m, steps = compiled.n, compiled.m, compiled.steps
     size, step = NODES * n, np.arange(steps)
-    first = (2 * n + m) * step
+    given = given_rows(compiled)
+    counts = rows_of_stages(compiled) - m
+    before = np.cumsum(counts) - counts  # bounded rows of the stages before
+    first = (2 * n + m) * step + before
     test = first + 2 * n
     test[-1] = first[-1]  # nothing follows the last stage
     gap = (first[:-1, None] + np.arange(2 * n)).ravel()
@@ -94,8 +117,10 @@ def stage_layout(compiled: CompiledProblem) -> Layout:
     values = np.repeat([1.0, -1.0], len(gap))
     linear = np.concatenate([gap, gap]), np.concatenate([following, source]), values
     own = np.r_[n:size, 0:n]  # a stage's variables among x_next, x, x_prev
-    row_place = np.full(int(test[-1]) + m, -1)
+    behind = np.repeat(test + m - before, counts) + np.arange(len(given))
+    row_place = np.full(int(test[-1] + m + counts[-1]), -1)
     row_place[(test[:, None] + np.arange(m)).ravel()] = np.arange(steps * m)
+    row_place[behind] = steps * m + given
     model, slope = patterns(compiled)
     slope = slope[compiled.dynamics.unactuated]
     of, i, j = np.nonzero(np.broadcast_to(model[np.ix_(own, own)], (steps, size, size)))
@@ -104,6 +129,9 @@ def stage_layout(compiled: CompiledProblem) -> Layout:
     of, i, j = np.nonzero(np.broadcast_to(slope[:, own], (steps, m, size)))
     jacobian = test[of] + i, of * size + j, (of * m + i) * size + own[j]
     nodes = size * step[:, None] + n * np.array([2, 0, 1])  # of x_next, x, x_prev
+    apart = sparse.csr_array(sparse.eye(size * steps))
+    slopes = Slopes.of(compiled, apart, (nodes[:, :, None] + np.arange(n)).reshape(steps, size))
+    jacobian = _joined(jacobian, (behind[slopes.row], slopes.column), steps * m * size)
     return _layout(
         (size * step[:, None] + own).ravel(),
         row_place,
@@ -111,8 +139,29 @@ def stage_layout(compiled: CompiledProblem) -> Layout:
         hessian,
         jacobian,
         linear,
+        slopes,
+        steps * m,
         stagewise=True,
     )
+
+
+def rows_of_stages(compiled: CompiledProblem) -> Indices:
+    """(N,) rows of a stage that are no gap."""
+    step = given_rows(compiled) // max(len(compiled.functions.bounded), 1)
+    return compiled.m + np.bincount(step, minlength=compiled.steps)
+
+
+def made_of(compiled: CompiledProblem) -> sparse.csr_array:
+    """((N+2)·n, x) what the nodes are made of."""
+    own = node_matrix(compiled)
+    places = own.row(), own.sparsity().get_col()
+    return sparse.csr_array((own.nonzeros(), places), own.shape)
+
+
+def _joined(entries: Entries, more: tuple[Indices, Indices], first: int) -> Entries:
+    """With more rows and columns, whose numbers stand from ``first`` on."""
+    own = np.concatenate([entries[0], more[0]]), np.concatenate([entries[1], more[1]])
+    return *own, np.concatenate([entries[2], first + np.arange(len(more[0]))])
 
 
 def _octo_patterns(
@@ -128,8 +177,7 @@ def _octo_patterns(
     if c.carry is not None:
         others = np.eye(c.n * c.steps, dtype=bool)
         nodes = sparse.block_diag([c.carry[0] != 0.0, c.carry[0] != 0.0, others]).tocsr() @ nodes
-    window = np.arange(c.steps)[:, None, None] + np.array([2, 1, 0])[:, None]
-    windows = nodes.tocsr()[(window * c.n + each).ravel()]
+    windows = nodes.tocsr()[steps_rows(c.steps, c.n).ravel()]
     step, fd = patterns(c)
     own = (step, fd[c.dynamics.unactuated])
     model, slope = (sparse.kron(sparse.eye(c.steps), pattern) for pattern in own)
@@ -162,6 +210,8 @@ def _layout(
     hessian: Entries,
     jacobian: Entries,
     linear: tuple[Indices, Indices, Array],
+    slopes: Slopes,
+    tested: int,
     stagewise: bool = False,
 ) -> Layout:
     """The tables in compressed columns."""
@@ -171,17 +221,19 @@ def _layout(
     i, j = np.concatenate([jacobian[0], rows]), np.concatenate([jacobian[1], columns])
     index = np.concatenate([jacobian[2], np.full(len(values), -1)])
     constant = np.concatenate([np.zeros(len(jacobian[2])), values])
-    slopes, by_column = _compressed(len(row_place), len(place), i, j)
+    compressed, by_column = _compressed(len(row_place), len(place), i, j)
     return Layout(
         place,
         row_place,
         *nodes,
         whole,
         at[order],
-        slopes,
+        compressed,
         index[by_column],
         constant[by_column],
         linear,
+        slopes,
+        tested,
         stagewise,
     )
 

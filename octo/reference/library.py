@@ -26,6 +26,8 @@ from octo.problem.native_steps import NativeSteps
 from octo.problem.neighbours import anchors
 from octo.reference.layout import Layout
 from octo.reference.program import parameter_vector
+from octo.reference.rows import complementarity, limits
+from octo.solver.options import SqpOptions
 
 SHAPES = ("x", "p", "scalar", "g", "jacobian", "hessian", "nothing")
 _ACTIVE: dict[str, Any] = {}  # by library, what its code points to
@@ -49,7 +51,7 @@ class Library:
     """
 
     def __init__(self, compiled: CompiledProblem, layout: Layout):
-        compiled.check_squares("a reference solver")
+        compiled.check_squares("a reference solver", bounds=True)
         if compiled.library is None:
             raise DeviceError("the compiled reference needs a C compiler (gcc, cc, clang or $CC)")
         self.layout, self.size = layout, layout.variables
@@ -57,7 +59,9 @@ class Library:
         handle = native.load(_text(compiled.library, layout))
         assert handle is not None
         self.handle, self.path = handle, handle._name
-        self.handle.octo_watch_set.argtypes = (ctypes.c_double, ctypes.c_double, ctypes.c_int)
+        self.steps = compiled.steps
+        numbers = (ctypes.c_double,) * 3
+        self.handle.octo_watch_set.argtypes = (*numbers, ctypes.c_int)
         self.handle.octo_log_rows.restype = ctypes.POINTER(ctypes.c_double)
         self.activate()
 
@@ -71,9 +75,10 @@ class Library:
         """nlp_f, nlp_grad_f, … as a CasADi function."""
         return ca.external(name, self.path)
 
-    def begin(self, tolerance: float, change: float, plateau: int) -> None:
+    def begin(self, options: SqpOptions) -> None:
         """Start the clock, and the rule by which octo_watch stops."""
-        self.handle.octo_watch_set(tolerance, change, plateau)
+        o, room = options, complementarity(self.steps, options)
+        self.handle.octo_watch_set(o.tolerance, o.plateau_change, room, o.plateau)
 
     def stop(self, stopped: bool = True) -> None:
         """Make every evaluation fail, so that the solver ends; or no longer."""
@@ -85,7 +90,7 @@ class Library:
         return bool(self.handle.octo_watch_settled())
 
     def log(self) -> Array:
-        """(points, 3) seconds since ``begin``, E, ‖g‖∞."""
+        """(points, 3) seconds since ``begin``, E, how far g is off its bounds."""
         count = self.handle.octo_log_size()
         return (
             np.ctypeslib.as_array(self.handle.octo_log_rows(), (count, 3)).copy()
@@ -96,16 +101,20 @@ class Library:
 
 SIZES = (
     *("variables", "rows", "numbers", "n", "nodes", "slots", "steps", "terms", "references"),
-    *("first_q", "linear", "segment"),
+    *("first_q", "linear", "segment", "tested", "bounded"),
+    *("first_slope", "slopes", "products"),
 )
 INTEGERS = (
     *("node_variable", "place", "row_place", "jacobian_index", "hessian_index"),
-    *("linear_row", "linear_column", "fixed"),
+    *("linear_row", "linear_column", "fixed", "target", "one", "other"),
 )
-CONSTANTS = ("node_value", "jacobian_constant", "linear_value", "carry")
+CONSTANTS = (
+    *("node_value", "jacobian_constant", "linear_value", "carry"),
+    *("product_value", "lower", "upper"),
+)
 MEMORY = (
     *("x", "p", "q", "trajectory", "energies", "g", "controls", "C", "A", "b", "H", "lam"),
-    *("gradient", "lagrangian"),
+    *("gradient", "lagrangian", "kept"),
 )
 TASKS = ("value", "slope", "curvature")
 CALLS = ("evaluate", "linearize", "between_values", "between_model")
@@ -133,6 +142,9 @@ class _Tables:
             "linear_value": linear_value,
             "fixed": c.plan.still,
             "carry": None if c.carry is None else c.carry[0],
+            **{name: getattr(layout.slopes, name) for name in ("target", "one", "other")},
+            "product_value": layout.slopes.value,
+            **dict(zip(("lower", "upper"), limits(c, layout.bounded_place), strict=True)),
             **_memory(c, layout),
         }
         kept: dict[str, NDArray] = {}
@@ -144,12 +156,15 @@ class _Tables:
         segment = c.basis.steps_per_segment if isinstance(c.basis, Hermite) else 0
         own = layout.variables, layout.rows, len(kept["p"]), c.n, *layout.node_value.shape
         first_q = c.constant.size + c.p.size
-        sizes = (*own, steps, terms, c.q.shape[2], first_q, len(linear_value), segment)
+        slopes = len(layout.slopes.row), len(layout.slopes.target)
+        bounded = len(c.functions.bounded), len(kept["A"]) - slopes[0], *slopes
+        linear = c.q.shape[2], first_q, len(linear_value), segment
+        sizes = (*own, steps, terms, *linear, layout.tested, *bounded)
         self.struct = _Struct(*sizes)
         self._kept: list[Any] = [*kept.values()]
         for name, array in kept.items():
             setattr(self.struct, name, array.ctypes.data)
-        self._set_tasks(c, kept, layout.stagewise)
+        self._set_tasks(c, kept, layout)
         for name in CALLS if c.program.between is not None else CALLS[:2]:
             function = getattr(c.library, f"octo_{name}")
             setattr(self.struct, name, ctypes.cast(function, ctypes.c_void_p).value)
@@ -159,7 +174,7 @@ class _Tables:
         self._kept += shapes
         self.struct.sparsity[:] = [shape.ctypes.data for shape in shapes]
 
-    def _set_tasks(self, c: CompiledProblem, kept: dict[str, NDArray], stagewise: bool) -> None:
+    def _set_tasks(self, c: CompiledProblem, kept: dict[str, NDArray], layout: Layout) -> None:
         """Tasks of octo's library over ``kept``; that of second derivatives has its own q, and
         first derivatives beside them."""
         assert c.library is not None
@@ -174,12 +189,15 @@ class _Tables:
         for name in TASKS:
             task, more = steps.task()
             task.nodes, task.fd = kept["trajectory"].ctypes.data, fd.ctypes.data
-            task.terms, task.apart = kept["energies"].ctypes.data, int(stagewise)
+            task.terms, task.apart = kept["energies"].ctypes.data, int(layout.stagewise)
             own = {**kept, **beside} if name == "curvature" else kept
             task.a, task.b, task.c = (own[key].ctypes.data for key in ("A", "b", "C"))
             if name == "curvature":
                 task.h, task.lam = kept["H"].ctypes.data, kept["lam"].ctypes.data
                 task.q = kept["q"].ctypes.data
+            elif c.functions.bounded:
+                task.rows = kept["C"][layout.tested :].ctypes.data
+                task.kept = kept["kept"].ctypes.data
             setattr(self.struct, name, ctypes.addressof(task))
             self._kept += [task, *more]
         self._kept += [fd, *beside.values()]
@@ -188,27 +206,30 @@ class _Tables:
 def _memory(c: CompiledProblem, layout: Layout) -> dict[str, Array]:
     """What the library writes, and the numbers of the problem."""
     if layout.stagewise:
-        units, lags, nc, ma = c.steps, 1, 3 * c.n, c.m
+        units, lags, nc = c.steps, 1, 3 * c.n
     else:
-        units, lags, nc, ma = c.K, 3, c.nc, c.ma
+        units, lags, nc = c.K, 3, c.nc
+    slopes, tested = layout.slopes, layout.tested
+    bounded = c.steps * len(c.functions.bounded)
     shapes = {
         "x": (layout.variables,),
         "q": c.q.shape[1:],
         "trajectory": (len(layout.node_value), c.n),
         "energies": (c.steps, len(c.functions.references.terms)),
         "g": (layout.rows,),
-        "C": (units, ma),
-        "A": (units, lags, ma, nc),
+        "C": (tested + bounded,),
+        "A": (lags * tested * nc + len(slopes.row),),
         "b": (units, nc),
         "H": (units, lags, nc, nc),
-        "lam": (units, ma),
+        "lam": (tested + bounded,),
         "gradient": (layout.variables,),
         "lagrangian": (layout.variables,),
     }
+    size = 0 if c.program.kept is None else c.steps * c.program.kept.size
     between = c.program.between is not None
     controls = anchors(c.plan, c.data)[0] if between else np.zeros(0)
     made = {name: np.zeros(shape) for name, shape in shapes.items()}
-    return {**made, "p": parameter_vector(c), "controls": controls}
+    return {**made, "p": parameter_vector(c), "controls": controls, "kept": np.ones(size + 1)}
 
 
 def _dense(rows: int, full: bool = True) -> NDArray[np.int64]:

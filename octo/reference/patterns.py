@@ -11,6 +11,7 @@ from scipy import sparse
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.basis import WINDOW
+from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem
 
 Pattern = NDArray[np.bool_]
@@ -29,6 +30,7 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     rows = pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
     hessian = pattern_of(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
     terms = pattern_of(functions.state_sparsity)  # to (x_next, x, x_prev, u)
+    terms = terms[_bending(functions)]
     terms = terms[:, : 3 * n] | (terms[:, 3 * n :] @ rows[dynamics.actuated])
     hessian |= terms.T @ terms
     if isinstance(dynamics, RobotDynamics):
@@ -37,6 +39,19 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
             path = np.isin(np.arange(n), robot.path[robot.contacts[k].body])
             hessian |= np.outer(np.tile(path, 3), np.tile(path, 3))
     return hessian | hessian.T, rows
+
+
+def _bending(functions: CostFunctions) -> NDArray[np.bool_]:
+    """(rows over the state,) those with second derivatives of their own: all squares, and bounded
+    rows that are not linear."""
+    made = np.ones(len(functions.state_terms), dtype=bool)
+    count = len(functions.bounded)
+    if count and not functions.calls:
+        inputs = functions.state.sx_in()
+        bounded = functions.state(*inputs)[len(made) - count :]
+        state = ca.vertcat(*inputs[:4])
+        made[len(made) - count :] = ca.which_depends(bounded, state, 2, True)
+    return made
 
 
 def pair_rows(

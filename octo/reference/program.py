@@ -26,6 +26,7 @@ from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_model import contact_inputs
 from octo.problem.problem import Problem
+from octo.reference.rows import given_rows, limits, used
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Nlp:
         references, row scales).
     parameters: values of p. start: of x, rad and m (tangents times τ in the Hermite basis).
     x_lower, x_upper, g_lower, g_upper: bounds; g is C of Eq. 7 without rows that no step adds to,
-        in mg and mg·ℓ.
+        in mg and mg·ℓ, then the rows of the constraints that have a bound, step by step.
     """
 
     compiled: CompiledProblem
@@ -65,11 +66,11 @@ class Nlp:
 
     @property
     def g_lower(self) -> Array:
-        return np.zeros(self.g.numel())
+        return limits(self.compiled, places_of(self.compiled))[0]
 
     @property
     def g_upper(self) -> Array:
-        return np.zeros(self.g.numel())
+        return limits(self.compiled, places_of(self.compiled))[1]
 
     @property
     def arguments(self) -> dict[str, Array]:
@@ -127,7 +128,7 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
         along.
     """
     compiled = CompiledProblem([instance("problem", problem, Problem, "an octo.Problem")])
-    compiled.check_squares("a reference solver")
+    compiled.check_squares("a reference solver", bounds=True)
     n, numbers = compiled.n, parameter_vector(compiled)
     x, p = ca.MX.sym("x", len(free_places(compiled))), ca.MX.sym("p", len(numbers))
     constant = ca.reshape(p[: n * (compiled.steps + 2)], n, compiled.steps + 2)
@@ -135,9 +136,10 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     nodes = ca.reshape(ca.mtimes(node_matrix(compiled), x), n, compiled.steps + 2) + constant
     step, (NP, NQ) = step_function(compiled), (compiled.p.shape[1], compiled.q.shape[2])
     dynamics, q = rest[:NP], ca.reshape(rest[NP : NP + NQ * compiled.steps], NQ, compiled.steps)
+    q = q[: step.size1_in(4), :]  # without weights of bounded rows
     scale = rest[NP + NQ * compiled.steps :]
     repeated = [ca.repmat(v, 1, compiled.steps) for v in (dynamics, scale)]
-    energy, rows, torques = step.map(compiled.steps)(
+    energy, rows, torques, bounded = step.map(compiled.steps)(
         nodes[:, 2:], nodes[:, 1:-1], nodes[:, :-2], repeated[0], q, repeated[1]
     )
     f = ca.sum2(energy) + _between(compiled, x, constant, q)
@@ -145,6 +147,9 @@ def nlp(problem: Problem, start: Array | None = None) -> Nlp:
     tested = compiled.plan.test_matrix
     tests = ca.sparsify(ca.DM(tested[tested.any(axis=1)]))
     g = ca.vec(ca.mtimes(rows, tests.T)) if compiled.m else ca.MX(0, 1)
+    given = given_rows(compiled)
+    if len(given):
+        g = ca.vertcat(g, ca.vec(bounded)[given.tolist()])
     at = compiled.unknowns(start_nodes(problem, start)[None])
     return Nlp(compiled, x, p, f, g, numbers, point_of(compiled, at))
 
@@ -175,6 +180,11 @@ def live_places(compiled: CompiledProblem) -> NDArray[np.intp]:
     return np.flatnonzero(np.repeat(compiled.plan.test_matrix.any(axis=1), compiled.m))
 
 
+def places_of(compiled: CompiledProblem) -> NDArray[np.intp]:
+    """Of each row of g its place among the bounded rows (N, rows), -1 of those of C."""
+    return np.concatenate([np.full(len(live_places(compiled)), -1), given_rows(compiled)])
+
+
 def point_of(compiled: CompiledProblem, unknowns: Array) -> Array:
     """x of octo's unknowns (1, K, nc)."""
     return unknowns.ravel()[free_places(compiled)]
@@ -188,14 +198,16 @@ def unknowns_of(compiled: CompiledProblem, x: Any) -> Array:
 
 
 def rows_of(compiled: CompiledProblem, multipliers: Array) -> Array:
-    """Those of g of octo's multipliers (K, ma)."""
-    return multipliers.ravel()[live_places(compiled)]
+    """Those of g of octo's multipliers (K, ma), zero of bounded rows."""
+    own = multipliers.ravel()[live_places(compiled)]
+    return np.concatenate([own, np.zeros(len(given_rows(compiled)))])
 
 
 def multipliers_of(compiled: CompiledProblem, rows: Any) -> Array:
     """(K, ma) of those of g."""
     multipliers = np.zeros((compiled.K, compiled.ma))
-    multipliers.flat[live_places(compiled)] = np.asarray(rows, dtype=float).ravel()
+    live = live_places(compiled)
+    multipliers.flat[live] = np.asarray(rows, dtype=float).ravel()[: len(live)]
     return multipliers
 
 
@@ -210,9 +222,9 @@ def node_variables(compiled: CompiledProblem) -> NDArray[np.intp]:
 def parameter_vector(compiled: CompiledProblem) -> Array:
     """p: the part of the nodes that no unknown moves (N+2, nx), parameters (NP,), q (N, NQ), row
     scales (m,)."""
-    return np.concatenate(
-        [a[0].ravel() for a in (compiled.constant, compiled.p, compiled.q, compiled.row_scale)]
-    )
+    c = compiled
+    parts = c.constant[0], c.p[0], used(c), c.row_scale[0]
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def node_matrix(compiled: CompiledProblem) -> ca.DM:
@@ -232,7 +244,7 @@ def node_matrix(compiled: CompiledProblem) -> ca.DM:
 
 def step_function(compiled: CompiledProblem) -> ca.Function:
     """(x_next, x, x_prev, p, q, row_scale) -> the step's part of E, the scaled unactuated rows of
-    FD, its torques."""
+    FD, its torques, the bounded rows."""
     dynamics, functions, calls = compiled.dynamics, compiled.functions, compiled.functions.calls
     *nodes, _, p, q = functions.state.sx_in()[:6]
     given = functions.state.sx_in()[6:]
@@ -240,8 +252,12 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
     fd = dynamics.symbolic(*nodes, p)
     u = fd[[int(j) for j in dynamics.actuated]]
     r = functions.state(*nodes, u, p, q, *given)
+    squares = r.numel() - len(functions.bounded)
+    r, bounded = r[:squares], r[squares:]
     energy = (
-        ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms]), r**2) if r.numel() else ca.SX(0)
+        ca.dot(ca.vertcat(*[q[k] for k in functions.state_terms[:squares]]), r**2)
+        if squares
+        else ca.SX(0)
     )
     if functions.contact is not None and isinstance(dynamics, RobotDynamics):
         own = functions.contact
@@ -252,7 +268,7 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
                 ca.vertcat(*[q[t] * u for t, u in zip(own.terms, use, strict=True)]), r**2
             )
     rows = scale * fd[[int(j) for j in dynamics.unactuated]]
-    outputs = [energy, ca.densify(rows), ca.densify(u)]
+    outputs = [energy, *map(ca.densify, (rows, u, bounded))]
     made = ca.Function("step", [*nodes, p, q, scale, *given], outputs, {"cse": True})
     return _with_calls(calls, made, ca.Function("torques", [*nodes, p], [u])) if calls else made
 

@@ -134,7 +134,7 @@ def timed(
         began, began_processor = time.perf_counter(), time.process_time()
         if library is not None:
             library.activate()
-            library.begin(options.tolerance, options.plateau_change, options.plateau)
+            library.begin(options)
         with interruptible(library) as told:
             found = solver(**given)
         seconds, processor = time.perf_counter() - began, time.process_time() - began_processor

@@ -1,5 +1,5 @@
 """fatrop on the identical problem in the nodes basis: state (x_i, x_{i−1}), control x_{i+1},
-U_/FD_i = 0 at every stage."""
+U_/FD_i = 0 and what is between bounds at every stage."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from octo.problem.basis import Nodes
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.problem.step_pairs import refuse_step_pairs
-from octo.reference.layout import stage_layout
+from octo.reference.layout import rows_of_stages, stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
+from octo.reference.rows import complementarity, gap, limits
 from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
@@ -61,7 +62,8 @@ class Fatrop:
         self.compiled = CompiledProblem([problem], exact=True)
         self.layout = stage_layout(self.compiled)
         self.library = Library(self.compiled, self.layout)
-        n, m, steps = self.compiled.n, self.compiled.m, self.compiled.steps
+        n, steps = self.compiled.n, self.compiled.steps
+        self.bounds = limits(self.compiled, self.layout.bounded_place)
         self.settings = {
             "max_iter": options.max_iterations,
             "tolerance": options.dual_tolerance,
@@ -75,8 +77,8 @@ class Fatrop:
             "N": steps - 1,
             "nx": [2 * n] * steps,
             "nu": [n] * steps,
-            "ng": [m] * steps,
-            "equality": [True] * self.layout.rows,
+            "ng": rows_of_stages(self.compiled).tolist(),
+            "equality": (self.bounds[0] == self.bounds[1]).tolist(),
         }
         own = {"fatrop": self.settings, **structure, **QUIET}
         self.solver = ca.nlpsol("reference", "fatrop", self.library.path, own)
@@ -105,8 +107,8 @@ class Fatrop:
         nodes[:2] = c.constant[0, :2]
         first = np.stack([nodes[1:-1], nodes[:-2], nodes[2:]], axis=1)
         lower, upper = self._bounds()
-        rows, p = np.zeros(self.layout.rows), parameter_vector(c)
-        bounds = {"lbx": lower, "ubx": upper, "lbg": rows, "ubg": rows}
+        p, (least, most) = parameter_vector(c), self.bounds
+        bounds = {"lbx": lower, "ubx": upper, "lbg": least, "ubg": most}
         given = {"x0": np.clip(first.ravel(), lower, upper), "p": p, **bounds}
         made = timed(self.solver, self.library, o, given)
         stats = self.solver.stats()
@@ -118,14 +120,15 @@ class Fatrop:
         if made.caught:
             status = Status.INTERRUPTED
         elif not status.converged and len(log) and settled(log[:, 1], log[:, 2], o):
-            status = Status.ACCEPTABLE
+            ended = gap(least, most, made.found) <= complementarity(c.steps, o)
+            status = Status.ACCEPTABLE if ended else status
         x = np.asarray(made.found["x"]).reshape(c.steps, 3, c.n)
         unknowns = x[None, :, 2].copy()
         unknowns[:, c.fixed] = 0.0
         solution = solution_of(
             c,
             unknowns,
-            np.asarray(made.found["lam_g"]).ravel()[self.layout.row_place >= 0].reshape(c.K, c.ma),
+            np.asarray(made.found["lam_g"]).ravel()[self.layout.of_c].reshape(c.K, c.ma),
             status,
             made,
             iterations=iterations,

@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import octo
 from octo import native
-from octo.bench.contest import joined
+from octo.bench.contest import Contest, joined
+from octo.cli.compare import row
 from octo.cli.main import main
+from octo.reference.run import OPTIONS
 from octo.result.solution import Solution
 
 TINY = ["compare", "biped", "--goal", "stand", "--seconds", "0.5", "--dt", "0.05"]
@@ -162,3 +165,32 @@ def test_joined_solutions_add_up(tmp_path: Path) -> None:
     assert (np.diff(whole.history["seconds"]) > 0).all() and (
         np.diff(whole.history["iteration"]) == 1
     ).all()
+
+
+@needs_compiler
+def test_solvers_of_a_problem_with_constraints() -> None:
+    """A mass that is to be at 1 with a motor of 1 N: the last column says that all keep to it."""
+
+    def law(x_next, x, x_prev, p):
+        return p["mass"] * (x_next - 2.0 * x + x_prev) / p["dt"] ** 2
+
+    mass = octo.CustomDynamics(law, nx=1, actuated=[0], parameters={"mass": 1.0})
+    costs = [
+        octo.CustomCost(lambda step, p: step.x_next - 1.0),
+        octo.Effort(weight=1e-3, reference=1.0),
+    ]
+    problem = octo.Problem(
+        mass,
+        steps=20,
+        dt=0.1,
+        x0=np.zeros(1),
+        costs=costs,
+        constraints=[octo.TorqueLimits(limit=1.0)],
+    )
+    entries = list(Contest(problem, ("ipopt", "fatrop"), OPTIONS).run([0]))
+    energies = [entry.solution.energy for entry in entries]
+    assert energies == pytest.approx([energies[0]] * 3, rel=1e-3)
+    assert max(abs(entries[1].solution.u.ravel())) > 0.99
+    for entry in entries:
+        assert entry.solution.converged and entry.solution.bounds[0].held
+        assert row(entry).split()[-1] == f"{entry.solution.bounds[0].violation:.1e}"

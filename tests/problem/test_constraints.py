@@ -272,13 +272,6 @@ def test_what_is_refused(name: str) -> None:
         CompiledProblem([described(*constraints, **more)])
 
 
-def test_other_solvers_refuse_constraints_by_name() -> None:
-    problem = described(octo.TorqueLimits(), octo.FrictionCone(0.5))
-    assert [term.label for term in problem.constraints] == ["TorqueLimits", "FrictionCone"]
-    with pytest.raises(OctoError, match="TorqueLimits is a bounded term"):
-        octo.reference.ipopt(problem)
-
-
 def test_problems_of_one_batch_have_the_same_constraints() -> None:
     one, other = described(octo.StepLimit()), described(octo.StepLimit([0.5] * 8 + [INF]))
     with pytest.raises(

@@ -46,6 +46,16 @@ def _between(control, following, p):
     return p["gain"] * (following - control) + 0.3 * following[2] * control[:1]
 
 
+BOUNDED = ("bounded", "bounded, hermite", "bounded, cycle")
+
+
+def _constraints() -> list[octo.Constraint]:
+    """Rows over torques, two nodes, all nodes through a contact, and one that bends in a torque."""
+    power = octo.CustomConstraint(lambda step, p: step.u[1] * step.x_next[8] ** 2, 0.1, 0.1, at=[2])
+    cones = octo.FrictionCones(0.6, contacts=("front_left",))
+    return [octo.TorqueLimits(), octo.JointSpeedLimits(limit=12.0, at=[0, 1, -1]), cones, power]
+
+
 def _cases(
     cart_pole: Callable[..., Problem], robot: Callable[..., Problem], cycle: Callable[..., Problem]
 ) -> dict[str, Problem]:
@@ -66,6 +76,13 @@ def _cases(
         "cycle, odd": cycle("biped", 7, octo.Cycle(speed=0.5, period=0.7)),
         "cycle, turning": cycle(
             "mammal", 5, octo.Cycle(speed=0.3, period=0.5, mirror=False, turn=0.4)
+        ),
+        "bounded": robot("mammal", 6, costs.paper()).replace(constraints=_constraints()),
+        "bounded, hermite": robot("mammal", 6, costs.paper(), Hermite(3)).replace(
+            constraints=_constraints()
+        ),
+        "bounded, cycle": cycle("mammal", 6, octo.Cycle(speed=0.5, period=0.6), RATES).replace(
+            constraints=_constraints()
         ),
         "two steps": robot("biped", 7, RATES),
         "two steps, end": robot("biped", 6, RATES).replace(displacement=np.full(14, 0.02)),
@@ -143,8 +160,32 @@ def test_expressions_equal_the_compiled_problem(
     _close(ca.densify(made.jacobian(x, p)), _dense(made, model.A))
 
 
+@pytest.mark.parametrize("name", BOUNDED)
+def test_expressions_have_the_bounded_rows(
+    name: str,
+    cart_pole: Callable[..., Problem],
+    robot: Callable[..., Problem],
+    cycle: Callable[..., Problem],
+) -> None:
+    """Behind C, and only those with a bound: a limit of speeds acts at three steps of six, one row
+    at one."""
+    made = nlp(_cases(cart_pole, robot, cycle)[name])
+    c, x, p = made.compiled.interpreted(), _point(made), made.parameters
+    at, given = c.evaluate(made.unknowns(x)), np.isfinite(c.lower) | np.isfinite(c.upper)
+    first, rows = made.g.numel() - given.sum(), 6 * 12 + 3 * 12 + 6 + 1
+    assert given.sum() == rows
+    _close(made.constraints(x, p)[first:], at.rows[given])
+    for found, bound in ((made.g_lower, c.lower), (made.g_upper, c.upper)):
+        assert (found[first:] == bound[given]).all() and not found[:first].any()
+    c.set_row_weights(np.ones_like(at.rows), np.zeros_like(at.rows))
+    model, along = c.linearize(at, None), np.random.default_rng(4).standard_normal(len(x))
+    _close(
+        made.jacobian(x, p)[first:, :] @ along, c.row_products(model, made.unknowns(along))[given]
+    )
+
+
 @needs_compiler
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, *BOUNDED])
 def test_library_equals_the_expressions(
     name: str,
     cart_pole: Callable[..., Problem],
@@ -170,7 +211,7 @@ def test_library_equals_the_expressions(
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["mammal", "contacts", "cart-pole"])
+@pytest.mark.parametrize("name", ["mammal", "contacts", "cart-pole", "bounded"])
 def test_stages_see_their_own_state_alone(
     name: str,
     cart_pole: Callable[..., Problem],
@@ -190,12 +231,13 @@ def test_stages_see_their_own_state_alone(
     f, g = ca.MX(0), []
     for i, now in enumerate(parts):
         nodes = now[2 * n :], now[:n], now[n : 2 * n]
-        numbers = (compiled.p[0], compiled.q[0, i], compiled.row_scale[0])
-        energy, rows, _ = step(*nodes, *numbers)
+        numbers = (compiled.p[0], compiled.q[0, i, : step.size1_in(4)], compiled.row_scale[0])
+        energy, rows, _, bounded = step(*nodes, *numbers)
         f += energy
         if i + 1 < steps:
             g.append(parts[i + 1][: 2 * n] - ca.vertcat(nodes[0], nodes[1]))
-        g.append(rows)
+        has = np.isfinite(compiled.lower[0, i]) | np.isfinite(compiled.upper[0, i])
+        g += [rows, bounded[np.flatnonzero(has).tolist()]]
     g, lam = ca.vertcat(*g), rng.standard_normal(library.layout.rows)
     lagrangian = 0.7 * f + ca.dot(lam, g)
     hessian, slope = ca.hessian(lagrangian, x)

@@ -110,6 +110,64 @@ def test_how_fast_torques_change_in_a_cycle(cycle: Callable[..., Problem]) -> No
     assert near.energy == pytest.approx(own.energy, rel=SAME)
 
 
+LIMITS = {
+    "a motor's force": {"constraints": [octo.TorqueLimits(limit=4.7)]},
+    "in hermite": {"basis": Hermite(10), "constraints": [octo.TorqueLimits(limit=4.2)]},
+    "a speed": {"constraints": [octo.JointSpeedLimits(limit=0.32)]},
+    "a way and its end": {
+        "constraints": [
+            octo.StepLimit(largest=[0.018, np.inf]),
+            octo.CustomConstraint(lambda step, p: step.x_next[0], 0.01, 0.01, at="last"),
+        ]
+    },
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_what_is_between_bounds(name: str, cart_pole: Callable[..., Problem]) -> None:
+    """A bound costs each solver its last weight of the barrier: E agrees to a millionth."""
+    problem = cart_pole(**LIMITS[name])
+    start = np.repeat(problem.start[None], problem.steps + 1, axis=0)
+    own, free = (octo.solve(p, start=start) for p in (problem, problem.replace(constraints=[])))
+    assert own.converged and own.energy > free.energy + 1e-5
+    runs = [ipopt(problem)]
+    if problem.basis_object.name == "nodes":
+        runs.append(fatrop(problem, settings={"tolerance": 1e-8}))
+    for run in runs:
+        assert run.solution.status is Status.CONVERGED, run.said
+        assert run.solution.energy == pytest.approx(own.energy, abs=1e-6, rel=0.0)
+        assert all(bound.held for bound in run.solution.bounds)
+        assert np.abs(run.solution.x - own.x).max() < 1e-3
+    warm = Ipopt(problem).solve(own.x, own.multipliers).solution
+    assert warm.converged and warm.iterations < runs[0].solution.iterations
+
+
+def test_a_cycle_between_bounds(cycle: Callable[..., Problem]) -> None:
+    """IPOPT stays at octo's solution, where motors and joints are at their limits."""
+    problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))
+    stage = schedule(problem, 1)[0]
+    assert stage is not None
+    limits = [octo.TorqueLimits(limit=36.5), octo.JointSpeedLimits(limit=6.0)]
+    problem = problem.replace(parameters=stage.parameters(problem.weight), constraints=limits)
+    options = SqpOptions(dual_tolerance=1e-7, step_tolerance=1e-5, plateau_change=1e-13)
+    own = octo.solve(problem, start=first_nodes(problem, 0, None)[1:], options=options)
+    near = Ipopt(problem, options).solve(own.x, own.multipliers).solution
+    assert own.status is near.status is Status.CONVERGED
+    assert near.energy == pytest.approx(own.energy, abs=1e-6, rel=0.0)
+    assert np.abs(near.x - own.x).max() < 1e-4
+    for bound in (*own.bounds, *near.bounds):
+        assert -1e-4 < bound.excess < 1e-6
+
+
+def test_an_acceptable_point_is_at_its_bounds(cart_pole: Callable[..., Problem]) -> None:
+    """octo's rule waits for complementarity, however level E is on the way."""
+    options = SqpOptions(plateau=2, plateau_change=0.99, tolerance=1e-2)
+    problem = cart_pole(constraints=[octo.TorqueLimits(limit=4.7)])
+    run = ipopt(problem, options=options, settings={"mu_init": 1e-3, "dual_inf_tol": 1e-300})
+    assert run.solution.status is Status.ACCEPTABLE and "octo's rule" in run.said
+    assert run.solution.energy == pytest.approx(ipopt(problem).solution.energy, abs=1e-6)
+
+
 def test_fatrop_refuses_cycles(cycle: Callable[..., Problem]) -> None:
     with pytest.raises(ProblemError, match="cannot solve a cycle"):
         fatrop(cycle("biped", 6, octo.Cycle(speed=0.5, period=0.6)))
