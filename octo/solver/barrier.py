@@ -37,8 +37,9 @@ INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
-# large, and one after the other they would shorten steps to a thousandth: half of a mammal's walks
-# stall, and a cart-pole's swing-up takes 55 iterations for 40
+# large, and one after the other they would shorten steps to a thousandth. Without it one of four
+# walks of a mammal under all limits stalls (with it none), a cart-pole's swing-up takes 805
+# iterations for 590 over 18 starts, and of eight cycles one stalls with and without it
 LEAST = 0.1
 # a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
 RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
