@@ -32,6 +32,7 @@ from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
 from octo.solver.bounds import Bounds, Slacks
+from octo.solver.elastic import Elastic
 
 INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
@@ -43,6 +44,8 @@ PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step 
 LEAST = 0.1
 # a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
 RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
+# elastic phases of a member that found no step, and the width of their prices
+PHASES, WIDTH = 2, 1e-2
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
@@ -141,6 +144,7 @@ class Barrier(Bounds):
         self.limits, self.last = limits, LAST * tolerance / steps
         self._step: RowStep | None = None
         self._lowered = np.zeros(len(rows), dtype=bool)
+        self._phases = np.zeros(len(rows), dtype=int)
         mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
         s = limits.inside(rows)
         below, above = limits.gaps(s)
@@ -177,6 +181,7 @@ class Barrier(Bounds):
         self.limits = self.limits.select(members)
         self._hold(self.slacks.select(members))
         self._least, self._most = self._least[members], self._most[members]
+        self._phases = self._phases[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -345,6 +350,18 @@ class Barrier(Bounds):
         self._hold(Slacks(s, lower, upper, equal, own.mu))
         after, (self._least, self._most) = self._seen(after, s, *self._products())
         return after
+
+    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
+        self._phases[member] += 1
+        if self._phases[member] > PHASES:
+            return None
+        return Elastic(*problem.row_bounds, WIDTH)
+
+    def anew(self, at: Evaluation, members: Mask) -> Evaluation:
+        first = FIRST / at.rows.shape[1]
+        self.slacks = replace(self.slacks, mu=np.where(members, first, self.slacks.mu))
+        none = np.zeros(len(members), dtype=bool)
+        return self.moved(at, at, np.ones(len(members)), none, members, none)
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """Not where a correction helps: blamed again and again, at every third iteration, units

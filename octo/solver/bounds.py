@@ -118,6 +118,17 @@ class Bounds:
         del at, length, accepted, lost, still
         return after
 
+    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
+        """The price of the bounds of ``member``, alone in ``problem``, for a phase that leads it
+        near them; None where that was done often enough."""
+        del problem, member
+        return None
+
+    def anew(self, at: Evaluation, members: Mask) -> Evaluation:
+        """Begin anew with some members (batch,) bool of ``at``: the iterate as seen."""
+        del members
+        return at
+
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """(batch,) where single units are to blame for a first trial that was ``refused``, whether
         it was ``mended`` by a correction or not."""

@@ -13,12 +13,10 @@ neighbours.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module
+from octo.arrays import Array, Numbers, array_module, host
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.solver.acceptance import Mask
@@ -58,9 +56,9 @@ class Elastic(Bounds):
         problem.set_row_weights(weight, shift)
 
     def seen(self, at: Evaluation) -> Evaluation:
-        summary = at.summary.copy()
-        summary[:, 0] = at.terms.sum(axis=(1, 2)) + self._prices(at.rows)[0].sum(axis=(1, 2))
-        return replace(at, summary=summary)
+        summary, objective = at.summary.copy(), at.terms.sum(axis=(1, 2))
+        summary[:, 0] = objective + self._prices(at.rows)[0].sum(axis=(1, 2))
+        return at.summarised(summary, host(summary), host(objective))
 
     def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
         del at, length

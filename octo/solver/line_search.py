@@ -105,6 +105,12 @@ class LineSearch:
         self.correction = chosen("second_order_correction", SecondOrderCorrection())
         self.restoration = chosen("restoration", Restoration(batch, options))
 
+    def anew(self, members: NDArray[np.intp]) -> None:
+        """Forget the filter and the weights of some members, which were moved."""
+        self.acceptance.restored(members)
+        self.direction.regularisation.local[members] = 0.0
+        self.direction.regularisation.last[members] = 0.0
+
     def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None:
         """Keep some members only, those of ``problem``."""
         self.trials.problem = problem

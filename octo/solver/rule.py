@@ -67,4 +67,7 @@ class Rule(Protocol):
 
     def move(self, at: Evaluation, lam: Array, model: Model, iteration: int) -> Move: ...
 
+    def anew(self, members: NDArray[np.intp]) -> None:
+        """Forget what stands in the way of some members, which were moved."""
+
     def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None: ...

@@ -116,6 +116,7 @@ class Result:
         return replace(self, history=joined, stages=stages, **sums)
 
 
+ELASTIC = 100  # iterations of an elastic phase, at most
 # iterations over which E settles before terms over contacts have all of their curvature
 SETTLING = 10
 
@@ -218,6 +219,8 @@ class _Run:
         self.backend, self.batch = backend, problem.batch
         self.moved = np.ones(problem.batch, dtype=bool)
         self.settled = np.zeros(problem.batch, dtype=bool)  # where E has settled once
+        # iterations and factorisations of elastic phases
+        self.elsewhere = np.zeros((problem.batch, 2), dtype=np.intp)
         self.model: Model | None = None
 
     def run(self) -> Result:
@@ -252,6 +255,8 @@ class _Run:
         if self.options.hessian == "exact":
             self.settled |= self.records.settled(self.active)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
+        if some(move.failed & ~move.converged):
+            move.failed &= move.converged | ~self._eased(move.failed & ~move.converged)
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
@@ -262,6 +267,30 @@ class _Run:
             if stopped:
                 ended.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
             self._leave(*ended)
+
+    def _eased(self, failed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Where members that found no step go on, from where an elastic phase of their bounds led
+        the best iterate so far."""
+        done = np.zeros(len(failed), dtype=bool)
+        options = replace(self.options, max_iterations=ELASTIC, dual_tolerance=1e-3)
+        for k in np.flatnonzero(failed):
+            one = self.problem.take(np.array([k]))
+            bounds = self.bounds.elastic(one, int(k))
+            if bounds is None:
+                continue
+            begun = self.best.unknowns[k : k + 1]
+            result = run(one, begun, None, options, None, self.backend, bounds=bounds)
+            place = like(result.at.unknowns, self.lam)
+            self.at, self.lam = self.at.copy(), self.lam.copy()
+            self.at.put(np.array([k]), one.evaluate(place))
+            self.lam[k : k + 1] = like(result.lam, self.lam)
+            self.elsewhere[self.active[k]] += (result.iterations[0], result.factorizations[0])
+            done[k] = True
+        if some(done):
+            self.at = self.bounds.anew(self.at, done)
+            self.rule.anew(np.flatnonzero(done))
+            self.moved = self.moved | done
+        return done
 
     @property
     def violation(self) -> Array:
@@ -346,8 +375,8 @@ class _Run:
             lam=np.concatenate(lams),
             slacks=joined(slacks),
             status=list(status),
-            iterations=np.array([len(history["energy"]) for history in histories]),
-            factorizations=np.array(factored),
+            iterations=np.array([len(h["energy"]) for h in histories]) + self.elsewhere[:, 0],
+            factorizations=np.array(factored) + self.elsewhere[:, 1],
             history=histories,
             stages=dict(self.clock.seconds),
             seconds=time.perf_counter() - self.began,

@@ -156,6 +156,9 @@ class TrustRegion:
                 scaled.q[:, :, k] /= like(np.where(start > 0.0, start, 1.0)[:, None], scaled.q)
         return scaled
 
+    def anew(self, members: NDArray[np.intp]) -> None:
+        """Nothing moves members of a trust region but their own steps."""
+
     def take(self, members: NDArray[np.intp], problem: BlockNLP) -> None:
         """Keep some members only, those of ``problem``."""
         self.trials.problem = problem

@@ -204,3 +204,14 @@ def test_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_trust_region_takes_no_bounds() -> None:
     with pytest.raises(octo.errors.ProblemError, match="TorqueLimits"):
         octo.solve(swing_up(10.0), options=SqpOptions.paper())
+
+
+@pytest.mark.parametrize("seed", [0, 1, 4])
+def test_a_start_far_outside_its_bounds_is_led_inside(seed: int) -> None:
+    """Forces of hundreds of newtons at first: the interior point alone stalls, an elastic phase
+    leads it on, and its iterations count."""
+    start = np.random.default_rng(seed).standard_normal((62, 2))
+    motion = octo.solve(swing_up(10.0), start=start)
+    assert motion.status in CONVERGED
+    np.testing.assert_allclose(motion.energy, 3.02676, rtol=1e-5)
+    assert len(motion.history["energy"]) < motion.iterations <= 300
