@@ -23,8 +23,16 @@ LONGEST = (
     "test_bench.py",
 )
 
+# Their many libraries run a few steps and are compared with other code: compiled in a quarter of
+# the time. What is in neither list is compiled as a user's code is.
+PLAIN = ("problem", "reference", "extending")
+AS_SHIPPED = ("test_native.py", "test_numbers.py")
+
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.parent.name in PLAIN and item.path.name not in AS_SHIPPED:
+            item.fixturenames.insert(0, "plain_compiler")
     if hasattr(config, "workerinput"):  # a process of pytest-xdist
         place = {name: k for k, name in enumerate(LONGEST)}
         items.sort(key=lambda item: place.get(item.path.name, len(place)))
@@ -63,14 +71,24 @@ def _random_system(
     )
 
 
-@pytest.fixture(scope="module")
-def quick_compiler() -> Iterator[None]:
-    """For files whose many libraries run once or twice, and whose numbers are compared with other
-    code: compiled in half the time. The others are compiled as a user's are."""
+def _compiled_with(optimisation: str) -> Iterator[None]:
     flags = native.FLAGS
-    native.FLAGS = tuple("-O1" if flag == "-O3" else flag for flag in flags)
+    native.FLAGS = tuple(optimisation if flag == "-O3" else flag for flag in flags)
     yield
     native.FLAGS = flags
+
+
+@pytest.fixture(scope="module")
+def quick_compiler() -> Iterator[None]:
+    """For the kernels in the emulator: compiled in half the time. What is neither this nor plain is
+    compiled as a user's code is."""
+    yield from _compiled_with("-O1")
+
+
+@pytest.fixture(scope="module")
+def plain_compiler() -> Iterator[None]:
+    """See PLAIN."""
+    yield from _compiled_with("-O0")
 
 
 @pytest.fixture

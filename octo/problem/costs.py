@@ -59,11 +59,11 @@ class Cost(Term):
     loss: Loss | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.steps is not None:
             check_at(f"{self.label}.steps", self.steps)
             object.__setattr__(self, "at", self.steps)
             object.__setattr__(self, "steps", None)
-        super().__post_init__()
         if self.loss is not None:
             instance(f"{self.label}.loss", self.loss, Loss, "an octo.Loss")
 

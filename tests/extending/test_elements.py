@@ -26,7 +26,6 @@ from tests.emulator import EmulatedDevice
 
 TOLERANCE = 1e-10  # of the largest entry
 MASS, STIFFNESS = 2.0, 200.0  # kg, N/m, of a block that hangs on a spring
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 # ends on two branches, on one branch, on the world; one kind of force twice; points off the bodies'

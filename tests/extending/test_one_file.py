@@ -28,8 +28,7 @@ from tests.emulator import EmulatedDevice
 pytestmark = [
     pytest.mark.skipif(
         native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
-    ),
-    pytest.mark.usefixtures("quick_compiler"),
+    )
 ]
 HERE = Path(__file__).parent
 STEPS, DT = 12, 0.05

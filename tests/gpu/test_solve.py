@@ -22,7 +22,7 @@ from octo.solver.status import Status
 from octo.starts import first_nodes
 from tests.emulator import EmulatedDevice
 
-SETTINGS = {"paper": (SqpOptions.paper(), 1e-9), "default": (SqpOptions(), 1e-6)}
+SETTINGS = {"paper": (SqpOptions.paper(), 1e-8), "default": (SqpOptions(), 1e-6)}
 
 
 def batch_of(robot: str, basis: str, steps: int = 40, seeds: tuple[int, ...] = (0, 1)):

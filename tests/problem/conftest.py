@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
 from walker import BASES, START, walker, wiggle_near_ground
 
-from octo import costs
+from octo import costs, native
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
@@ -67,7 +67,10 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
 
 
 @lru_cache
-def _compiled(basis: str, threads: int = 1, steps: int = STEPS) -> CompiledProblem:
+def _compiled_with(
+    flags: tuple[str, ...], basis: str, threads: int = 1, steps: int = STEPS
+) -> CompiledProblem:
+    del flags  # of the compiler: files have their own
     problem = Problem(
         walker(),
         steps=steps,
@@ -92,7 +95,7 @@ def robot() -> Character:
 @pytest.fixture
 def compiled() -> Callable[..., CompiledProblem]:
     """Two problems with every cost, native code where there is a compiler."""
-    return _compiled
+    return partial(_compiled_with, native.FLAGS)
 
 
 @pytest.fixture

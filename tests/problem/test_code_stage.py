@@ -23,7 +23,6 @@ from octo.reference.program import nlp, point_of
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 needs_compilers = pytest.mark.skipif(
     native.compiler() is None or emulator.compiler() is None, reason="no C or C++ compiler"
 )

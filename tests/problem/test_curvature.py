@@ -21,7 +21,6 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.curvature import NAME
 from octo.reference.program import free_places, nlp, point_of, rows_of
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 

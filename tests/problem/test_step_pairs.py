@@ -22,7 +22,6 @@ from octo.starts import first_nodes
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 DT = 0.05
 DOUBLE = octo.CodeStage(
     "double_",

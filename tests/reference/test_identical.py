@@ -29,7 +29,6 @@ from octo.reference.program import (
 )
 
 TOLERANCE = 1e-10
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
