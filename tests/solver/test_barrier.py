@@ -106,7 +106,8 @@ def test_a_pole_is_swung_up_as_by_ipopt(limit: float) -> None:
     start = 1e-3 * np.random.default_rng(0).standard_normal((62, 2))
     motion = octo.solve(problem, start=start)
     assert motion.status in CONVERGED and motion.iterations <= 80
-    np.testing.assert_allclose(motion.energy, by_ipopt(limit, 60, start), rtol=1e-6)
+    best = by_ipopt(limit, 60, start)  # now and then another optimum, 6e-4 above
+    assert (1.0 - 1e-3) * best <= motion.energy <= (1.0 + 1e-6) * best
     assert np.abs(motion.u).max() <= limit
     bounds = {own.name: own.violation for own in motion.bounds}
     assert bounds == {"TorqueLimits": 0.0}

@@ -360,5 +360,6 @@ def test_a_swing_up_is_that_of_ipopt_from_several_starts(limit: float) -> None:
     for seed in (1, 2):
         start = 1e-3 * np.random.default_rng(seed).standard_normal((62, 2))
         motion = solved(swing_up(limit), start=start)
-        np.testing.assert_allclose(motion.energy, by_ipopt(limit, 60, start), rtol=1e-5)
+        best = by_ipopt(limit, 60, start)  # now and then another optimum, 6e-4 above
+        assert (1.0 - 1e-3) * best <= motion.energy <= (1.0 + 1e-5) * best
         assert np.abs(motion.u).max() <= limit * (1.0 + HELD) and motion.iterations <= 60
