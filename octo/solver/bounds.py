@@ -70,7 +70,7 @@ class Bounds:
     def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
         """The same of a trial, a step of ``length`` (batch,) from ``at``."""
         del at, length
-        return trial
+        return self.seen(trial)
 
     def aimed(
         self,
@@ -116,7 +116,7 @@ class Bounds:
         ``at``, with multipliers that stay where it was a ``still`` one, and that ``lost`` ones
         found none: ``after`` it, as seen."""
         del at, length, accepted, lost, still
-        return after
+        return self.seen(after)
 
     def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
         """The price of the bounds of ``member``, alone in ``problem``, for a phase that leads it

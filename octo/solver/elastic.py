@@ -16,10 +16,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, host
+from octo.arrays import Array, array_module, host
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
-from octo.solver.acceptance import Mask
 from octo.solver.bounds import Bounds
 
 
@@ -59,22 +58,6 @@ class Elastic(Bounds):
         summary, objective = at.summary.copy(), at.terms.sum(axis=(1, 2))
         summary[:, 0] = objective + self._prices(at.rows)[0].sum(axis=(1, 2))
         return at.summarised(summary, host(summary), host(objective))
-
-    def tried(self, at: Evaluation, trial: Evaluation, length: Numbers | float) -> Evaluation:
-        del at, length
-        return self.seen(trial)
-
-    def moved(
-        self,
-        at: Evaluation,
-        after: Evaluation,
-        length: Numbers,
-        accepted: Mask,
-        lost: Mask,
-        still: Mask,
-    ) -> Evaluation:
-        del at, length, accepted, lost, still
-        return self.seen(after)
 
     def take(self, members: NDArray[np.intp]) -> None:
         self.lower, self.upper = self.lower[members], self.upper[members]
