@@ -255,8 +255,9 @@ class _Run:
         if self.options.hessian == "exact":
             self.settled |= self.records.settled(self.active)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
-        if some(move.failed & ~move.converged):
-            move.failed &= move.converged | ~self._eased(move.failed & ~move.converged)
+        lost = move.failed & ~move.converged
+        if some(lost):
+            move.failed &= ~self._eased(lost)
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
@@ -272,14 +273,19 @@ class _Run:
         """Where members that found no step go on, from where an elastic phase of their bounds led
         the best iterate so far."""
         done = np.zeros(len(failed), dtype=bool)
-        options = replace(self.options, max_iterations=ELASTIC, dual_tolerance=1e-3)
         for k in np.flatnonzero(failed):
             one = self.problem.take(np.array([k]))
             bounds = self.bounds.elastic(one, int(k))
             if bounds is None:
                 continue
+            left = max(self.options.time_limit - (time.perf_counter() - self.began), 1e-9)
+            options = replace(
+                self.options, max_iterations=ELASTIC, dual_tolerance=1e-3, time_limit=left
+            )
             begun = self.best.unknowns[k : k + 1]
             result = run(one, begun, None, options, None, self.backend, bounds=bounds)
+            if result.status[0] is Status.INTERRUPTED:
+                raise KeyboardInterrupt  # it is this solve that was told to stop
             place = like(result.at.unknowns, self.lam)
             self.at, self.lam = self.at.copy(), self.lam.copy()
             self.at.put(np.array([k]), one.evaluate(place))

@@ -216,3 +216,13 @@ def test_a_start_far_outside_its_bounds_is_led_inside(seed: int) -> None:
     assert motion.status in CONVERGED
     np.testing.assert_allclose(motion.energy, 3.02676, rtol=1e-5)
     assert len(motion.history["energy"]) < motion.iterations <= 300
+
+
+def test_ctrl_c_in_an_elastic_phase_stops_the_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("octo.solver.elastic.Elastic.weigh", stop)
+    start = np.random.default_rng(0).standard_normal((62, 2))
+    motion = octo.solve(swing_up(10.0), start=start)
+    assert motion.status is Status.INTERRUPTED and np.isfinite(motion.x).all()
