@@ -25,7 +25,8 @@ _NAMES = {  # by the module that defines them
         "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Duration "
         "Effort FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointPower "
         "JointSpeedLimit JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity "
-        "PoseTarget Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate Upright"
+        "PoseTarget Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate "
+        "Upright"
     ),
     "octo.devices": "devices",
     "octo.dynamics.evaluate": "CustomDynamics",

@@ -17,15 +17,15 @@ from octo.problem.at import Steps
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, StepPairCost, last_row, mean_square
 from octo.problem.limits import PLACE, JointLimits, JointSpeedLimits, TorqueLimits, in_words
-from octo.problem.terms import Row
+from octo.problem.terms import Curvature, Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
 FREE = 1e6  # rad or m, in place of a limit that is none
-# of the reference, where the power of a joint changes its sign: a hundredth of what all of a
-# walker's joints do together
-POWER_ROUNDING = 2e-3
+# of the reference, where the power of a joint changes its sign: with a third of it most strides
+# stalled
+POWER_ROUNDING = 3e-2
 QUICK = 0.1  # s, in which a torque may change by the effort's reference
 
 
@@ -100,6 +100,7 @@ class JointPower(Cost):
     joint's rounded off at ``POWER_ROUNDING`` of it. With mg·v as the reference of a walk at v m/s
     it is the cost of transport."""
 
+    curvature: Curvature = field(default="exact", kw_only=True)
     reference: float | None = None  # W, by default mg√(gℓ)
 
     def references(self, setting: Setting) -> Mapping[str, Any]:

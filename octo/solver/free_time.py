@@ -5,14 +5,12 @@ each unit has a copy of τ = log(dt/dt_0) behind its other unknowns, and one mor
 These rows are linear and hold at the start, so that all copies move as one: of d²L/dτ² and of
 d²L/dτ dv only the sums over all units matter, and each unit takes what stands in its own block.
 
-Derivatives along τ are central differences of what the generated code gives, of fourth order where
-a solution depends on them (∂E/∂τ, ∂C/∂τ, of rows), of second order for d²L/dτ dv: no law, term or
-backend has to know about it.
+Derivatives along τ are central differences of what the generated code gives (E, C and rows, and the
+gradient for d²L/dτ dv): no law and no term has to know about it. They are right to 1e-9.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -28,27 +26,18 @@ from octo.problem.evaluation import Evaluation, Model
 from octo.problem.problem import Problem
 from octo.solver.blocks import transposed_times
 
-STEP = 5e-4  # of τ, the step of the differences: h⁴ and rounding over h are both about 1e-13
-AROUND = (-2, -1, 1, 2)  # steps
-BEYOND = 1.2  # times the longest, or the shortest over it: longer or shorter steps are refused
+# of τ, the step of the differences. Numbers go like τ⁻⁴ at most, so that its square is the error;
+# terms may turn sharply (a joint's power where it changes its sign): with 5e-4 they stalled
+STEP = 2e-5
+BEYOND = 1.2
+Around = tuple[Evaluation, Evaluation]
 Weights = tuple[Array, Array, Array]  # D, d and y of the bounded rows
 
 
-def refuse(problem: Problem, who: str) -> None:
-    """Refuse a free duration.
-
-    Raises
-    ------
-    ProblemError: says ``who`` needs a fixed one.
-    """
-    if problem.duration is not None:
-        raise ProblemError(
-            f"duration is free: {who} needs a fixed one, give steps and dt without duration"
-        )
-
-
-def timed(placed: BlockNLP) -> BlockNLP:
+def timed(placed: BlockNLP, beyond: float = BEYOND) -> BlockNLP:
     """The batch as a solver is to see it: with the duration among its unknowns where it is free.
+
+    beyond: times the longest, or the shortest over it: durations beyond are refused at sight.
 
     Raises
     ------
@@ -60,7 +49,8 @@ def timed(placed: BlockNLP) -> BlockNLP:
     if not all(free):
         return placed
     assert isinstance(placed, CompiledProblem), "a device refuses a free duration"
-    return FreeTime(placed, Times.of(placed))
+    own = placed.take(np.arange(placed.batch))  # its numbers change with dt
+    return FreeTime(own, Times.of(own, beyond))
 
 
 def lasting(problem: Problem, dt: float) -> Problem:
@@ -77,7 +67,7 @@ class Times:
 
     Attributes
     ----------
-    dt: (batch,) s, where τ is zero. shortest, longest: (batch,) s, what it is asked to be between.
+    dt: (batch,) s, where τ is zero. shortest, longest: (batch,) s, what is beyond is refused.
     constant, q: of :class:`~octo.problem.data.Data`, there.
     constant_slope, q_slope: by how much they grow with dt, 1/s.
     """
@@ -91,16 +81,16 @@ class Times:
     q_slope: Array
 
     @classmethod
-    def of(cls, compiled: CompiledProblem) -> Times:
-        """Of a batch."""
-        longer = {id(one): lasting(one, 2.0 * one.dt) for one in compiled.problems}
-        other = lowered([longer[id(one)] for one in compiled.problems], compiled.functions)[1]
+    def of(cls, compiled: CompiledProblem, beyond: float) -> Times:
+        """Of a batch; ``beyond`` as of :func:`timed`."""
+        short = {id(one): lasting(one, 0.5 * one.dt) for one in compiled.problems}
+        other = lowered([short[id(one)] for one in compiled.problems], compiled.functions)[1]
         dt, data = np.array([one.dt for one in compiled.problems]), compiled.data
         references = compiled.functions.references
 
         def slope(name: str) -> Array:
-            change = getattr(other, name) - getattr(data, name)
-            return np.asarray(change / dt[:, None, None])
+            change = getattr(data, name) - getattr(other, name)
+            return np.asarray(change / (0.5 * dt[:, None, None]))
 
         q_slope = slope("q")
         # scales of terms stay, and what a solver gives the rows is not of the problem
@@ -112,8 +102,8 @@ class Times:
         ends /= (np.array(strides) * compiled.steps)[:, None]
         return cls(
             dt,
-            ends[:, 0],
-            ends[:, 1],
+            ends[:, 0] / beyond,
+            ends[:, 1] * beyond,
             data.constant.copy(),
             slope("constant"),
             data.q.copy(),
@@ -212,7 +202,7 @@ class FreeTime:
         """E and C at ``unknowns`` (batch, K, nc)."""
         own = self.times
         dt = own.dt * np.exp(np.clip(self._shift(unknowns), -700.0, 700.0))
-        wild = (dt < own.shortest / BEYOND) | (dt > own.longest * BEYOND)
+        wild = (dt < own.shortest) | (dt > own.longest)
         self._set(self._shift(unknowns))
         at = self.inner.evaluate(np.ascontiguousarray(unknowns[..., :-1]))
         C = np.pad(at.C, ((0, 0), (0, 0), (0, 1)))
@@ -229,7 +219,7 @@ class FreeTime:
         around = self._around(at)
         self._set(self._shift(at.unknowns))
         b, A = self.inner.gradient(self._inside(at))
-        return self._with_tau(b, self._energy(around)), self._rows(A, around)
+        return self._with_tau(b, self._along(around)[0]), self._rows(A, around)
 
     def linearize(
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None
@@ -237,23 +227,22 @@ class FreeTime:
         """As :meth:`CompiledProblem.linearize`, with exact second derivatives along τ."""
         inside, around, shift = self._inside(at), self._around(at), self._shift(at.unknowns)
         own = None if lam is None else np.ascontiguousarray(lam[..., :-1])
-        cross = self._cross(shift, own, around[1], around[2])
+        cross = self._cross(shift, own, around)
         self._set(shift)
         model = self.inner.linearize(inside, own, curved)
-        along, energy = _first([each.rows for each in around]), self._energy(around)
-        curvature = _second([self._lagrangian(each, own) for each in (inside, *around)])
+        slope, along = self._along(around)
+        before, middle, after = (self._lagrangian(e, own) for e in (around[0], inside, around[1]))
+        curvature = ((after - middle) - (middle - before)) / STEP**2
         if self._weights is not None:
-            D, d, _ = self._weights
-            along = np.where(D != 0.0, along, 0.0)
+            D = self._weights[0]
             cross = cross + self.inner.row_forces(model, D * along)
             curvature = curvature + (D * along**2).sum(axis=(1, 2))
-            energy = energy + (d * along).sum(axis=(1, 2))
         H = np.zeros((self.batch, self.K, 3, self.nc, self.nc))
         H[..., :-1, :-1] = model.H
         H[:, :, 0, -1, -1] = 1.0
         H[:, : self.units, 0, -1, -1] = curvature[:, None] / self.units
         H[:, :, 0, -1, :-1] = H[:, :, 0, :-1, -1] = cross
-        b, A = self._with_tau(model.b, energy), self._rows(model.A, around)
+        b, A = self._with_tau(model.b, slope), self._rows(model.A, around)
         return TimedModel(H, A, b, at.C, model.R, along)
 
     def row_products(self, model: Model, delta: Array) -> Array:
@@ -275,31 +264,28 @@ class FreeTime:
         unknowns, C = (np.ascontiguousarray(a[..., :-1]) for a in (at.unknowns, at.C))
         return Evaluation(unknowns, at.nodes, at.fd, at.terms, at.rows, C, at.summary)
 
-    def _around(self, at: Evaluation) -> list[Evaluation]:
-        """The same configurations, in times that are ``AROUND`` longer."""
+    def _around(self, at: Evaluation) -> Around:
+        """The same configurations a step to both sides of τ."""
         unknowns, shift = np.ascontiguousarray(at.unknowns[..., :-1]), self._shift(at.unknowns)
         made = []
-        for k in AROUND:
-            self._set(shift + k * STEP)
+        for side in (-STEP, STEP):
+            self._set(shift + side)
             made.append(self.inner.evaluate(unknowns))
-        return made
+        return made[0], made[1]
 
-    def _cross(
-        self, shift: Array, lam: Array | None, before: Evaluation, after: Evaluation
-    ) -> Array:
-        """(batch, K, nc − 1) d/dτ of ∇E + Aᵀlam + Rᵀy over the other unknowns, from evaluations a
-        step to both sides of τ."""
+    def _cross(self, shift: Array, lam: Array | None, around: Around) -> Array:
+        """(batch, K, nc − 1) d/dτ of ∇E + Aᵀlam + Rᵀy over the other unknowns."""
         if self._weights is not None:
             D, _, y = self._weights
             self.inner.set_row_weights(D, y)
         sides = []
-        for side, each in ((-STEP, before), (STEP, after)):
+        for side, each in zip((-STEP, STEP), around, strict=True):
             self._set(shift + side)
             b, A = self.inner.gradient(each)
             sides.append(b if lam is None else b + transposed_times(A, lam))
         if self._weights is not None:
             self.inner.set_row_weights(*self._weights)
-        return np.asarray((sides[1] - sides[0]) / (2.0 * STEP))
+        return _slope(sides[0], sides[1])
 
     def _lagrangian(self, at: Evaluation, lam: Array | None) -> Array:
         """(batch,) E + lamᵀC + yᵀr."""
@@ -311,9 +297,17 @@ class FreeTime:
             total = total + (y * np.where(D != 0.0, at.rows, 0.0)).sum(axis=(1, 2))
         return np.asarray(total)
 
-    def _energy(self, around: Sequence[Evaluation]) -> Array:
-        """(batch,) dE/dτ."""
-        return _first([each.terms.sum(axis=(1, 2)) for each in around])
+    def _along(self, around: Around) -> tuple[Array, Array]:
+        """(batch,) d/dτ of E and of the rows with their shifts; (batch, N, rows) of the rows."""
+        slope, rows = (
+            _slope(getattr(around[0], n), getattr(around[1], n)) for n in ("terms", "rows")
+        )
+        slope = slope.sum(axis=(1, 2))
+        if self._weights is not None:
+            D, d, _ = self._weights
+            rows = np.where(D != 0.0, rows, 0.0)
+            slope = slope + (d * rows).sum(axis=(1, 2))
+        return slope, rows
 
     def _with_tau(self, values: Array, along: Array) -> Array:
         """(batch, K, nc) of values of the other unknowns, and (batch,) along τ shared out over its
@@ -322,25 +316,17 @@ class FreeTime:
         made[:, : self.units, -1] = along[:, None] / self.units
         return made
 
-    def _rows(self, A: Array, around: Sequence[Evaluation]) -> Array:
+    def _rows(self, A: Array, around: Around) -> Array:
         """(batch, K, 3, ma, nc) with dC/dτ, and the rows that tie the copies of τ."""
         made = np.zeros((self.batch, self.K, 3, self.ma, self.nc))
         made[..., :-1, :-1] = A
-        along, last = _first([each.C for each in around]), self.units
+        along, last = _slope(around[0].C, around[1].C), self.units
         made[:, :last, 0, :-1, -1] = along[:, :last]
         made[:, last:, 1, :-1, -1] = along[:, last:]  # its own unit has no copy
         made[:, 1:last, 0, -1, -1], made[:, 1:last, 1, -1, -1] = 1.0, -1.0
         return made
 
 
-def _first(around: Sequence[Array]) -> Array:
-    """The first derivative along τ, of values at ``AROUND``."""
-    far, near, after, beyond = around
-    return np.asarray((8.0 * (after - near) - (beyond - far)) / (12.0 * STEP))
-
-
-def _second(values: Sequence[Array]) -> Array:
-    """The second one, of the value itself and those at ``AROUND``."""
-    middle, far, near, after, beyond = values
-    change = 16.0 * ((near - middle) + (after - middle)) - ((far - middle) + (beyond - middle))
-    return np.asarray(change / (12.0 * STEP**2))
+def _slope(before: Array, after: Array) -> Array:
+    """Along τ, of values a step to both sides."""
+    return np.asarray((after - before) / (2.0 * STEP))
