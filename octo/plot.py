@@ -95,7 +95,7 @@ def _headline(solution: Solution) -> str:
     sentence = solution.status.value
     if solution.converged:
         sentence = sentence.partition(":")[0]
-    steps = f"{solution.steps} steps of {solution.dt:g} s ({solution.basis})"
+    steps = f"{solution.sampling} ({solution.basis})"
     lines = [
         f"{solution.name}, {steps}: {sentence}",
         f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise "
@@ -119,7 +119,8 @@ def _velocity(solution: Solution, axes: Axes) -> None:
     if solution.character is None:
         rate, times, title = solution.v, solution.times, "their rates (rad/s, m/s)"
     else:
-        rate, times = np.diff(values, axis=0) / solution.dt, solution.times[1:]
+        rate = np.diff(values, axis=0) / solution.intervals[1:, None]
+        times = solution.times[1:]
         title = "its velocity (m/s)"
     _lines(axes, times, rate[:, : len(names)], names)
     axes.set(title=title, xlabel="time (s)")
@@ -146,7 +147,7 @@ def _contacts(solution: Solution, axes: Axes) -> None:
     force, names, left_out = _chosen_rows(
         solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
     )
-    edges = solution.dt * np.arange(solution.steps + 1)
+    edges = solution.times
     top = max(float(force.max()), 1e-12)
     for row, name in enumerate(names):
         base = len(names) - 1 - row

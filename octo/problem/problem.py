@@ -203,6 +203,7 @@ class Problem(Shown):
         """Put the terms of this robot in the place of those that waited for its length."""
         if not any(isinstance(term, SizedCost) for term in self.costs):
             return
+        self.__dict__["unsized"] = self.costs  # for a phase, which need not begin at rest
         rest = self.cycle is None and not self.start_velocity.any()
         times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
         sized = (
@@ -373,6 +374,8 @@ class Problem(Shown):
         if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
         changed.__post_init__()
+        if "costs" not in changes and "unsized" in self.__dict__:
+            changed.__dict__["unsized"] = self.__dict__["unsized"]
         # the new start is carried elsewhere
         if self.anchor is not None and changed.anchor is not None:
             anchored = tuple(
