@@ -19,6 +19,7 @@ from octo.problem.costs import SizedCost
 from octo.problem.problem import Problem
 from octo.problem.step_pairs import refuse_step_pairs
 from octo.problem.structure import says_equal
+from octo.shown import listed
 
 STARTS, ENDS = ("x0", "v0", "pose"), ("x_end", "v_end", "displacement")
 
@@ -78,8 +79,9 @@ class Phases:
         )
         lines = [title]
         for k, problem in enumerate(self.problems):
-            terms = ", ".join(term.label for term in problem.terms)
-            lines.append(f"  phase {k}: {problem.steps} steps of {problem.dt:.6g} s ({terms})")
+            what = f"terms in phase {k}, {problem.steps} steps of {problem.dt:.6g} s"
+            names = [term.label for term in (*problem.costs, *problem.constraints)]
+            lines.append(listed(what, names))
         return "\n".join(lines)
 
     def with_parameters(self, parameters: Sequence[dict[str, float]]) -> Phases:

@@ -13,7 +13,7 @@ from octo.checks import Array, ending
 from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
-from octo.result.explanation import Explanation, explained, sentence_of
+from octo.result.explanation import MOST, Explanation, explained, sentence_of
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.trajectory import VECTORS, Trajectory
 from octo.shown import Shown
@@ -199,9 +199,11 @@ class Solution(Trajectory, Shown):
         return "\n".join(lines)
 
     def as_phase(self, number: int) -> str:
-        """One line of the motion as a phase of another one."""
-        terms = ", ".join(f"{name} {value:.3g}" for name, value in self.terms.items())
-        return f"phase {number}: {self.sampling}, E = {self.energy:.5g} ({terms})"
+        """One line of the motion as a phase of another one, with the terms that dominate."""
+        largest = sorted(self.terms.items(), key=lambda item: -item[1])[:MOST]
+        terms = ", ".join(f"{name} {value:.3g}" for name, value in largest)
+        more = ", …" if len(self.terms) > MOST else ""
+        return f"phase {number}: {self.sampling}, E = {self.energy:.5g} ({terms}{more})"
 
     # -- other tools -------------------------------------------------------------------------------
 
