@@ -14,8 +14,8 @@ from octo.arrays import Array
 
 
 def begun(r: Array, values: Array) -> Array:
-    """A phase's unknowns, or a step of them (batch, K, n): of the same whose first two units are
-    a and b."""
+    """A phase's unknowns, a step of them, or its nodes (batch, K, n): of the same whose first two
+    are a and b."""
     made, own = values.copy(), r[:, None]
     made[:, 0] = own * values[:, 0] + (1.0 - own) * values[:, 1]
     return made

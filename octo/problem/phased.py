@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from octo.checks import Array
 from octo.errors import ProblemError
 from octo.problem import joint
-from octo.problem.basis import node_values
 from octo.problem.compiled import CompiledProblem
 from octo.problem.continued import BEFORE
 from octo.problem.evaluation import Evaluation, Model
@@ -54,9 +53,6 @@ class PhasedProblem:
         )
         for part, share in zip(self.parts, self.shares.T, strict=True):
             part.q[:, :, : len(part.problems[0].costs)] *= share[:, None, None]
-        self._find_sizes()
-
-    def _find_sizes(self) -> None:
         first, self.first_steps = self.parts[0], self.problems[0].first_steps
         dt = np.array([[problem.dt for problem in part.problems] for part in self.parts])
         self.ratios = np.concatenate([np.ones_like(dt[:1]), dt[1:] / dt[:-1]])
@@ -72,9 +68,10 @@ class PhasedProblem:
     def take(self, members: NDArray) -> PhasedProblem:
         """Some members, by index; everything generated is shared."""
         made: PhasedProblem = object.__new__(PhasedProblem)
+        made.__dict__.update(self.__dict__)
         made.problems = tuple(self.problems[int(k)] for k in members)
         made.parts = tuple(part.take(members) for part in self.parts)
-        made._find_sizes()
+        made.ratios, made.batch = self.ratios[:, members], len(members)
         return made
 
     def check_squares(self, solver: str, bounds: bool = False) -> None:
@@ -117,17 +114,19 @@ class PhasedProblem:
         return made
 
     def evaluations(self, at: Evaluation) -> list[Evaluation]:
-        """An iterate as each phase sees it."""
+        """An iterate as each phase sees it; the summary is still that of the whole."""
         made = []
         for k, part in enumerate(self.parts):
-            unknowns = self._own(k, at.unknowns)
-            nodes = node_values(part.stencil, unknowns, part.constant)
+            unknowns, own = self._own(k, at.unknowns), self._steps(k)
+            nodes = at.nodes[:, own.start : own.stop + BEFORE]
+            if k:
+                nodes = joint.begun(self.ratios[k], nodes)
             widths = (self.n, len(part.functions.references.terms), len(part.functions.bounded))
             tables = zip((at.fd, at.terms, at.rows), widths, strict=True)
             rows = at.C[:, self._units(k)].copy()
             rows[:, : part.K - part.steps] = 0.0
             fd, terms, bounded = (self._rows(k, table, width) for table, width in tables)
-            made.append(Evaluation.of(unknowns, nodes, fd, terms, bounded, rows))
+            made.append(Evaluation(unknowns, nodes, fd, terms, bounded, rows, at.summary))
         return made
 
     # -- what a solver calls -----------------------------------------------------------------------
@@ -158,10 +157,10 @@ class PhasedProblem:
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:
         """∇E (batch, K, nc) and A = ∂C/∂v (batch, K, 3, ma, nc) at an evaluated iterate, without
         second derivatives."""
-        A, b = np.zeros((self.batch, self.K, 3, self.ma, self.nc)), np.zeros(at.unknowns.shape)
+        A, b = np.empty((self.batch, self.K, 3, self.ma, self.nc)), np.empty(at.unknowns.shape)
         for k, (part, own) in enumerate(zip(self.parts, self.evaluations(at), strict=True)):
             slopes, rows = part.gradient(own)
-            self._add_first_order(k, slopes, rows, A, b)
+            self._join_first_order(k, slopes, rows, A, b)
         return b, A
 
     def linearize(
@@ -169,26 +168,34 @@ class PhasedProblem:
     ) -> Model:
         """Eq. 9 at an evaluated iterate: as that of a CompiledProblem."""
         shape = (self.batch, self.K)
-        H = np.zeros((*shape, 3, self.nc, self.nc))
-        A, b = np.zeros((*shape, 3, self.ma, self.nc)), np.zeros((*shape, self.nc))
+        H = np.empty((*shape, 3, self.nc, self.nc))
+        A, b = np.empty((*shape, 3, self.ma, self.nc)), np.empty((*shape, self.nc))
         kept = []
         for k, (part, own) in enumerate(zip(self.parts, self.evaluations(at), strict=True)):
             model = part.linearize(own, None if lam is None else lam[:, self._units(k)], curved)
             if k:
                 joint.of_hessian(self.ratios[k], model.H)
-            H[:, self._units(k)] += model.H
-            self._add_first_order(k, model.b, model.A, A, b)
+            self._join(k, model.H, H)
+            self._join_first_order(k, model.b, model.A, A, b)
             kept.append(np.zeros((self.batch, part.steps, 0)) if model.R is None else model.R)
         R = self._tables(kept) if any(part.size for part in kept) else None
         return Model(H, A, b, at.C.copy(), R)
 
-    def _add_first_order(self, k: int, slopes: Array, rows: Array, A: Array, b: Array) -> None:
-        """Add phase k's ∇E and ∂C/∂v, which it gives up, to those of the whole."""
+    def _join(self, k: int, own: Array, whole: Array) -> None:
+        """Put phase k's units behind those of the phases before, in ``whole`` (batch, K, …); what
+        it has on the last two of these is added."""
+        first = self.first_steps[k]
+        whole[:, self._steps(k)] = own[:, BEFORE if k else 0 :]
+        if k:
+            whole[:, first - BEFORE : first] += own[:, :BEFORE]
+
+    def _join_first_order(self, k: int, slopes: Array, rows: Array, A: Array, b: Array) -> None:
+        """The same of phase k's ∇E and ∂C/∂v, which it gives up."""
         if k:
             joint.pulled(self.ratios[k], slopes)
             joint.of_rows(self.ratios[k], rows)
-        b[:, self._units(k)] += slopes
-        A[:, self._units(k)] += rows
+        self._join(k, slopes, b)
+        self._join(k, rows, A)
 
     # -- rows with bounds --------------------------------------------------------------------------
 
@@ -217,13 +224,13 @@ class PhasedProblem:
 
     def row_forces(self, model: Model, weights: Array) -> Array:
         """Rᵀ w (batch, K, nc): what ``weights`` w (batch, N, rows) are on the unknowns."""
-        forces = np.zeros((self.batch, self.K, self.nc))
+        forces = np.empty((self.batch, self.K, self.nc))
         for k, own in enumerate(self._models(model)):
             part = self.parts[k]
             made = part.row_forces(own, self._rows(k, weights, len(part.functions.bounded)))
             if k:
                 joint.pulled(self.ratios[k], made)
-            forces[:, self._units(k)] += made
+            self._join(k, made, forces)
         return forces
 
     def _models(self, model: Model) -> list[Model]:
