@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from octo.problem.codegen import CostFunctions
 from octo.problem.evaluation import Evaluation, Model
+from octo.problem.phases import Described
 from octo.problem.problem import Problem
 
 Array = Any  # of NumPy, or of a device
@@ -25,6 +26,7 @@ class BlockNLP(Protocol):
     batch: problems. K: units. nc, ma: unknowns and rows of C of a unit.
     steps: N. n, m: coordinates and unactuated rows of a step.
     weight: N, of the robot, whose parts C is in. threads: of a CPU.
+    problems: what the batch was made from.
     """
 
     batch: int
@@ -36,6 +38,9 @@ class BlockNLP(Protocol):
     m: int
     weight: float
     threads: int
+
+    @property
+    def problems(self) -> Sequence[Described]: ...
 
     def take(self, members: Array) -> BlockNLP:
         """Some members, by index."""
@@ -90,7 +95,7 @@ class WeighedNLP(BlockNLP, Protocol):
     Attributes
     ----------
     q: (batch, N, NQ) coefficients and references of the terms; changing them in place changes E.
-    functions: of the terms. problems: what the batch was made from.
+    functions: of the terms.
     """
 
     q: Array

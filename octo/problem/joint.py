@@ -5,7 +5,7 @@ of the one before, a and b,
 
 so that the velocity x_0 − x_{-1} over dt is that of b − a over the other dt. The rest of a phase
 knows nothing of it: here are these two nodes of what it is given, and what its blocks become over
-the other phase's nodes. r is (batch,).
+the other phase's nodes. r is (batch,). Were dt unknown, r would move x_{-1} by a − b.
 """
 
 from __future__ import annotations

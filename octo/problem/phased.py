@@ -51,6 +51,9 @@ class PhasedProblem:
         self.parts: tuple[CompiledProblem, ...] = tuple(
             CompiledProblem(own, threads, part) for own, part in zip(phases, known, strict=True)
         )
+        for k, part in enumerate(self.parts):
+            if part.plan.extra or part.plan.extra_rows:
+                raise ProblemError(f"phase {k} has unknowns beside its nodes, must have none")
         for part, share in zip(self.parts, self.shares.T, strict=True):
             part.q[:, :, : len(part.problems[0].costs)] *= share[:, None, None]
         first, self.first_steps = self.parts[0], self.problems[0].first_steps
@@ -74,8 +77,9 @@ class PhasedProblem:
         made.ratios, made.batch = self.ratios[:, members], len(members)
         return made
 
-    def check_squares(self, solver: str, bounds: bool = False) -> None:
-        """As that of a CompiledProblem."""
+    def check_squares(self, solver: str, bounds: bool = False, *more: bool) -> None:
+        """As that of a CompiledProblem; what ``more`` a solver can do with one problem, it cannot
+        with phases."""
         for part in self.parts:
             part.check_squares(solver, bounds)
 

@@ -156,6 +156,11 @@ class Phases:
     def cycle(self) -> None:
         return None
 
+    @property
+    def duration(self) -> None:
+        """None: how long phases take is given, not found."""
+        return None
+
 
 # what octo.solve solves
 Described = Problem | Phases
