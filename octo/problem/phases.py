@@ -15,7 +15,7 @@ from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.problem.basis import Basis, Nodes
 from octo.problem.continued import BEFORE, Continued
-from octo.problem.costs import SizedCost
+from octo.problem.lists import sized
 from octo.problem.problem import Problem
 from octo.problem.step_pairs import refuse_step_pairs
 from octo.problem.structure import says_equal
@@ -223,9 +223,7 @@ def _sized(problem: Problem, first: Problem) -> Problem:
     given = problem.__dict__.get("unsized", ())
     if not given:
         return problem
-    going = np.full(1, np.inf)
-    costs = (t.sized(first.length, going) if isinstance(t, SizedCost) else t for t in given)
-    return problem.replace(costs=tuple(costs))
+    return problem.replace(costs=sized(given, first.length, np.full(1, np.inf)))
 
 
 def _linked(problems: Sequence[Problem]) -> tuple[Problem, ...]:

@@ -33,7 +33,7 @@ from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
 from octo.problem.joint_costs import PoseTarget
-from octo.problem.lists import constraints_of, costs_of
+from octo.problem.lists import constraints_of, costs_of, sized
 from octo.problem.starts import check_above, static_start
 from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
@@ -206,11 +206,7 @@ class Problem(Shown):
         self.__dict__["unsized"] = self.costs  # for a phase, which need not begin at rest
         rest = self.cycle is None and not self.start_velocity.any()
         times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
-        sized = (
-            term.sized(self.length, times) if isinstance(term, SizedCost) else term
-            for term in self.costs
-        )
-        object.__setattr__(self, "costs", tuple(sized))
+        object.__setattr__(self, "costs", sized(self.costs, self.length, times))
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)
