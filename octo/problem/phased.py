@@ -251,6 +251,11 @@ class PhasedProblem:
 Compiled = CompiledProblem | PhasedProblem
 
 
+def parts_of(compiled: Compiled) -> tuple[CompiledProblem, ...]:
+    """The phases of a batch, or the batch itself."""
+    return compiled.parts if isinstance(compiled, PhasedProblem) else (compiled,)
+
+
 def compiled_of(
     problems: Sequence[Described], threads: int = 1, like: Compiled | None = None
 ) -> Compiled:

@@ -90,6 +90,12 @@ class Phases:
         pairs = zip(self.problems, parameters, strict=True)
         return Phases(_linked([one.replace(parameters=own) if own else one for one, own in pairs]))
 
+    def without_end(self) -> Phases:
+        """The same with a free last state."""
+        *others, last = self.problems
+        free = last.replace(x_end=None, v_end=None, displacement=None)
+        return Phases(_linked([*others, free]))
+
     @property
     def steps(self) -> int:
         return sum(int(problem.steps) for problem in self.problems)

@@ -188,8 +188,7 @@ def explained(
     bounds = tuple(sorted(motion.bounds, key=lambda own: -own.excess))
     residuals = tuple(sorted(motion.residuals, key=lambda own: -own.part))
     missing = () if status.converged else tuple(own for own in residuals if not own.held)
-    searched = () if motion.phases else bounds  # octo.explain takes one problem
-    hints = [*motion.warnings, *([] if status.converged else _hints(status, searched))]
+    hints = [*motion.warnings, *([] if status.converged else _hints(status, bounds))]
     last = passes[-1] if passes else {}
     if status.converged and not last.get("converged", True):
         failed = f"pass {last.get('pass')} did not converge ({last.get('status')})"

@@ -7,11 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.dynamics.evaluate import RobotDynamics
+from octo.problem.compiled import CompiledProblem
 from octo.problem.continued import BEFORE
 from octo.problem.evaluation import Evaluation
 from octo.problem.phased import Compiled, PhasedProblem
+from octo.result.bounds import Bound, bounds_kept
 from octo.result.even import ROWS
 from octo.result.measure import ground, measured
 from octo.result.residuals import Residual
@@ -56,11 +59,7 @@ def _whole(
         "asked": tuple(
             replace(one, name=_named(one.name, k)) for k, (own, *_) in places for one in own.asked
         ),
-        "bounds": tuple(
-            replace(one, name=_named(one.name, k), step=one.step + step, time=one.time + time)
-            for k, (own, step, time) in places
-            for one in own.bounds
-        ),
+        "bounds": _in_order([phase.bounds for phase in phases], steps, began),
         "residuals": _worst(
             [
                 replace(one, step=one.step + step, time=one.time + time)
@@ -70,6 +69,46 @@ def _whole(
         ),
         "phases": tuple(phases),
     }
+
+
+def all_bounds_kept(problem: Compiled, at: Evaluation, member: int) -> tuple[Bound, ...]:
+    """Of each constraint of one member, of a problem or of phases, the worst row."""
+    if not isinstance(problem, PhasedProblem):
+        return bounds_kept(problem, at, member)
+    pairs = zip(problem.parts, problem.evaluations(at), strict=True)
+    kept = [bounds_kept(part, own, member) for part, own in pairs]
+    steps = problem.first_steps
+    return _in_order(kept, steps, problem.problems[member].times[list(steps[:-1])])
+
+
+def _in_order(
+    kept: Sequence[Sequence[Bound]], steps: Sequence[int], began: Any
+) -> tuple[Bound, ...]:
+    """Those of each phase, with its number and with steps and times (phases,) s of the whole."""
+    return tuple(
+        replace(one, name=_named(one.name, k), step=one.step + step, time=one.time + float(time))
+        for k, (own, step, time) in enumerate(zip(kept, steps, began, strict=False))
+        for one in own
+    )
+
+
+def row_labels(problem: Compiled) -> NDArray[Any]:
+    """(N, rows) names of the constraints that the bounded rows are of; "" where a phase has no such
+    row."""
+    if not isinstance(problem, PhasedProblem):
+        return _labels(problem)
+    tables = [_labels(part, k) for k, part in enumerate(problem.parts)]
+    made = np.full((problem.steps, max(table.shape[1] for table in tables)), "", dtype=object)
+    for first, table in zip(problem.first_steps, tables, strict=False):
+        made[first : first + len(table), : table.shape[1]] = table
+    return made
+
+
+def _labels(problem: CompiledProblem, phase: int | None = None) -> NDArray[Any]:
+    """(N, rows) of a problem, or of a phase."""
+    labels = [problem.problems[0].terms[k].label for k in problem.functions.bounded]
+    named = labels if phase is None else [_named(label, phase) for label in labels]
+    return np.array([named] * problem.steps, dtype=object).reshape(problem.steps, len(named))
 
 
 def _named(name: str, phase: int) -> str:
