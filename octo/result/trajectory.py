@@ -90,7 +90,8 @@ class Trajectory:
         seconds = sorted({phase.dt for phase in self.phases} or {self.dt})
         each = " to ".join(dict.fromkeys(f"{dt:.6g}" for dt in (seconds[0], seconds[-1])))
         said = f"{self.steps} steps of {each} s"
-        return f"{said} in {len(self.phases)} phases" if self.phases else said
+        count = len(self.phases)
+        return f"{said} in {count} phase{'s' if count > 1 else ''}" if count else said
 
     @property
     def energy(self) -> float:
