@@ -17,6 +17,7 @@ import numpy as np
 from octo.checks import Array, asked
 from octo.continuation.member import CONTACT
 from octo.errors import ProblemError, ShapeError, said
+from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.problem.phased import compiled_of, parts_of
 from octo.problem.phases import Described, Phases, times_of
@@ -27,7 +28,7 @@ from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
 from octo.solver.backend import CPU
 from octo.solver.elastic import Elastic
-from octo.solver.free_time import timed
+from octo.solver.free_time import FreeTime, lasting, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 from octo.starts import first_nodes
@@ -90,6 +91,7 @@ class _Trial:
 
     kept: Kept  # what was asked for
     at: Evaluation
+    seconds: float  # s, that the motion takes
     holds: bool  # all of it
     certain: bool  # a least of what is broken, where it does not hold
     broken: Kept  # of kept, what is beyond its bounds, and END: nobody knows whether it pulls
@@ -120,7 +122,8 @@ class _Search:
         """The smallest set that was found."""
         trial = self._trial(frozenset([*self.names, *([END] if self.fixed else [])]))
         if trial.holds:
-            return Conflict(motion=trial.at.nodes[0, 1:].copy(), solves=self.solves)
+            motion = trial.at.nodes[0, 1:].copy()
+            return Conflict(seconds=trial.seconds, motion=motion, solves=self.solves)
         self.starts[0] = trial.at.nodes[0]
         idle = trial.kept - trial.broken
         # as they are written, then the end, then those that the first search left within bounds
@@ -133,11 +136,12 @@ class _Search:
 
     def _found(self, trial: _Trial) -> Conflict:
         compiled = self.compiled if END in trial.kept else self.free
-        rows = all_bounds_kept(compiled, trial.at, 0)
+        rows = [row for row in all_bounds_kept(compiled, trial.at, 0) if row.name in trial.kept]
+        slower = trial.seconds / float(times_of(self.problem)[-1])  # than the problem's own dt
         return Conflict(
-            rows=tuple(row for row in rows if row.name in trial.kept),
+            rows=tuple(replace(row, time=row.time * slower) for row in rows),
             end=END in trial.kept,
-            seconds=float(times_of(self.problem)[-1]),
+            seconds=trial.seconds,
             certain=trial.certain,
             solves=self.solves,
         )
@@ -180,19 +184,30 @@ class _Search:
             result = sqp.run(solved, unknowns, lam, OPTIONS, monitor, bounds=elastic)
             unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
             if held:
-                return _Trial(kept, held[0], True, True, frozenset())
+                seconds = self._seconds(solved, held[0])
+                return _Trial(kept, held[0], seconds, True, True, frozenset())
             if status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         far = beyond(result.at)
         least = PART * far.max(initial=0.0)
-        broken = {str(name) for name in self.labels[far > least]}
-        return _Trial(kept, result.at, False, status.converged, kept & {*broken, END})
+        broken = frozenset(str(name) for name in self.labels[far > least])
+        seconds, broken = self._seconds(solved, result.at), kept & {*broken, END}
+        return _Trial(kept, result.at, seconds, False, status.converged, broken)
+
+    def _seconds(self, solved: BlockNLP, at: Evaluation) -> float:
+        """s, that the motion of an iterate takes."""
+        own = float(times_of(self.problem)[-1])
+        if not isinstance(solved, FreeTime):
+            return own
+        return own * float(solved.dt(at.unknowns)[0]) / self.problem.dt
 
 
 def _as_solved(described: Described, solution: Solution) -> Described:
-    """With the contact stiffness of the pass that the solution is of."""
+    """With the contact stiffness of the pass that the solution is of, and as long as it."""
     if isinstance(described, Problem):
         problem = _of_one_period(described, solution)
+        if problem.duration is not None:
+            problem = lasting(problem, solution.dt)
         stiffness = _stiffness(problem, solution)
         return problem.replace(parameters=stiffness) if stiffness else problem
     if len(solution.phases) != len(described.problems):
