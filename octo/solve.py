@@ -21,6 +21,7 @@ from octo.dynamics.evaluate import Dynamics
 from octo.errors import DeviceError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
+from octo.problem.duration import steps_within
 from octo.problem.phased import Compiled, check_all_alike, compiled_of
 from octo.problem.phases import Described, Phases
 from octo.problem.problem import Array, Problem
@@ -251,10 +252,14 @@ def _solve(
 
 
 def _as_long_as(problem: Described, start: Solution | Array | None) -> Described:
-    """The problem; where its duration is free, with that of the solution that it starts from."""
-    if isinstance(problem, Phases) or problem.duration is None or not isinstance(start, Solution):
+    """The problem; where its duration is free, with that of the solution that it starts from, or
+    with its own, of its range what is nearest to it."""
+    if isinstance(problem, Phases) or problem.duration is None:
         return problem
-    return lasting(problem, start.dt * start.steps / int(problem.steps))
+    steps, mirrored = int(problem.steps), problem.cycle is not None and problem.cycle.mirrored
+    given = start.dt * start.steps / steps if isinstance(start, Solution) else problem.dt
+    dt = float(np.clip(given, *steps_within(problem.duration, steps, mirrored)))
+    return problem if dt == problem.dt else lasting(problem, dt)
 
 
 def _schedules(problems: Sequence[Described], passes: int | None) -> list[Schedule]:

@@ -22,6 +22,7 @@ from octo.errors import ProblemError
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.compiled import CompiledProblem
 from octo.problem.data import Data, lowered
+from octo.problem.duration import BEYOND
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.problem import Problem
 from octo.solver.blocks import transposed_times
@@ -29,7 +30,6 @@ from octo.solver.blocks import transposed_times
 # of τ, the step of the differences. Numbers go like τ⁻⁴ at most, so that its square is the error;
 # terms may turn sharply (a joint's power where it changes its sign): with 5e-4 they stalled
 STEP = 2e-5
-BEYOND = 1.2
 Around = tuple[Evaluation, Evaluation]
 Weights = tuple[Array, Array, Array]  # D, d and y of the bounded rows
 
