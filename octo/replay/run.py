@@ -125,8 +125,7 @@ def replay(
     for name, value in (("kp", kp), ("kd", kd)):
         if value is not None:
             positive(name, value)
-    if starts is not None:
-        whole("starts", starts, most=100_000)
+    whole("starts", 1 if starts is None else starts, most=100_000)
     solution = even(solution_of(solution))
     timestep = _fitting(solution.dt, timestep)
     robot = _robot(solution)
