@@ -10,11 +10,13 @@ import octo
 from octo.mpc import Controller, Log, VelocityCommand, animate, run
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
+from octo.solver import receding_bounds
 from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_bounds import bounds_of
 from octo.solver.receding_interpreted import InterpretedHorizon
 
 TORQUE, MARGIN, SPEED = 6.0, 0.05, 8.0  # N m, rad, rad/s
+WEIGHT = 1e-3  # N μ
 LIMITS = [
     octo.TorqueLimits(limit=TORQUE),
     octo.JointLimits(margin=MARGIN),
@@ -98,10 +100,11 @@ def test_the_record_says_how_often_torques_were_clipped(problem, robot, tmp_path
     assert np.isnan(Log.load(tmp_path / "older.npz").clipped).all()
 
 
-def test_many_iterations_end_where_the_solver_does(problem, robot):
-    """From one measurement a controller of many iterations plans what octo.solve finds, to the
-    weight of the barrier that it keeps."""
-    limits = [octo.TorqueLimits(limit=0.5 * TORQUE), octo.JointSpeedLimits(limit=1.5)]
+def test_many_iterations_end_where_the_solver_does(problem, robot, monkeypatch):
+    """From one measurement a controller of many iterations plans what octo.solve finds, where the
+    barrier that it keeps weighs little."""
+    monkeypatch.setattr(receding_bounds, "WEIGHT", WEIGHT)
+    limits = [octo.TorqueLimits(limit=0.18 * TORQUE), octo.JointSpeedLimits(limit=0.3)]
     bounded = problem.replace(steps=10, constraints=limits)
     controller = Controller(bounded, iterations=60)
     controller.reset()
@@ -111,7 +114,12 @@ def test_many_iterations_end_where_the_solver_does(problem, robot):
     solved = octo.solve(bounded, passes=1, start=controller.plan.x[:12].copy())
     assert solved.converged and command.beyond == 0.0
     assert solved.energy <= command.energy + 1e-9
-    assert command.energy == pytest.approx(solved.energy, rel=0.25)
+    assert command.energy == pytest.approx(solved.energy, rel=0.05)
+    # complementarity: multiplier times gap is the barrier's weight, of upper and lower bounds
+    rows, bounds = controller.horizon.rows, controller._iteration.bounds
+    gaps = np.stack([rows - controller.compiled.lower[0], controller.compiled.upper[0] - rows])
+    np.testing.assert_allclose(bounds._z * gaps, WEIGHT / bounded.steps, rtol=0.05)
+    assert gaps.min() < 0.2
 
 
 def test_both_horizons_weigh_and_learn_alike(problem, robot):
@@ -128,6 +136,7 @@ def test_both_horizons_weigh_and_learn_alike(problem, robot):
         for _ in range(3):
             bounds.weigh(horizon)
             usable = horizon.prepare()
+            horizon.nodes[:2] += 0.01  # the measurement
             bounds.weigh_first(horizon)
             assert horizon.feedback(usable=usable)
             horizon.nodes[2:] += 0.1 * horizon.step
@@ -135,6 +144,39 @@ def test_both_horizons_weigh_and_learn_alike(problem, robot):
             bounds.learn(horizon, 0.1)
         steps.append(horizon.nodes.copy())
     np.testing.assert_allclose(steps[0], steps[1], atol=1e-7)
+
+
+def test_multipliers_move_along_with_the_plan(problem):
+    """By two and a half steps from where the plan was, however often it is shifted before there is
+    another."""
+    compiled = CompiledProblem([problem.replace(steps=6, constraints=LIMITS[:1])])
+    horizon, bounds = RecedingHorizon(compiled, 1e-4), bounds_of(compiled)
+    weights = compiled.q[0][:, compiled.functions.row_weights[2]]  # the multipliers
+    horizon.nodes[:] = problem.start
+    horizon.rows[:] = np.linspace(0.5, 1.2, 6)[:, None]  # where a step led, nearer step by step
+    bounds.weigh(horizon)
+    horizon.rows[:] = np.linspace(0.5, 1.2, 6)[:, None]
+    bounds.learn(horizon, 1.0)
+    bounds.keep()
+    bounds.weigh(horizon)
+    before = weights[:, 0].copy()
+    assert np.ptp(before) > 0.01
+    for _ in range(2):
+        bounds.shift(2, 0.5)
+        bounds.weigh(horizon)
+        moved = np.interp(np.arange(6) + 2.5, np.arange(6), before)
+        np.testing.assert_allclose(weights[:, 0], moved, rtol=1e-12)
+
+
+def test_an_equality_holds(problem, robot):
+    """One row of ours: two joints of opposite legs stay alike."""
+    one, other = robot.actuated[1], robot.actuated[4]
+    alike = octo.CustomConstraint(
+        lambda step, p: step.x_next[int(one)] - step.x_next[int(other)], lower=0.0, upper=0.0
+    )
+    plans, _, places, _ = walked(problem.replace(constraints=[alike]), robot, 2.0)
+    off = [np.abs(plan.x[4:20, one] - plan.x[4:20, other]).max() for plan in plans[100:]]
+    assert places[-1, 2] > 0.8 * problem.start[2] and np.median(off) < 0.03
 
 
 def test_a_long_motion_keeps_them_too():
