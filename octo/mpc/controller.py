@@ -14,7 +14,7 @@ from octo.model.convention import Convention
 from octo.model.quantities import Array
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
-from octo.mpc.limits import torque_bounds
+from octo.mpc.limits import MU, held_by_the_ground, torque_bounds
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
 from octo.mpc.measurement import check_device, checked, checked_time, measured, robot_of, time_of
 from octo.mpc.plan import Grid, Plan
@@ -85,6 +85,7 @@ class Controller:
                 f"guide is {said(guide)}, must be a function guide(controller, t, x)"
             )
         one_of("curvature", curvature, CURVATURES)
+        problem, self._most_friction = held_by_the_ground(problem)
         self.problem, self.robot = problem, robot
         self.iterations, self.exact = whole("iterations", iterations), curvature == "exact"
         self.budget = None if budget is None else positive("budget", budget, "s")
@@ -144,7 +145,12 @@ class Controller:
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1,
-        "contact.mu": 0.5}``; not dt."""
+        "contact.mu": 0.5}``; not dt, and no more friction than hard cones allow."""
+        if not (friction := values.get(MU, 0.0)) <= self._most_friction:
+            raise ValueRangeError(
+                f"parameter {MU} is {friction}, must be at most {self._most_friction:g}, that of "
+                "the problem's FrictionCones"
+            )
         self._tuning.set_parameters(values)
 
     # -- the first plan ----------------------------------------------------------------------------

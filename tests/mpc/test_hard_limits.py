@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import octo
+from octo.errors import OctoError
 from octo.mpc import Controller, Log, VelocityCommand, animate, run
 from octo.plant import MujocoPlant
 from octo.problem.compiled import CompiledProblem
+from octo.result.measure import measured
 from octo.solver import receding_bounds
 from octo.solver.receding import RecedingHorizon
 from octo.solver.receding_bounds import bounds_of
@@ -144,6 +146,39 @@ def test_both_horizons_weigh_and_learn_alike(problem, robot):
             bounds.learn(horizon, 0.1)
         steps.append(horizon.nodes.copy())
     np.testing.assert_allclose(steps[0], steps[1], atol=1e-7)
+
+
+def test_planned_forces_stay_inside_a_cone(problem, robot):
+    """All of them, as reports have them; the problem's ground holds twice the cone."""
+    cone = octo.FrictionCones(mu=0.3, contacts="feet")
+    use = []
+    for constraints in ([cone], []):
+        own = problem.replace(constraints=constraints)
+        compiled = CompiledProblem([own])
+        plans, _, _, controller = walked(own, robot, 1.5)
+        compiled.p[:] = controller.compiled.p
+        for plan in plans[50::5]:
+            x = plan.x[: own.steps + 2]
+            at = compiled.evaluate(compiled.unknowns(x[None]))
+            at.nodes[0] = x
+            made = measured(compiled, at, 0)
+            force, normal = made["contact_force"], made["contact_normal"]
+            load = (force * normal).sum(axis=-1)
+            side = np.linalg.norm(force - load[..., None] * normal, axis=-1)
+            carrying = load > 0.01 * own.weight
+            use.append((side[carrying] / load[carrying]).max())
+    held, free = np.split(np.array(use), 2)
+    assert held.max() <= 0.3 < np.median(free)
+
+
+def test_a_cone_limits_the_friction_that_is_set(problem):
+    cone = octo.FrictionCones(mu=0.3, contacts="feet")
+    controller = Controller(problem.replace(constraints=[cone]))
+    controller.set_parameters({"contact.mu": 0.25})
+    with pytest.raises(OctoError, match="contact.mu is 0.5, must be at most 0.3"):
+        controller.set_parameters({"contact.mu": 0.5})
+    with pytest.raises(OctoError, match="FrictionCones.mu is -1"):
+        Controller(problem.replace(constraints=[octo.FrictionCones(mu=-1.0)]))
 
 
 def test_multipliers_move_along_with_the_plan(problem):
