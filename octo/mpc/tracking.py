@@ -12,6 +12,7 @@ from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import low_contacts
 from octo.model.quantities import Array, interpolated
+from octo.model.terrain import plane_of
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
 from octo.mpc.walking import GOVERNOR, foot_law
@@ -97,10 +98,13 @@ class StrideReference:
         self.yaw_rate = cycle.turn / cycle.period
         self._first = robot.base_coordinate
         self._joints = robot.actuated
-        self._period = cycle.period
         whole = cycle.times(2) if cycle.mirrored else cycle
         self._shift = np.asarray(whole.shift)  # (3,) m, of a point at the origin in a stride
-        self._x, self._u = _sampled(stride, cycle)
+        self._x, self._u = _sampled(stride, whole)
+        self._period = len(stride.u) * stride.dt * (2 if cycle.mirrored else 1)  # s, of tiled ones
+        ground = plane_of(stride.parameters)
+        normal = np.array([0.0, 0.0, 1.0]) if ground is None else ground[0]
+        self._rise = -normal[:2] / normal[2]
         self._time = np.nan
         self._began, self._strides = 0.0, 0  # s; strides done since then
         self._yaw, self._place = 0.0, np.zeros(3)  # of the present stride, in the world
@@ -134,7 +138,7 @@ class StrideReference:
         here, j = self._x[nearest], self._first
         self._yaw, self._place = 0.0, np.zeros(3)
         self._turn(x[j + 3] - here[j + 3], here)
-        self._place[:2] += x[j : j + 2] - here[j : j + 2]
+        self._move(x[j : j + 2] - here[j : j + 2])
 
     def _later(self, strides: int) -> tuple[float, Array]:
         """Where the stride is so many strides later."""
@@ -166,8 +170,12 @@ class StrideReference:
         if move == turn == 0.0:
             return False
         self._turn(float(np.copysign(turn, turned)), wanted)
-        self._place[:2] += move * apart
+        self._move(move * apart)
         return True
+
+    def _move(self, way: Array) -> None:
+        """Move the reference by a level way (2,) m along the ground."""
+        self._place += [*way, self._rise @ way]
 
     def _turn(self, angle: float, around: Array) -> None:
         """Turn the reference by an angle (rad) about where the base is in ``around`` (n,)."""
@@ -176,11 +184,11 @@ class StrideReference:
         self._yaw += angle
 
 
-def _sampled(stride: Solution, cycle: Stride) -> tuple[Array, Array]:
+def _sampled(stride: Solution, whole: Stride) -> tuple[Array, Array]:
     """Configurations and torques of a whole stride, evenly from its beginning to its end, at its
     nodes too."""
-    tiled, whole = stride.tile(3), cycle.times(2) if cycle.mirrored else cycle
-    count, each = round(cycle.period / stride.dt), int(np.ceil(stride.dt / SAMPLES))
+    tiled, each = stride.tile(3), int(np.ceil(stride.dt / SAMPLES))
+    count = len(tiled.u) // 3
     # the one in the middle, where the motion goes on before it and after
     times = count + np.linspace(0.0, count, count * each + 1)
     x = CubicSpline(np.arange(3 * count + 1), tiled.x[1:], axis=0)(times)

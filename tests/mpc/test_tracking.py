@@ -72,6 +72,25 @@ def test_a_curve_goes_on_along_its_arc(curve):
         np.testing.assert_allclose(torques[k], tiled.u[start : start + 12], atol=1e-8)
 
 
+def test_strides_that_are_tiled_already_go_on(stride):
+    long, starts = stride.tile(6), np.arange(0, 130, 10)
+    nodes, _ = wanted(stride.tile(2), stride.dt * starts, stride.x[1], stride.dt)
+    for k, start in enumerate(starts):
+        np.testing.assert_allclose(nodes[k], long.x[1 + start : 14 + start], atol=1e-9)
+
+
+def test_on_a_slope_it_moves_along_the_ground():
+    cycle, rise = octo.Cycle(speed=0.3, period=0.6), np.tan(0.1)
+    problem = octo.Problem(
+        octo.load("mammal"), costs=[octo.Effort()], cycle=cycle, terrain=octo.Plane(slope=0.1)
+    )
+    climb = octo.solve(problem, passes=1, max_iterations=10)
+    lower = climb.x[1].copy()
+    lower[:2] -= 0.5, 0.2
+    (up, _), (down, _) = (wanted(climb, [0.0, 0.7], x, climb.dt) for x in (climb.x[1], lower))
+    np.testing.assert_allclose(up - down, np.r_[0.5, 0.2, 0.5 * rise, np.zeros(15)] + 0.0 * up)
+
+
 def test_it_begins_where_the_robot_is_and_heads(stride):
     """The same motion about a vertical axis and elsewhere: all points of all bodies turn alike."""
     moved, angle, place = stride.x[1].copy(), 0.7, np.array([2.0, -1.0])
