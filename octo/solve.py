@@ -30,7 +30,7 @@ from octo.result.measure import measured
 from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
-from octo.solver.free_time import lasting
+from octo.solver.clocks import as_long_as
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
@@ -229,7 +229,10 @@ def _solve(
     own = _schedules(problems, request.passes)
     starts = starts_of(start, problems, seeds)
     pairs = zip([problem for problem in problems for _ in range(seeds)], starts, strict=True)
-    batch = [_as_long_as(*pair) for pair in pairs]
+    batch = [
+        as_long_as(problem, given.intervals[1:]) if isinstance(given, Solution) else problem
+        for problem, given in pairs
+    ]
     numbers = [request.seed + k for _ in problems for k in range(seeds)]
     schedules = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
@@ -248,13 +251,6 @@ def _solve(
         backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: rank(members[k])) for group in groups]
-
-
-def _as_long_as(problem: Described, start: Solution | Array | None) -> Described:
-    """The problem; where its duration is free, with that of the solution that it starts from."""
-    if isinstance(problem, Phases) or problem.duration is None or not isinstance(start, Solution):
-        return problem
-    return lasting(problem, start.dt * start.steps / int(problem.steps))
 
 
 def _schedules(problems: Sequence[Described], passes: int | None) -> list[Schedule]:
