@@ -27,8 +27,9 @@ from octo.result.phased import all_bounds_kept, row_labels
 from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
 from octo.solver.backend import CPU
+from octo.solver.clocks import as_long_as
 from octo.solver.elastic import Elastic
-from octo.solver.free_time import FreeTime, lasting, timed
+from octo.solver.free_time import FreeTime, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 from octo.starts import first_nodes
@@ -91,7 +92,7 @@ class _Trial:
 
     kept: Kept  # what was asked for
     at: Evaluation
-    seconds: float  # s, that the motion takes
+    times: Array  # (N+1,) s, of its x_0 … x_N
     holds: bool  # all of it
     certain: bool  # a least of what is broken, where it does not hold
     broken: Kept  # of kept, what is beyond its bounds, and END: nobody knows whether it pulls
@@ -123,7 +124,7 @@ class _Search:
         trial = self._trial(frozenset([*self.names, *([END] if self.fixed else [])]))
         if trial.holds:
             motion = trial.at.nodes[0, 1:].copy()
-            return Conflict(seconds=trial.seconds, motion=motion, solves=self.solves)
+            return Conflict(seconds=float(trial.times[-1]), motion=motion, solves=self.solves)
         self.starts[0] = trial.at.nodes[0]
         idle = trial.kept - trial.broken
         # as they are written, then the end, then those that the first search left within bounds
@@ -137,11 +138,12 @@ class _Search:
     def _found(self, trial: _Trial) -> Conflict:
         compiled = self.compiled if END in trial.kept else self.free
         rows = [row for row in all_bounds_kept(compiled, trial.at, 0) if row.name in trial.kept]
-        slower = trial.seconds / float(times_of(self.problem)[-1])  # than the problem's own dt
+        if self.problem.duration is not None:  # the batch has those of the first guess
+            rows = [replace(row, time=float(trial.times[row.step + 1])) for row in rows]
         return Conflict(
-            rows=tuple(replace(row, time=row.time * slower) for row in rows),
+            rows=tuple(rows),
             end=END in trial.kept,
-            seconds=trial.seconds,
+            seconds=float(trial.times[-1]),
             certain=trial.certain,
             solves=self.solves,
         )
@@ -184,30 +186,29 @@ class _Search:
             result = sqp.run(solved, unknowns, lam, OPTIONS, monitor, bounds=elastic)
             unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
             if held:
-                seconds = self._seconds(solved, held[0])
-                return _Trial(kept, held[0], seconds, True, True, frozenset())
+                times = self._times(solved, held[0])
+                return _Trial(kept, held[0], times, True, True, frozenset())
             if status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         far = beyond(result.at)
         least = PART * far.max(initial=0.0)
         broken = frozenset(str(name) for name in self.labels[far > least])
-        seconds, broken = self._seconds(solved, result.at), kept & {*broken, END}
-        return _Trial(kept, result.at, seconds, False, status.converged, broken)
+        times, broken = self._times(solved, result.at), kept & {*broken, END}
+        return _Trial(kept, result.at, times, False, status.converged, broken)
 
-    def _seconds(self, solved: BlockNLP, at: Evaluation) -> float:
-        """s, that the motion of an iterate takes."""
-        own = float(times_of(self.problem)[-1])
+    def _times(self, solved: BlockNLP, at: Evaluation) -> Array:
+        """(N+1,) s, of x_0 … x_N of an iterate."""
         if not isinstance(solved, FreeTime):
-            return own
-        return own * float(solved.dt(at.unknowns)[0]) / self.problem.dt
+            return times_of(self.problem)
+        steps = [part.steps for part in parts_of(self.compiled)]
+        return np.append(0.0, np.cumsum(np.repeat(solved.dt(at.unknowns)[:, 0], steps)))
 
 
 def _as_solved(described: Described, solution: Solution) -> Described:
     """With the contact stiffness of the pass that the solution is of, and as long as it."""
+    described = as_long_as(described, solution.intervals)
     if isinstance(described, Problem):
         problem = _of_one_period(described, solution)
-        if problem.duration is not None:
-            problem = lasting(problem, solution.dt)
         stiffness = _stiffness(problem, solution)
         return problem.replace(parameters=stiffness) if stiffness else problem
     if len(solution.phases) != len(described.problems):

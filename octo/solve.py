@@ -21,7 +21,6 @@ from octo.dynamics.evaluate import Dynamics
 from octo.errors import DeviceError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
-from octo.problem.duration import steps_within
 from octo.problem.phased import Compiled, check_all_alike, compiled_of
 from octo.problem.phases import Described, Phases
 from octo.problem.problem import Array, Problem
@@ -31,7 +30,7 @@ from octo.result.measure import measured
 from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
-from octo.solver.free_time import lasting
+from octo.solver.clocks import as_long_as
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
@@ -230,7 +229,10 @@ def _solve(
     own = _schedules(problems, request.passes)
     starts = starts_of(start, problems, seeds)
     pairs = zip([problem for problem in problems for _ in range(seeds)], starts, strict=True)
-    batch = [_as_long_as(*pair) for pair in pairs]
+    batch = [
+        as_long_as(problem, given.intervals if isinstance(given, Solution) else None)
+        for problem, given in pairs
+    ]
     numbers = [request.seed + k for _ in problems for k in range(seeds)]
     schedules = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
@@ -249,17 +251,6 @@ def _solve(
         backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: rank(members[k])) for group in groups]
-
-
-def _as_long_as(problem: Described, start: Solution | Array | None) -> Described:
-    """The problem; where its duration is free, with that of the solution that it starts from, or
-    with its own, of its range what is nearest to it."""
-    if isinstance(problem, Phases) or problem.duration is None:
-        return problem
-    steps, mirrored = int(problem.steps), problem.cycle is not None and problem.cycle.mirrored
-    given = start.dt * start.steps / steps if isinstance(start, Solution) else problem.dt
-    dt = float(np.clip(given, *steps_within(problem.duration, steps, mirrored)))
-    return problem if dt == problem.dt else lasting(problem, dt)
 
 
 def _schedules(problems: Sequence[Described], passes: int | None) -> list[Schedule]:

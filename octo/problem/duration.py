@@ -104,12 +104,6 @@ def range_of(given: Any, steps: int, of_robot: bool) -> tuple[float, float]:
     return low, high
 
 
-def steps_within(duration: tuple[float, float], steps: int, mirrored: bool) -> tuple[float, float]:
-    """(shortest, longest) s of a step; those of a mirrored cycle are gone through twice."""
-    times = steps * (2 if mirrored else 1)
-    return duration[0] / times, duration[1] / times
-
-
 def within(
     constraints: Sequence[Constraint],
     costs: Sequence[Cost],

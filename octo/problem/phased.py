@@ -19,6 +19,7 @@ from octo.errors import ProblemError
 from octo.problem import joint
 from octo.problem.compiled import CompiledProblem
 from octo.problem.continued import BEFORE
+from octo.problem.duration import Duration
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.phases import Described, Phases
 from octo.problem.problem import Problem
@@ -54,19 +55,19 @@ class PhasedProblem:
         for k, part in enumerate(self.parts):
             if part.plan.extra or part.plan.extra_rows:
                 raise ProblemError(f"phase {k} has unknowns beside its nodes, must have none")
-        for part, share in zip(self.parts, self.shares.T, strict=True):
-            part.q[:, :, : len(part.problems[0].costs)] *= share[:, None, None]
         first, self.first_steps = self.parts[0], self.problems[0].first_steps
-        dt = np.array([[problem.dt for problem in part.problems] for part in self.parts])
-        self.ratios = np.concatenate([np.ones_like(dt[:1]), dt[1:] / dt[:-1]])
+        shares = np.stack([one.shares for one in self.problems])
+        for part, share in zip(self.parts, shares.T, strict=True):
+            part.q[:, :, _shared(part)] *= share[:, None, None]
+        self.retime()
         self.batch, self.K, self.steps = first.batch, self.first_steps[-1], self.first_steps[-1]
         self.nc, self.ma, self.n, self.m = first.nc, first.ma, first.n, first.m
         self.weight, self.threads = first.weight, first.threads
 
-    @property
-    def shares(self) -> Array:
-        """(batch, phases) what each phase's E counts with."""
-        return np.stack([one.shares for one in self.problems])
+    def retime(self) -> None:
+        """Join the phases by the dt that they have now; what E of each counts with stays."""
+        dt = np.array([part.p[:, part.dynamics.layout.index("dt")] for part in self.parts])
+        self.ratios = np.concatenate([np.ones_like(dt[:1]), dt[1:] / dt[:-1]])
 
     def take(self, members: NDArray) -> PhasedProblem:
         """Some members, by index; everything generated is shared."""
@@ -77,11 +78,10 @@ class PhasedProblem:
         made.ratios, made.batch = self.ratios[:, members], len(members)
         return made
 
-    def check_squares(self, solver: str, bounds: bool = False, *more: bool) -> None:
-        """As that of a CompiledProblem; what ``more`` a solver can do with one problem, it cannot
-        with phases."""
+    def check_squares(self, solver: str, bounds: bool = False, timed: bool = False) -> None:
+        """As that of a CompiledProblem."""
         for part in self.parts:
-            part.check_squares(solver, bounds)
+            part.check_squares(solver, bounds, timed)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
@@ -246,6 +246,12 @@ class PhasedProblem:
                 own = self._rows(k, model.R, kept.size)
             made.append(replace(model, R=own))
         return made
+
+
+def _shared(part: CompiledProblem) -> list[int]:
+    """The costs of a phase that are means over its time, by their place in q."""
+    costs = part.problems[0].costs
+    return [k for k, term in enumerate(costs) if not isinstance(term, Duration)]
 
 
 Compiled = CompiledProblem | PhasedProblem

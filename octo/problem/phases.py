@@ -30,7 +30,9 @@ def phases(problems: Sequence[Problem]) -> Phases:
     solved as one.
 
     Phases may differ in dt, steps, terms, constraints, ground, contact law and parameters. E is the
-    mean of the phases' E over time: each counts with its share of the whole duration.
+    mean of the phases' E over time: each counts with its share of the whole duration, but for
+    ``octo.Duration``, which counts as it is. A phase with a ``duration`` finds its own; the shares
+    that E has meanwhile are those that the search began with.
 
     Parameters
     ----------
@@ -83,6 +85,11 @@ class Phases:
             names = [term.label for term in (*problem.costs, *problem.constraints)]
             lines.append(listed(what, names))
         return "\n".join(lines)
+
+    @classmethod
+    def linked(cls, problems: Sequence[Problem]) -> Phases:
+        """Of phases that were made for one another, with other numbers."""
+        return cls(_linked(problems))
 
     def with_parameters(self, parameters: Sequence[dict[str, float]]) -> Phases:
         """The same with other run-time parameters of the dynamics in each phase; nothing is
@@ -163,9 +170,10 @@ class Phases:
         return None
 
     @property
-    def duration(self) -> None:
-        """None: how long phases take is given, not found."""
-        return None
+    def duration(self) -> tuple[tuple[float, float] | None, ...] | None:
+        """Of each phase the range of its duration where that is free; None where all are fixed."""
+        own = tuple(one.duration for one in self.problems)
+        return own if any(own) else None
 
 
 # what octo.solve solves
