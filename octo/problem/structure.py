@@ -200,7 +200,12 @@ def check_alike(problems: Sequence[Problem]) -> None:
 
 
 def _check_frame(first: Problem, other: Problem, place: int) -> None:
-    """Model, steps, basis and the list of terms."""
+    """Whether the duration is free, model, steps, basis and the list of terms."""
+    if (first.duration is None) != (other.duration is None):
+        raise ProblemError(
+            f"duration is free in one problem of a batch and fixed in another, 0 and {place}: it "
+            "must be free in all of them or in none"
+        )
     lists = [[(type(t), t.label) for t in p.terms] for p in (first, other)]
     alike = {
         "model": _same_model(first.dynamics, other.dynamics),

@@ -13,6 +13,11 @@ from octo.problem.data import Data, lowered
 from octo.problem.phases import Described, Phases
 from octo.problem.problem import Problem
 
+AT_END = 1e-6  # relative, within which a duration that was found at the end of its range may be
+# of a range, in ratios, by which a search that would begin outside begins inside: from the end
+# itself it may run into the wall beyond
+INSIDE = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class Clock:
@@ -121,5 +126,8 @@ def as_long_as(described: Described, intervals: Array | None) -> Described:
         wanted = intervals[np.cumsum([0, *(one.steps for one in phases[:-1])])]
     pairs = zip(phases, own, strict=True)
     ends = [(dt, dt) if one.duration is None else _ends(one) for one, dt in pairs]
-    begun = np.clip(wanted, *np.transpose(ends))
+    low, high = np.transpose(ends)
+    outside = (wanted < low * (1.0 - AT_END)) | (wanted > high * (1.0 + AT_END))
+    inside = (high / low) ** INSIDE
+    begun = np.where(outside, np.clip(wanted, low * inside, high / inside), wanted)
     return described if np.array_equal(begun, own) else with_times(described, begun)

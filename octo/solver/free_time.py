@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array
-from octo.errors import ProblemError
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.compiled import CompiledProblem
 from octo.problem.duration import BEYOND
@@ -40,22 +39,15 @@ def timed(placed: BlockNLP, beyond: float = BEYOND) -> BlockNLP:
     """The batch as a solver is to see it: with the duration among its unknowns where it is free.
 
     beyond: times the longest, or the shortest over it: durations beyond are refused at sight.
-
-    Raises
-    ------
-    ProblemError: it is free for some of the problems only.
     """
-    free = [problem.duration is not None for problem in placed.problems]
-    if not any(free):
+    if placed.problems[0].duration is None:  # a batch is alike in this
         return placed
     assert isinstance(placed, (CompiledProblem, PhasedProblem)), "a device refuses a free duration"
     own = placed.take(np.arange(placed.batch))  # its numbers change with dt
     clocks: list[Clock | None] = []
     for part in parts_of(own):
-        free = [problem.duration is not None for problem in part.problems]
-        if any(free) and not all(free):
-            raise ProblemError("duration must be free for every problem of a batch or for none")
-        clocks.append(Clock.of(part, beyond) if all(free) else None)
+        free = part.problems[0].duration is not None
+        clocks.append(Clock.of(part, beyond) if free else None)
     return FreeTime(own, tuple(clocks))
 
 

@@ -249,6 +249,13 @@ def test_members_have_durations_of_their_own() -> None:
         np.testing.assert_allclose(motion.dt, alone.dt, rtol=1e-12)
 
 
+def test_a_batch_is_free_or_fixed() -> None:
+    free = from_rest_to_rest(30, 1.0, 1.0)
+    fixed = from_rest_to_rest(30, 1.0, 1.0, duration=None, dt=0.1)
+    with pytest.raises(OctoError, match="duration is free in one problem of a batch and fixed in"):
+        octo.solve([free, fixed])
+
+
 def test_a_solution_goes_on_from_its_own_duration(tmp_path: Path) -> None:
     problem = from_rest_to_rest(40, 1.0, 1.0)
     motion = octo.solve(problem)
@@ -273,6 +280,22 @@ def test_a_search_begins_within_the_range(begun: float) -> None:
         motion = octo.solve(given, start=start)
         assert motion.status is Status.CONVERGED
         np.testing.assert_allclose(40 * motion.dt, 2.0, rtol=1e-5)
+
+
+def test_phases_begin_inside_their_ranges() -> None:
+    """From the ends themselves this one stalled at the wall beyond the second range."""
+
+    def phases(first: tuple[float, float]) -> Any:
+        given: dict[str, Any] = {"steps": 20, "costs": [octo.Duration()]}
+        given["constraints"] = [octo.TorqueLimits(limit=1.0)]
+        begun = octo.Problem(double_integrator(), x0=np.zeros(1), duration=first, **given)
+        ended = {"x_end": np.ones(1), "v_end": np.zeros(1), "duration": (0.2, 10.0)}
+        return octo.phases([begun, octo.Problem(double_integrator(), **ended, **given)])
+
+    late = octo.solve(phases((15.0, 20.0)))
+    motion = octo.solve(phases((0.2, 10.0)), start=late)
+    assert motion.converged and all(bound.held for bound in motion.bounds)
+    np.testing.assert_allclose(motion.times[-1], 2.0, rtol=0.02)
 
 
 def test_a_stride_finds_its_period() -> None:
