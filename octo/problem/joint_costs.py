@@ -97,8 +97,9 @@ class Effort(Cost):
 @dataclass(frozen=True, eq=False)
 class JointPower(Cost):
     """Work that the joints do and that is done on them: the mean of Σ|u q̇| over ``reference``, each
-    joint's rounded off at ``POWER_ROUNDING`` of it. With mg·v as the reference of a walk at v m/s
-    it is the cost of transport."""
+    joint's rounded off at 0.03 of it: √(P² + 0.03²), so that a joint at rest counts 0.03 as well.
+    With mg·v as the reference of a walk at v m/s it is the cost of transport and these roundings;
+    ``solution.power`` has none."""
 
     curvature: Curvature = field(default="exact", kw_only=True)
     reference: float | None = None  # W, by default mg√(gℓ)

@@ -353,7 +353,7 @@ class Problem(Shown):
     def __getstate__(self) -> dict[str, Any]:
         """For pickle and copies: the fields, and what makes two problems with the same fields
         differ; no generated code."""
-        kept = {field.name for field in fields(self)} | {"start", "anchor"}
+        kept = {field.name for field in fields(self)} | {"start", "anchor", "unsized"}
         return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def replace(self, **changes: Any) -> Problem:

@@ -3,6 +3,7 @@ what a later phase knows of the first, and what is refused."""
 
 from __future__ import annotations
 
+import pickle
 import re
 from typing import Any
 
@@ -238,6 +239,8 @@ def test_later_phases_of_a_list_need_no_time_to_get_going():
     velocities = [np.asarray(one.costs[0].velocity) for one in phases.problems]
     assert velocities[0].shape == (40, 3) and velocities[0][0, 0] < 0.1
     np.testing.assert_array_equal(velocities[1], [0.4, 0.0, 0.0])
+    again = octo.phases([walk, pickle.loads(pickle.dumps(walk))])  # as from another process
+    np.testing.assert_array_equal(np.asarray(again.problems[1].costs[0].velocity), velocities[1])
 
 
 def test_phases_in_words():
