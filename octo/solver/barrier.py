@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,88 +32,25 @@ from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
 from octo.solver.bounds import Bounds, Slacks
 from octo.solver.elastic import Elastic
+from octo.solver.limits import PART, Limits
 
-INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
-PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
 # large, and one after the other they would shorten steps to a thousandth. Without it one of four
 # walks of a mammal under all limits stalls (with it none), a cart-pole's swing-up takes 805
 # iterations for 590 over 18 starts, and of eight cycles one stalls with and without it
 LEAST = 0.1
-# a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
-RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
-# elastic phases of a member that found no step, and the width of their prices
+# elastic phases of a member and the width of their prices
 PHASES, WIDTH = 2, 1e-2
+# one begins a solve where this part of the rows is so far from the slacks: a cart-pole's 18 swings
+# from rest, of which single rows are far, take 605 iterations, for 805 if they began with one
+MANY, FAR = 0.05, 0.5
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
 FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
 LAST = 0.1  # N μ of an end, in parts of the dual tolerance
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Bounds of rows, (batch, N, rows), infinite where there is none."""
-
-    lower: Array
-    upper: Array
-
-    @cached_property
-    def equal(self) -> Array:
-        """Where both are the same."""
-        return self.lower == self.upper
-
-    @cached_property
-    def low(self) -> Array:
-        """Where there is a lower one, of its own."""
-        return array_module(self.lower).isfinite(self.lower) & ~self.equal
-
-    @cached_property
-    def high(self) -> Array:
-        return array_module(self.lower).isfinite(self.upper) & ~self.equal
-
-    @cached_property
-    def used(self) -> Array:
-        return self.equal | self.low | self.high
-
-    def gaps(self, s: Array) -> tuple[Array, Array]:
-        """s − lower and upper − s; 1 where there is no bound."""
-        xp = array_module(s)
-        below = xp.where(self.low, s - self.lower, 1.0)
-        return below, xp.where(self.high, self.upper - s, 1.0)
-
-    def inside(self, rows: Array) -> Array:
-        """Slacks near ``rows`` and strictly inside (Wächter and Biegler 2006, §3.6)."""
-        xp = array_module(rows)
-        room = xp.where(self.low & self.high, self.upper - self.lower, np.inf)
-        ends = []
-        for has, bound, sign in ((self.low, self.lower, 1.0), (self.high, self.upper, -1.0)):
-            own = xp.where(has, bound, 0.0)
-            away = INSIDE * xp.minimum(xp.maximum(1.0, abs(own)), room)
-            ends.append(xp.where(has, own + sign * away, -sign * np.inf))
-        return xp.where(self.equal, xp.where(self.equal, self.lower, 0.0), xp.clip(rows, *ends))
-
-    def box(self, own: Slacks, mu: Array, gaps: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Between what slacks may be after a step from their ``own`` with these ``gaps``; mu
-        (batch, 1, 1)."""
-        xp, near = array_module(own.s), []
-        for gap, z in zip(gaps, (own.lower, own.upper), strict=True):
-            end = RELATIVE * mu / xp.maximum(z, 1e-300)
-            near.append(xp.maximum((1.0 - PART) * gap, xp.clip(end, NEAREST, FURTHEST)))
-        least = xp.where(self.low, self.lower + near[0], -np.inf)
-        most = xp.where(self.high, self.upper - near[1], np.inf)
-        bound = xp.where(self.equal, self.lower, 0.0)
-        return xp.where(self.equal, bound, least), xp.where(self.equal, bound, most)
-
-    def residual(self, rows: Array, s: Array) -> Array:
-        """r − s, zero where a row has no bound."""
-        return array_module(rows).where(self.used, rows - s, 0.0)
-
-    def select(self, members: NDArray[np.intp]) -> Limits:
-        chosen = like(members, self.lower)
-        return Limits(self.lower[chosen], self.upper[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +78,6 @@ class Barrier(Bounds):
         xp, rows = array_module(at.rows), at.rows
         steps = rows.shape[1]
         self.limits, self.last = limits, LAST * tolerance / steps
-        self._step: RowStep | None = None
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
         mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
@@ -158,8 +93,13 @@ class Barrier(Bounds):
             lower, upper = xp.maximum(lower, known), xp.maximum(upper, more)
         self._placed: tuple[Numbers, Array] = (mu, own)
         self._hold(Slacks(s, lower, upper, equal, mu))
-        self._least, self._most = hosts(*self._products())
+        none = xp.zeros_like(rows)
+        self._step = RowStep(none, none, none, np.ones(len(rows)))
+        far = xp.where(abs(limits.residual(rows, s)) > FAR, 1.0 / (steps * rows.shape[2]), 0.0)
+        parts = far.reshape(len(rows), -1).sum(axis=1)
+        self._least, self._most, part = hosts(*self._products(), parts)
         self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
+        self._outside = (part > MANY) & (slacks is None)
 
     def _hold(self, slacks: Slacks) -> None:
         """Take over slacks, and what is often asked of them."""
@@ -181,7 +121,7 @@ class Barrier(Bounds):
         self.limits = self.limits.select(members)
         self._hold(self.slacks.select(members))
         self._least, self._most = self._least[members], self._most[members]
-        self._phases = self._phases[members]
+        self._phases, self._outside = self._phases[members], self._outside[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -330,7 +270,6 @@ class Barrier(Bounds):
     ) -> Evaluation:
         """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
-        assert step is not None
         taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (accepted, lost))
         s = xp.where(taken, self._after(at, after, length), own.s)
         if some(lost):
@@ -351,10 +290,15 @@ class Barrier(Bounds):
         after, (self._least, self._most) = self._seen(after, s, *self._products())
         return after
 
-    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
-        self._phases[member] += 1
-        if self._phases[member] > PHASES:
-            return None
+    @property
+    def outside(self) -> Mask:
+        return self._outside
+
+    def eased(self, members: Mask) -> Mask:
+        self._phases = self._phases + members
+        return members & (self._phases <= PHASES)
+
+    def elastic(self, problem: BlockNLP) -> Bounds:
         return Elastic(*problem.row_bounds, WIDTH)
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:

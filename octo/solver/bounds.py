@@ -118,11 +118,20 @@ class Bounds:
         del at, length, accepted, lost, still
         return self.seen(after)
 
-    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
-        """The price of the bounds of ``member``, alone in ``problem``, for a phase that leads it
-        near them; None where that was done often enough."""
-        del problem, member
-        return None
+    @property
+    def outside(self) -> Mask:
+        """(batch,) where rows are so far outside that an elastic phase is to begin with."""
+        return np.zeros(0, dtype=bool)
+
+    def eased(self, members: Mask) -> Mask:
+        """(batch,) of ``members`` those that an elastic phase is to lead near their bounds, which
+        is counted: not where that was done often enough."""
+        return np.zeros_like(members)
+
+    def elastic(self, problem: BlockNLP) -> Bounds:
+        """The price of the bounds of ``problem`` in such a phase."""
+        del problem
+        return self
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:
         """Begin anew with some members (batch,) bool of ``at``: the iterate as seen."""
