@@ -50,6 +50,7 @@ EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
 FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
+SAME = 1e-6  # of rows from slacks that are known: they are kept, and their μ
 LAST = 0.1  # N μ of an end, in parts of the dual tolerance
 
 
@@ -80,26 +81,46 @@ class Barrier(Bounds):
         self.limits, self.last = limits, LAST * tolerance / steps
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
-        mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
-        s = limits.inside(rows)
-        below, above = limits.gaps(s)
-        own = _spread(mu, rows)
-        lower = xp.where(limits.low, own / below, 0.0)
-        upper = xp.where(limits.high, own / above, 0.0)
-        equal = xp.zeros_like(rows)
-        if slacks is not None:  # multipliers that are there stay, those of idle bounds rise
-            parts = (slacks.lower, slacks.upper, slacks.equal)
-            known, more, equal = (like(part, rows) for part in parts)
-            lower, upper = xp.maximum(lower, known), xp.maximum(upper, more)
-        self._placed: tuple[Numbers, Array] = (mu, own)
-        self._hold(Slacks(s, lower, upper, equal, mu))
+        self._again = np.zeros(len(rows), dtype=bool)
+        own = self._first(rows) if slacks is None else self._warm(rows, slacks)
+        self._placed: tuple[Numbers, Array] = (own.mu, _spread(own.mu, rows))
+        self._hold(own)
         none = xp.zeros_like(rows)
         self._step = RowStep(none, none, none, np.ones(len(rows)))
-        far = xp.where(abs(limits.residual(rows, s)) > FAR, 1.0 / (steps * rows.shape[2]), 0.0)
+        far = xp.where(abs(limits.residual(rows, own.s)) > FAR, 1.0 / (steps * rows.shape[2]), 0.0)
         parts = far.reshape(len(rows), -1).sum(axis=1)
         self._least, self._most, part = hosts(*self._products(), parts)
         self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
         self._outside = (part > MANY) & (slacks is None)
+
+    def _first(self, rows: Array, weight: float = FIRST) -> Slacks:
+        """Next to the rows, with multipliers μ/(s − bound)."""
+        xp, limits = array_module(rows), self.limits
+        mu = np.full(len(rows), weight / rows.shape[1])
+        s, own = limits.inside(rows), _spread(mu, rows)
+        below, above = limits.gaps(s)
+        lower = xp.where(limits.low, own / below, 0.0)
+        upper = xp.where(limits.high, own / above, 0.0)
+        return Slacks(s, lower, upper, xp.zeros_like(rows), mu)
+
+    def _warm(self, rows: Array, slacks: Slacks) -> Slacks:
+        """Those of the end of another solve where the rows are still there; else multipliers that
+        are there stay and those of idle bounds rise."""
+        xp, limits, new = array_module(rows), self.limits, self._first(rows, AGAIN)
+        s, lower, upper, equal = (
+            like(part, rows) for part in (slacks.s, slacks.lower, slacks.upper, slacks.equal)
+        )
+        room = xp.minimum(*limits.gaps(s))
+        off = xp.where(room > 0.0, abs(limits.residual(rows, s)), np.inf)
+        self._again = host(largest(off)) <= SAME
+        same = like(self._again.reshape(-1, 1, 1), rows)
+        return Slacks(
+            xp.where(same, s, new.s),
+            xp.where(same, lower, xp.maximum(lower, new.lower)),
+            xp.where(same, upper, xp.maximum(upper, new.upper)),
+            equal,
+            np.where(self._again, slacks.mu, new.mu),
+        )
 
     def _hold(self, slacks: Slacks) -> None:
         """Take over slacks, and what is often asked of them."""
@@ -122,6 +143,7 @@ class Barrier(Bounds):
         self._hold(self.slacks.select(members))
         self._least, self._most = self._least[members], self._most[members]
         self._phases, self._outside = self._phases[members], self._outside[members]
+        self._again = self._again[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -217,6 +239,12 @@ class Barrier(Bounds):
         gradient = model.b + problem.row_forces(model, multipliers - shift)
         dual = host(largest(gradient + blocks(model).constraints_transposed_times(lam)))
         error, self._lowered = np.maximum(dual, at.largest), np.zeros(len(dual), dtype=bool)
+        if some(self._again):  # of a warm start, to that weight whose problem is as far from solved
+            most = np.minimum(AGAIN, error / ERRORS) / steps
+            mu = np.where(self._again, np.maximum(self.slacks.mu, most), self.slacks.mu)
+            self._lowered = mu > self.slacks.mu
+            self._hold(replace(self.slacks, mu=mu))
+            self._again = np.zeros_like(self._again)
         while True:
             mu = self.slacks.mu
             small = np.maximum(error, steps * self._off()) <= ERRORS * steps * mu

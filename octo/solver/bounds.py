@@ -35,6 +35,13 @@ class Slacks:
         s, lower, upper, equal = (part[chosen] for part in parts)
         return Slacks(s, lower, upper, equal, self.mu[members])
 
+    def plain(self, member: int) -> dict[str, Array]:
+        """Those of one member, (N, rows) each and μ (1,), by name."""
+        own = {
+            name: getattr(self, name)[member].copy() for name in ("s", "lower", "upper", "equal")
+        }
+        return own | {"mu": self.mu[member : member + 1].copy()}
+
     def on_host(self) -> Slacks:
         """The same in NumPy arrays."""
         return Slacks(*map(host, (self.s, self.lower, self.upper, self.equal, self.mu)))
