@@ -51,7 +51,9 @@ EQUAL = 1e-7  # δ of rows whose bounds are equal
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
 FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
 SAME = 1e-6  # of rows from slacks that are known: they are kept, and their μ
-LAST = 0.1  # N μ of an end, in parts of the dual tolerance
+# N μ of an end, in parts of the dual tolerance, and of the mean of N z where that is above LARGE
+# (Wächter and Biegler 2006, Eq. 6)
+LAST, LARGE = 0.1, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,8 @@ class Barrier(Bounds):
     ):
         xp, rows = array_module(at.rows), at.rows
         steps = rows.shape[1]
-        self.limits, self.last = limits, LAST * tolerance / steps
+        self.limits, self._end = limits, LAST * tolerance / steps
+        self.last: Numbers = np.full(len(rows), self._end)
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
         self._again = np.zeros(len(rows), dtype=bool)
@@ -89,7 +92,8 @@ class Barrier(Bounds):
         self._step = RowStep(none, none, none, np.ones(len(rows)))
         far = xp.where(abs(limits.residual(rows, own.s)) > FAR, 1.0 / (steps * rows.shape[2]), 0.0)
         parts = far.reshape(len(rows), -1).sum(axis=1)
-        self._least, self._most, part = hosts(*self._products(), parts)
+        *products, part = hosts(*self._products(), parts)
+        self._learn(*products)
         self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
         self._outside = (part > MANY) & (slacks is None)
 
@@ -142,6 +146,7 @@ class Barrier(Bounds):
         self.limits = self.limits.select(members)
         self._hold(self.slacks.select(members))
         self._least, self._most = self._least[members], self._most[members]
+        self.last = self.last[members]
         self._phases, self._outside = self._phases[members], self._outside[members]
         self._again = self._again[members]
 
@@ -154,15 +159,23 @@ class Barrier(Bounds):
             self._placed = self.slacks.mu, _spread(self.slacks.mu, self.slacks.s)
         return self._placed[1]
 
-    def _products(self) -> tuple[Array, Array]:
-        """(batch,) the least and the most (s − bound) z, ±inf where there is no bound."""
+    def _products(self) -> tuple[Array, Array, Array]:
+        """(batch,) the least and the most (s − bound) z, ±inf where there is no bound, and the mean
+        of N z."""
         xp, own, limits = array_module(self.slacks.s), self.slacks, self.limits
         low, high = (gap * z for gap, z in zip(self.gaps, (own.lower, own.upper), strict=True))
         ends = []
         for one_of, none in ((xp.minimum, np.inf), (xp.maximum, -np.inf)):
             both = one_of(xp.where(limits.low, low, none), xp.where(limits.high, high, none))
             ends.append(both.reshape(len(both), -1))
-        return ends[0].min(axis=1), ends[1].max(axis=1)
+        total = (own.lower + own.upper).reshape(len(own.s), -1).sum(axis=1)
+        mean = total * (own.s.shape[1] / limits.sides)
+        return ends[0].min(axis=1), ends[1].max(axis=1), mean
+
+    def _learn(self, least: Numbers, most: Numbers, mean: Numbers) -> None:
+        """Take over what is known on the host."""
+        self._least, self._most = least, most
+        self.last = self._end * np.maximum(1.0, mean / LARGE)
 
     def _off(self) -> Numbers:
         """(batch,) the largest |(s − bound) z − μ|."""
@@ -315,7 +328,8 @@ class Barrier(Bounds):
         upper = kept(own.upper, step.upper, above, limits.high)
         equal = own.equal + xp.where(taken, second * step.equal, 0.0)
         self._hold(Slacks(s, lower, upper, equal, own.mu))
-        after, (self._least, self._most) = self._seen(after, s, *self._products())
+        after, known = self._seen(after, s, *self._products())
+        self._learn(*known)
         return after
 
     @property

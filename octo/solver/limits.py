@@ -42,6 +42,13 @@ class Limits:
     def used(self) -> Array:
         return self.equal | self.low | self.high
 
+    @cached_property
+    def sides(self) -> Array:
+        """(batch,) how many bounds there are, at least 1."""
+        xp = array_module(self.lower)
+        count = xp.where(self.low, 1.0, 0.0) + xp.where(self.high, 1.0, 0.0)
+        return xp.maximum(count.reshape(len(count), -1).sum(axis=1), 1.0)
+
     def gaps(self, s: Array) -> tuple[Array, Array]:
         """s − lower and upper − s; 1 where there is no bound."""
         xp = array_module(s)
