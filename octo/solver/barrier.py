@@ -30,7 +30,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
-from octo.solver.bounds import Bounds, Slacks
+from octo.solver.bounds import Bounds, Moved, Slacks
 from octo.solver.elastic import Elastic
 from octo.solver.limits import PART, Limits
 
@@ -82,6 +82,8 @@ class Barrier(Bounds):
         steps = rows.shape[1]
         self.limits, self._end = limits, LAST * tolerance / steps
         self.last: Numbers = np.full(len(rows), self._end)
+        self._least: Numbers = np.zeros(len(rows))
+        self._most: Numbers = np.zeros(len(rows))
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
         self._again = np.zeros(len(rows), dtype=bool)
@@ -300,23 +302,15 @@ class Barrier(Bounds):
         self._step = RowStep(lower, upper, equal, _longest(*far[:2]))
         return np.maximum(_longest(*far[2:]), LEAST), slope + rest
 
-    def moved(
-        self,
-        at: Evaluation,
-        after: Evaluation,
-        length: Numbers,
-        accepted: Mask,
-        lost: Mask,
-        still: Mask,
-    ) -> Evaluation:
+    def moved(self, at: Evaluation, after: Evaluation, by: Moved) -> Evaluation:
         """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
-        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (accepted, lost))
-        s = xp.where(taken, self._after(at, after, length), own.s)
-        if some(lost):
+        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (by.accepted, by.lost))
+        s = xp.where(taken, self._after(at, after, by.length), own.s)
+        if some(by.lost):
             s = xp.where(anew, limits.inside(after.rows), s)
-        mu, whole = self._mu, ~still
-        first, second = _spread(step.length * whole, s), _spread(length * whole, s)
+        mu, whole = self._mu, ~by.still
+        first, second = _spread(step.length * whole, s), _spread(by.length * whole, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
             new = old + xp.where(taken, first * change, 0.0)
@@ -347,7 +341,7 @@ class Barrier(Bounds):
         first = FIRST / at.rows.shape[1]
         self.slacks = replace(self.slacks, mu=np.where(members, first, self.slacks.mu))
         none = np.zeros(len(members), dtype=bool)
-        return self.moved(at, at, np.ones(len(members)), none, members, none)
+        return self.moved(at, at, Moved(np.ones(len(members)), none, members, none))
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """Not where a correction helps: blamed again and again, at every third iteration, units

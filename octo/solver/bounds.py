@@ -47,6 +47,18 @@ class Slacks:
         return Slacks(*map(host, (self.s, self.lower, self.upper, self.equal, self.mu)))
 
 
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What a line search did with each member, (batch,): the length of its step; whether one was
+    accepted, or none was found at all (lost); and whether it was a step for the constraints alone,
+    with which multipliers stay (still)."""
+
+    length: Numbers
+    accepted: Mask
+    lost: Mask
+    still: Mask
+
+
 def joined(parts: Sequence[Slacks | None]) -> Slacks | None:
     """Of single members, those of a batch."""
     own = [part for part in parts if part is not None]
@@ -110,19 +122,9 @@ class Bounds:
         del problem, at, model, delta
         return 1.0, slope
 
-    def moved(
-        self,
-        at: Evaluation,
-        after: Evaluation,
-        length: Numbers,
-        accepted: Mask,
-        lost: Mask,
-        still: Mask,
-    ) -> Evaluation:
-        """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
-        ``at``, with multipliers that stay where it was a ``still`` one, and that ``lost`` ones
-        found none: ``after`` it, as seen."""
-        del at, length, accepted, lost, still
+    def moved(self, at: Evaluation, after: Evaluation, by: Moved) -> Evaluation:
+        """Learn how members came from ``at`` to ``after``, which is returned as seen."""
+        del at, by
         return self.seen(after)
 
     @property
