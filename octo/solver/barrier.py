@@ -49,7 +49,8 @@ SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
-FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
+# N μ: of a start; of one with multipliers or behind an elastic phase (1e-2 there: go2 149 for 126)
+FIRST, AGAIN = 1e-2, 1e-3
 SAME = 1e-6  # of rows from slacks that are known: they are kept, and their μ
 # N μ of an end, in parts of the dual tolerance, and of the mean of N z where that is above LARGE
 # (Wächter and Biegler 2006, Eq. 6)
@@ -338,7 +339,7 @@ class Barrier(Bounds):
         return Elastic(*problem.row_bounds, WIDTH)
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:
-        first = FIRST / at.rows.shape[1]
+        first = AGAIN / at.rows.shape[1]
         self.slacks = replace(self.slacks, mu=np.where(members, first, self.slacks.mu))
         none = np.zeros(len(members), dtype=bool)
         return self.moved(at, at, Moved(np.ones(len(members)), none, members, none))
