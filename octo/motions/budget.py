@@ -16,6 +16,7 @@ class Budget:
     """Options of :func:`octo.solve`, of which ``time_limit`` is of all solves since it began."""
 
     options: dict[str, Any]
+    held: bool = False  # whether there is something that must hold
     began: float = field(default_factory=time.perf_counter)  # s
 
     def left(self, doing: str) -> dict[str, Any]:
@@ -32,11 +33,14 @@ class Budget:
     def near(self, doing: str) -> dict[str, Any]:
         """:meth:`left` for what starts from a stride and is to stay near it: with its stiffness, so
         in one pass, and without the contacts' curvature, with which it ends in worse optima
-        (docs/notes/cycles.md)."""
+        (docs/notes/cycles.md). Where something must hold with it: multipliers of rows want the
+        rows' curvature (the ways into a stride of a mammal: 177 to 490 iterations, without 1062 to
+        1968, and two of six stall)."""
         given = self.left(doing) | {"passes": None}
         own = given.get("options") or SqpOptions()
-        near = replace(own, hessian="dynamics") if own.hessian == "exact" else own
-        return given | {"options": near}
+        if self.held or own.hessian != "exact":
+            return given
+        return given | {"options": replace(own, hessian="dynamics")}
 
 
 class Interrupted(Exception):

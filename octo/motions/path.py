@@ -7,6 +7,7 @@ import numpy as np
 from octo.checks import Array
 from octo.motions.journey import BEGUN, Journey
 from octo.problem.closure import along_arc, plane_normal
+from octo.problem.hard import standing
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 
@@ -65,7 +66,16 @@ class Path:
         velocity = (stride[1] - stride[0]) / self.journey.dt
         end = self._moved(self.rest.start, self.journey.steps / self.journey.faster(self.count))
         problem = self.rest.replace(
-            steps=length, x0=stride[1], pose=None, v0=velocity, x_end=end, v_end=0.0 * end
+            steps=length,
+            x0=stride[1],
+            pose=None,
+            v0=velocity,
+            x_end=end,
+            v_end=0.0 * end,
+            constraints=[
+                standing(one.placed(self.rest.setting), self.rest.start)
+                for one in self.journey.constraints
+            ],
         )
         return problem, blend(stride[1:], np.broadcast_to(end, stride[1:].shape))
 

@@ -16,11 +16,13 @@ from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
 from octo.motions.transitions import JOINT, Pieces, joined
 from octo.problem.closure import plane_normal
+from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
+from octo.problem.problem import Problem
 from octo.ranking import best_of
 from octo.result.gait import flaws
 from octo.result.solution import Solution
-from octo.solve import solve, solve_all
+from octo.solve import evaluated, solve, solve_all
 from octo.solver.status import Status
 from octo.starts import smooth_noise
 
@@ -35,7 +37,15 @@ ODD = 1.25
 
 
 def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
-    """The motion of a journey; its ``starts`` has a record of each stride that was tried."""
+    """The motion of a journey; its ``starts`` has a record of each stride that was tried.
+
+    Raises
+    ------
+    ProblemError: what must hold does not where the robot stands at the end.
+    """
+    _check_end(journey)
+    if not any((*journey.velocity, journey.rate)):
+        return as_one_problem(journey, "it goes nowhere", budget)
     counts = journey.counts()
     if not counts:
         short = f"{journey.seconds:g} s are too short for a stride between rest and rest"
@@ -79,16 +89,25 @@ def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
 def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
     """The stride itself, or solved anew where the mirror image is a little different."""
     assert stride.cycle is not None
-    if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
+    if not stride.cycle.mirrored:
         return stride
     steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
     problem = journey.whole.replace(
         steps=0, cycle=steady, costs=journey.terms, parameters=ground_law(stride)
     )
+    if stride.cycle.asymmetry <= JOINT * stride.weight and _holds(problem, stride.tile(1)):
+        return stride
     both = going_on(solve(problem, start=stride.tile(1), **budget.near("the whole stride")))
     if not both.converged or both.energy > ODD * stride.energy:
         return stride
     return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
+
+
+def _holds(problem: Problem, motion: Solution) -> bool:
+    """Whether a motion keeps the constraints of a problem."""
+    if not problem.constraints:
+        return True
+    return all(own.held for own in evaluated(problem, motion.x[1:], Status.JOINED).bounds)
 
 
 def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
@@ -98,7 +117,7 @@ def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
         return pieces
     try:
         other = Pieces.of(Path(journey, stride, _mean_pose(journey, stride)), budget)
-    except StaticPoseError:
+    except (StaticPoseError, ProblemError):  # it stands nowhere, or not within its limits
         return pieces
     return min(pieces, other, key=lambda one: one.rank)
 
@@ -136,15 +155,31 @@ def _mean_pose(journey: Journey, stride: Solution) -> Array:
 def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
     """One problem from rest to rest with the natural terms alone, and a line that says so."""
     LOG.warning("%s: solved as one problem, without a stride", reason)
-    way = journey.way()
-    motion = journey.whole.replace(costs=journey.terms, displacement=way)
-    ends = (motion.start, motion.start + way)
+    motion = _one(journey)
+    assert motion.end is not None
+    ends = (motion.start, motion.end)
     first, last = (np.tile(pose, (journey.steps + 1, 1)) for pose in ends)
     guesses = [blend(first, last) for _ in range(journey.starts)]
     for k, guess in enumerate(guesses):
         guess[1:, motion.dynamics.actuated] += smooth_noise(motion, journey.seed + k)
     members = solve([motion] * journey.starts, start=guesses, **budget.left("one problem"))
     return best_of([replace(made, seed=journey.seed + k) for k, made in enumerate(members)])
+
+
+def _one(journey: Journey) -> Problem:
+    """From rest to rest, and how far."""
+    return journey.whole.replace(costs=journey.terms, displacement=journey.way())
+
+
+def _check_end(journey: Journey) -> None:
+    """Refuse what does not hold where the robot stands at the end: before a stride is looked for.
+
+    Raises
+    ------
+    ProblemError: names the constraint, and what is where.
+    """
+    if journey.constraints:
+        CompiledProblem([_one(journey)])
 
 
 def _good(strides: Sequence[Solution]) -> list[Solution]:

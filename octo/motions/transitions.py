@@ -133,7 +133,8 @@ def joined(pieces: Pieces, budget: Budget) -> Solution:
     whole = path.rest.replace(x_end=nodes[-1], v_end=np.zeros(path.journey.robot.nx))
     raw = evaluated(whole, nodes, Status.JOINED)
     polished = solve(whole, start=nodes, **budget.near("the whole motion"))
-    keeps = raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED
+    lawful = raw.violation <= JOINT * raw.weight and all(bound.held for bound in raw.bounds)
+    keeps = lawful and polished.status is not Status.INTERRUPTED
     best = raw if keeps and _worse(polished, raw, path.journey.robot.base_coordinate) else polished
     return _counted(best, pieces)
 
