@@ -3,8 +3,9 @@ turns from rest to rest with all of them hard.
 
     python -m benchmarks.limits strides|walks [--only ROBOT …] [--starts 5] [--json FILE]
 
-Bounds of walks and turns are computed anew from the motion's arrays, not with octo's constraints.
-Times are processor time of one thread, without code generation; iterations are those of all passes.
+Each start of a walk has one stride of each period. Bounds of walks and turns are computed anew from
+the motion's arrays, not with octo's constraints. Times are processor time of one thread, without
+code generation; iterations are those of all passes.
 """
 
 from __future__ import annotations
@@ -111,7 +112,8 @@ def walks(name: str, starts: int) -> Iterator[dict[str, Any]]:
                     robot,
                     goal.speed,
                     SECONDS,
-                    seed=10 * start,
+                    starts=1,
+                    seed=start,
                     constraints=constraints_of(robot),
                     device="cpu",
                 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -45,7 +46,7 @@ class Goal:
     distance: float = 0.5
     height: float = 0.2
     preset: Preset = field(default="paper")
-    place: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    place: Sequence[float] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         one_of("goal", self.kind, get_args(Kind))

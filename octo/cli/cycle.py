@@ -22,7 +22,7 @@ from octo.cli.arguments import (
     whole,
 )
 from octo.cli.output import folder_of
-from octo.cli.solve import FILES, surroundings, write
+from octo.cli.solve import FILES, say_written, surroundings, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
@@ -109,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         lambda cycle: cycle.tile(PLOTTED),
     )
     print(solution)
-    print(f"written to {folder.path}")
+    say_written(folder, solution)
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged else 1

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(solution)
     if goal.met(solution):
         print(f"  {goal.verdict(solution)}")
-    print(f"written to {folder.path}")
+    say_written(folder, solution)
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
@@ -300,6 +300,12 @@ def write(
         "motion.html": lambda path: write_page(solution, path),
     }
     say_left_out(folder.write(writers))
+
+
+def say_written(folder: OutputFolder, solution: Solution) -> None:
+    """Where the files are, and who says why it failed."""
+    more = "" if solution.converged else f"; why it failed: octo explain {folder.path}"
+    print(f"written to {folder.path}{more}")
 
 
 def write_plot(solution: Solution, path: Path) -> None:

@@ -55,7 +55,7 @@ class Journey:
     def to(
         cls,
         robot: Character,
-        place: tuple[float, float, float],
+        place: Sequence[float],
         seconds: float | None,
         speed: float,
         **given: Any,

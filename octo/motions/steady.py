@@ -122,7 +122,7 @@ def go_to(
     -------
     The motion; its last state is fixed there.
     """
-    goal = Goal("to", positive("speed", speed, "m/s"), place=(*numbers("place", place),))
+    goal = Goal("to", positive("speed", speed, "m/s"), place=place)
     return goal.said(_steady(robot, goal, seconds, **how))
 
 
