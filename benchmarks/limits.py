@@ -1,7 +1,7 @@
 """Motions whose limits hold: strides with each of the natural limits priced and hard, walks and
-turns from rest to rest with all of them hard.
+turns from rest to rest with all of them hard, and ways to a place.
 
-    python -m benchmarks.limits strides|walks [--only ROBOT …] [--starts 5] [--json FILE]
+    python -m benchmarks.limits strides|walks|places [--only ROBOT …] [--starts 5] [--json FILE]
 
 Each start of a walk has one stride of each period. Bounds of walks and turns are computed anew from
 the motion's arrays, not with octo's constraints. Times are processor time of one thread, without
@@ -34,6 +34,7 @@ from octo.solve import solve_all
 ROBOTS = ("mammal", "go2", "biped", "spider", "anymal_c")
 SPEED, SLOW, RATE = 0.5, 0.3, 0.3  # m/s, of a spider, rad/s
 SECONDS, MU, FAST = 4.0, 0.6, 12.0  # s, friction, rad/s
+PLACES = ((1.0, 0.0, 0.0), (-0.6, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0), (1.0, 0.5, 1.57))
 BY = 1e-6  # of itself: what a bound may be missed by
 
 
@@ -137,7 +138,26 @@ def walks(name: str, starts: int) -> Iterator[dict[str, Any]]:
             }
 
 
-SECTIONS = {"strides": strides, "walks": walks}
+def places(name: str, starts: int) -> Iterator[dict[str, Any]]:
+    """Straight on, backwards, sideways, round, along an arc: with limits priced and hard."""
+    robot = load(name)
+    for place in PLACES:
+        for limits in ("soft", "hard"):
+            with clock() as running:
+                motion = octo.go_to(robot, place, starts=starts, constraints=limits, device="cpu")
+            yield {
+                "name": f"{name} to {place}, {limits}",
+                "status": motion.status.label,
+                "converged": motion.converged,
+                "off": float(f"{motion.asked[0].off:.2g}"),
+                "time": round(motion.steps * motion.dt, 3),
+                "seconds": round(running.seconds, 1),
+                "touchdowns": motion.gait and motion.gait.touchdowns,
+                "slip": round(motion.slip, 3),
+            }
+
+
+SECTIONS = {"strides": strides, "walks": walks, "places": places}
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -48,6 +48,7 @@ RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
 PHASES, WIDTH = 2, 1e-2
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
+ROUNDED = 1e-9  # an equality missed by less is met: of δ z it is, where a multiplier moves by z
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
 FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
@@ -232,7 +233,8 @@ class Barrier(Bounds):
         xp, batch = array_module(s), len(s)
         below, above = self.limits.gaps(s)
         logs = (xp.log(below) + xp.log(above)).reshape(batch, -1).sum(axis=1)
-        residuals = (at.C, self.limits.residual(at.rows, s))
+        off = self.limits.residual(at.rows, s)
+        residuals = (at.C, xp.where(self.limits.equal & (abs(off) < ROUNDED), 0.0, off))
         sizes = [abs(part).reshape(batch, -1) for part in residuals]
         total = sum(size.sum(axis=1) for size in sizes)
         square = sum((size**2).sum(axis=1) for size in sizes)

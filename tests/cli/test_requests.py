@@ -211,6 +211,9 @@ FEASIBLE: dict[str, Callable[[], octo.Problem]] = {
         constraints=[octo.TorqueLimits(9.0), octo.JointSpeedLimits(0.45)], **AT_REST
     ),
     "there and back in time": lambda: mass(constraints=[*KEYS, octo.TorqueLimits(4.6)]),
+    "three places with force to spare": lambda: mass(
+        constraints=[*KEYS, octo.PoseTarget(target=[0.3], at=octo.At(1.5)), octo.TorqueLimits(20.0)]
+    ),
     "through a gate and back": lambda: mass(
         constraints=[octo.TorqueLimits(4.0), place("gate", 0.5, 0.52, at=[18, 19, 20])],
         x_end=np.zeros(1),
