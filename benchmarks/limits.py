@@ -1,7 +1,8 @@
 """Motions whose limits hold: strides with each of the natural limits priced and hard, walks and
 turns from rest to rest with all of them hard, and ways to a place.
 
-    python -m benchmarks.limits strides|walks|places [--only ROBOT …] [--starts 5] [--json FILE]
+    python -m benchmarks.limits strides|walks|turns|places [--only ROBOT …] [--starts 5]
+        [--json FILE]
 
 Each start of a walk has one stride of each period. Bounds of walks and turns are computed anew from
 the motion's arrays, not with octo's constraints. Times are processor time of one thread, without
@@ -38,14 +39,10 @@ PLACES = ((1.0, 0.0, 0.0), (-0.6, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0), (
 BY = 1e-6  # of itself: what a bound may be missed by
 
 
-def speed_of(name: str) -> float:
-    return SLOW if name == "spider" else SPEED
-
-
 def strides(name: str, starts: int) -> Iterator[dict[str, Any]]:
     """A stride of natural terms: all limits priced, one of them hard, all hard."""
     robot = load(name)
-    journey = Journey(robot, (speed_of(name), 0.0), 0.0, 10.0)
+    journey = Journey(robot, (SLOW if name == "spider" else SPEED, 0.0), 0.0, 10.0)
     periods, hard = journey.periods(), octo.limits(robot, MU)
     plain = journey.cycle(periods[len(periods) // 2])
     priced = {term.__name__ for term in SOFT}
@@ -103,39 +100,39 @@ def beyond(motion: Solution) -> dict[str, float]:
 
 
 def walks(name: str, starts: int) -> Iterator[dict[str, Any]]:
-    """Walks and turns from rest to rest with every limit hard."""
-    robot = load(name)
-    for kind in ("walk", "turn"):
-        goal = Goal(kind, speed_of(name) if kind == "walk" else RATE)
-        for start in range(starts):
-            with clock() as running:
-                motion = getattr(octo, kind)(
-                    robot,
-                    goal.speed,
-                    SECONDS,
-                    starts=1,
-                    seed=start,
-                    constraints=constraints_of(robot),
-                    device="cpu",
-                )
-            off, checks = beyond(motion), journey_checks(motion, goal)
-            folder = Path("build/limits")
-            folder.mkdir(parents=True, exist_ok=True)
-            motion.save(folder / f"{name}_{kind}_{start}.npz")
-            yield {
-                "name": f"{name} {kind}, start {start}",
-                "status": motion.status.label,
-                "converged": motion.converged,
-                "bounds hold": max(off.values()) <= BY,
-                "beyond": {key: float(f"{value:.3g}") for key, value in off.items()},
-                "iterations": motion.iterations,
-                "seconds": round(running.seconds, 1),
-                "figures": {
-                    check.name: None if check.value is None else float(f"{check.value:.3g}")
-                    for check in checks
-                },
-                "missed": [check.name for check in checks if not check.met],
-            }
+    """Walks from rest to rest with every limit hard."""
+    return journeys(name, Goal("walk", SLOW if name == "spider" else SPEED), starts)
+
+
+def turns(name: str, starts: int) -> Iterator[dict[str, Any]]:
+    """The same of turns on the spot."""
+    return journeys(name, Goal("turn", RATE), starts)
+
+
+def journeys(name: str, goal: Goal, starts: int) -> Iterator[dict[str, Any]]:
+    robot, folder = load(name), Path("build/limits")
+    folder.mkdir(parents=True, exist_ok=True)
+    must: dict[str, Any] = {"constraints": constraints_of(robot)}
+    for start in range(starts):
+        find = getattr(octo, goal.kind)
+        with clock() as running:
+            motion = find(robot, goal.speed, SECONDS, starts=1, seed=start, device="cpu", **must)
+        off, checks = beyond(motion), journey_checks(motion, goal)
+        motion.save(folder / f"{name}_{goal.kind}_{start}.npz")
+        yield {
+            "name": f"{name} {goal.kind}, start {start}",
+            "status": motion.status.label,
+            "converged": motion.converged,
+            "bounds hold": max(off.values()) <= BY,
+            "beyond": {key: float(f"{value:.3g}") for key, value in off.items()},
+            "iterations": motion.iterations,
+            "seconds": round(running.seconds, 1),
+            "figures": {
+                check.name: None if check.value is None else float(f"{check.value:.3g}")
+                for check in checks
+            },
+            "missed": [check.name for check in checks if not check.met],
+        }
 
 
 def places(name: str, starts: int) -> Iterator[dict[str, Any]]:
@@ -157,7 +154,7 @@ def places(name: str, starts: int) -> Iterator[dict[str, Any]]:
             }
 
 
-SECTIONS = {"strides": strides, "walks": walks, "places": places}
+SECTIONS = {"strides": strides, "walks": walks, "turns": turns, "places": places}
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 from octo.result.solution import Solution
@@ -29,6 +30,11 @@ class Budget:
             spent = time.perf_counter() - self.began
             options["time_limit"] = max(options["time_limit"] - spent, 1e-3)
         return options
+
+    @cached_property
+    def scouting(self) -> Budget:
+        """The same for what need not hold yet."""
+        return replace(self, held=False)
 
     def near(self, doing: str) -> dict[str, Any]:
         """:meth:`left` for what starts from a stride and is to stay near it: with its stiffness, so

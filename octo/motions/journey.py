@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +80,11 @@ class Journey:
         ends = slow.ends(count)
         least = (2 * ends + count) * slow.dt
         return lasting(slow.dt * np.ceil(max(time + ends * slow.dt, least) / slow.dt - 1e-9))
+
+    @cached_property
+    def priced(self) -> Journey:
+        """The same with nothing that must hold: what has a limit is priced."""
+        return replace(self, constraints=()) if self.constraints else self
 
     @property
     def steps(self) -> int:

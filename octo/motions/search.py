@@ -14,7 +14,7 @@ from octo.errors import ProblemError, StaticPoseError
 from octo.motions.budget import Budget, Interrupted, going_on
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
-from octo.motions.transitions import JOINT, Pieces, joined
+from octo.motions.transitions import JOINT, SUMS, TRIED, Pieces, joined
 from octo.problem.closure import plane_normal
 from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
@@ -36,8 +36,11 @@ RISES = 0.4
 ODD = 1.25
 
 
-def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
+def from_rest_to_rest(journey: Journey, budget: Budget, scouts: bool = True) -> Solution:
     """The motion of a journey; its ``starts`` has a record of each stride that was tried.
+
+    Where something must hold, strides are looked for with its price first, if ``scouts``, and the
+    best of them led to where it holds.
 
     Raises
     ------
@@ -46,12 +49,12 @@ def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
     _check_end(journey)
     if not any((*journey.velocity, journey.rate)):
         return as_one_problem(journey, "it goes nowhere", budget)
-    counts = journey.counts()
+    counts, scout = journey.counts(), journey.priced if scouts else journey
     if not counts:
         short = f"{journey.seconds:g} s are too short for a stride between rest and rest"
         return as_one_problem(journey, short, budget)
     try:
-        cycles = [journey.cycle(count) for count in counts]
+        cycles = [scout.cycle(count) for count in counts]
     except ProblemError as error:
         if journey.robot.base != "floating":
             raise
@@ -67,23 +70,48 @@ def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
             return replace(best, status=Status.INTERRUPTED, starts=records)
         other = standing_as(journey, _good(found))
         if other is not None:
-            motion = from_rest_to_rest(other, budget)
+            motion = from_rest_to_rest(other, budget, scouts)
             return replace(motion, starts=records + motion.starts)
-    good = _good(found)
+    good = sorted(_good(found), key=_quality)
     if not good:
         return as_one_problem(journey, "no stride converged", budget)
-    motion = _around(journey, min(good, key=_quality), budget)
-    return replace(motion, starts=records)
+    around = _around(journey, good, budget, scout is not journey)
+    if around is None:
+        motion = from_rest_to_rest(journey, budget, scouts=False)
+        return replace(motion, starts=records + motion.starts)
+    return replace(around, starts=records)
 
 
-def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
-    """The motion around one stride, or where that is interrupted strides alone."""
+def _around(
+    journey: Journey, strides: Sequence[Solution], budget: Budget, scouted: bool
+) -> Solution | None:
+    """The motion around the first of these strides, or where that is interrupted strides alone;
+    of strides that were ``scouted`` around the first that keeps what must hold, if any."""
+    stride: Solution | None = strides[0]
     try:
+        if scouted:
+            stride = _held(journey, strides, budget)
+            if stride is None:
+                return None
+        assert stride is not None
         stride = _whole_stride(journey, stride, budget)
         return joined(_pieces(journey, stride, budget), budget)
     except Interrupted:
-        strides = stride.tile(max(1, journey.steps // (2 * stride.steps)))
-        return replace(strides, status=Status.INTERRUPTED)
+        tiled = (stride or strides[0]).tile(max(1, journey.steps // (2 * strides[0].steps)))
+        return replace(tiled, status=Status.INTERRUPTED)
+
+
+def _held(journey: Journey, strides: Sequence[Solution], budget: Budget) -> Solution | None:
+    """The first of these strides that converges where it is to hold what must, from where it is."""
+    for stride in strides[:TRIED]:
+        assert stride.cycle is not None
+        count = round(stride.cycle.period / journey.dt)
+        problem = journey.cycle(count).replace(parameters=ground_law(stride))
+        made = going_on(solve(problem, start=stride, **budget.near("a stride within limits")))
+        if made.converged and made.energy <= ODD * stride.energy:
+            parts = {name: getattr(stride, name) + getattr(made, name) for name in SUMS}
+            return replace(made, seed=stride.seed, passes=(*stride.passes, *made.passes), **parts)
+    return None
 
 
 def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
