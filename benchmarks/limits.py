@@ -4,9 +4,8 @@ turns from rest to rest with all of them hard, and ways to a place.
     python -m benchmarks.limits strides|walks|turns|places [--only ROBOT …] [--starts 5]
         [--json FILE]
 
-Each start of a walk has one stride of each period. Bounds of walks and turns are computed anew from
-the motion's arrays, not with octo's constraints. Times are processor time of one thread, without
-code generation; iterations are those of all passes.
+Bounds of walks and turns are computed anew from the motion's arrays, not with octo's constraints.
+Times are processor time of one thread, without code generation; iterations are those of all passes.
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ def journeys(name: str, goal: Goal, starts: int) -> Iterator[dict[str, Any]]:
     for start in range(starts):
         find = getattr(octo, goal.kind)
         with clock() as running:
-            motion = find(robot, goal.speed, SECONDS, starts=1, seed=start, device="cpu", **must)
+            motion = find(robot, goal.speed, SECONDS, seed=10 * start, device="cpu", **must)
         off, checks = beyond(motion), journey_checks(motion, goal)
         motion.save(folder / f"{name}_{goal.kind}_{start}.npz")
         yield {

@@ -22,10 +22,11 @@ logging.getLogger("octo").addHandler(logging.NullHandler())
 _NAMES = {  # by the module that defines them
     "octo.costs": (
         "At BaseAngularVelocity BaseHeight BaseOrientation BodyLoad CenterOfMassDisplacement "
-        "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Effort "
-        "FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointSpeedLimit "
-        "JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity PoseTarget "
-        "Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate Upright"
+        "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Duration "
+        "Effort FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointPower "
+        "JointSpeedLimit JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity "
+        "PoseTarget Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate "
+        "Upright"
     ),
     "octo.devices": "devices",
     "octo.dynamics.evaluate": "CustomDynamics",
@@ -93,6 +94,7 @@ if TYPE_CHECKING:
     from octo.costs import ContactCost as ContactCost
     from octo.costs import Cost as Cost
     from octo.costs import CustomCost as CustomCost
+    from octo.costs import Duration as Duration
     from octo.costs import Effort as Effort
     from octo.costs import FootLift as FootLift
     from octo.costs import ForceRate as ForceRate
@@ -100,6 +102,7 @@ if TYPE_CHECKING:
     from octo.costs import Huber as Huber
     from octo.costs import JointAcceleration as JointAcceleration
     from octo.costs import JointLimit as JointLimit
+    from octo.costs import JointPower as JointPower
     from octo.costs import JointSpeedLimit as JointSpeedLimit
     from octo.costs import JointVelocity as JointVelocity
     from octo.costs import LoadSharing as LoadSharing

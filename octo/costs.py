@@ -24,9 +24,11 @@ from octo.problem.costs import Cost as Cost
 from octo.problem.costs import CustomCost as CustomCost
 from octo.problem.costs import NeighbourCost as NeighbourCost
 from octo.problem.costs import StepPairCost as StepPairCost
+from octo.problem.duration import Duration as Duration
 from octo.problem.joint_costs import Effort as Effort
 from octo.problem.joint_costs import JointAcceleration as JointAcceleration
 from octo.problem.joint_costs import JointLimit as JointLimit
+from octo.problem.joint_costs import JointPower as JointPower
 from octo.problem.joint_costs import JointSpeedLimit as JointSpeedLimit
 from octo.problem.joint_costs import JointVelocity as JointVelocity
 from octo.problem.joint_costs import PoseTarget as PoseTarget

@@ -26,6 +26,7 @@ from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
 from octo.solver.backend import CPU
 from octo.solver.elastic import Elastic
+from octo.solver.free_time import timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 from octo.starts import first_nodes
@@ -41,6 +42,7 @@ WIDTHS = (
 PART = 1e-3  # of the most that a row is beyond: constraints with less are left out first
 PRICE = 1e-6  # of E beside the rows: it picks one of the motions that hold
 OPTIONS = SqpOptions(max_iterations=300)
+FAR = 100.0  # times the longest duration: how long it may become where that is left out
 Kept = frozenset[str]  # labels of constraints, and END
 END = ""
 
@@ -172,11 +174,12 @@ class _Search:
             return bool(held)
 
         self.solves += 1
-        unknowns, lam, held = compiled.unknowns(nodes[None]), None, list[Evaluation]()
+        solved = timed(compiled, FAR)
+        unknowns, lam, held = solved.unknowns(nodes[None]), None, list[Evaluation]()
         monitor = sqp.Monitor(holds)
         for width in WIDTHS:
             elastic = Elastic(lower, upper, width)
-            result = sqp.run(compiled, unknowns, lam, OPTIONS, monitor, bounds=elastic)
+            result = sqp.run(solved, unknowns, lam, OPTIONS, monitor, bounds=elastic)
             unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
             if held:
                 return _Trial(kept, held[0], True, True, frozenset())

@@ -29,6 +29,7 @@ from octo.result.measure import measured
 from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
+from octo.solver.free_time import lasting
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
@@ -219,14 +220,16 @@ def _solve(
     backend = backend_of(request.device)
     check_alike(problems)  # before the seeds, so that a message counts what the caller gave
     own = _schedules(problems, request.passes)
-    batch = [problem for problem in problems for _ in range(seeds)]
+    starts = starts_of(start, problems, seeds)
+    pairs = zip([problem for problem in problems for _ in range(seeds)], starts, strict=True)
+    batch = [_as_long_as(*pair) for pair in pairs]
     numbers = [request.seed + k for _ in problems for k in range(seeds)]
     schedules = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
     current = stiffened(batch, [plan[0] for plan in schedules])
     compiled = CompiledProblem(current, int(request.threads))
-    compiled.check_squares("octo.solve", bounds=options.step == "line_search")
-    starts = starts_of(start, problems, seeds)
+    default = options.step == "line_search"
+    compiled.check_squares("octo.solve" if default else "step='trust_region'", default, default)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     backend = _prepared(backend, compiled, options, request.device)
     lam, how = first_multipliers(starts, compiled), (options, int(request.threads), backend)
@@ -238,6 +241,13 @@ def _solve(
         backend.release()
     groups = [range(k * seeds, (k + 1) * seeds) for k in range(len(problems))]
     return members, [min(group, key=lambda k: rank(members[k])) for group in groups]
+
+
+def _as_long_as(problem: Problem, start: Solution | Array | None) -> Problem:
+    """The problem; where its duration is free, with that of the solution that it starts from."""
+    if problem.duration is None or not isinstance(start, Solution):
+        return problem
+    return lasting(problem, start.dt * start.steps / int(problem.steps))
 
 
 def _schedules(problems: Sequence[Problem], passes: int | None) -> list[Schedule]:

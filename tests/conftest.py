@@ -25,17 +25,18 @@ LONGEST = (
 
 # Their many libraries run a few steps and are compared with other code: compiled in a quarter of
 # the time. What is in neither list is compiled as a user's code is.
-PLAIN = ("problem", "reference", "extending")
-AS_SHIPPED = ("test_native.py", "test_numbers.py")
+PLAIN = ("dynamics", "extending", "problem", "reference", "test_exact_terms.py", "test_model.py")
+AS_SHIPPED = ("test_lanes.py", "test_native.py", "test_numbers.py")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.parent.name in PLAIN and item.path.name not in AS_SHIPPED:
+        place = {item.path.parent.name, item.path.name}
+        if place.isdisjoint(AS_SHIPPED) and not place.isdisjoint(PLAIN):
             item.fixturenames.insert(0, "plain_compiler")
     if hasattr(config, "workerinput"):  # a process of pytest-xdist
-        place = {name: k for k, name in enumerate(LONGEST)}
-        items.sort(key=lambda item: place.get(item.path.name, len(place)))
+        order = {name: k for k, name in enumerate(LONGEST)}
+        items.sort(key=lambda item: order.get(item.path.name, len(order)))
 
 
 def _random_system(

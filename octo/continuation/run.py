@@ -24,6 +24,7 @@ from octo.result.solution import Solution
 from octo.solver import sqp
 from octo.solver.backend import Backend
 from octo.solver.bounds import Slacks
+from octo.solver.free_time import FreeTime, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -118,8 +119,13 @@ class Continuation:
         wanted = self.options if monitor.number == monitor.passes else early(self.options)
         left = max(self.options.time_limit - self.seconds, 1e-9)
         options = replace(wanted, time_limit=left, max_iterations=max_iterations)
-        problem = self.backend.place(self.compiled)
-        start = (problem.unknowns(self.nodes), self.backend.array(self.lam))
+        problem, lam = timed(self.backend.place(self.compiled)), self.backend.array(self.lam)
+        if isinstance(problem, FreeTime):
+            lam = problem.widened(lam)
+        start = (problem.unknowns(self.nodes), lam)
         result = sqp.run(problem, *start, options, monitor, self.backend, self.slacks)
         self.seconds += result.seconds
+        if isinstance(problem, FreeTime):
+            self.compiled, result.at = problem.ended(result.at)
+            result.lam = result.lam[..., :-1]
         return result

@@ -8,9 +8,11 @@ kinematics and of a step's work area), CURVATURE (blocks of the curvature, see H
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -61,14 +63,9 @@ def robot_text(
 ) -> str:
     """C text of the dynamics of §4 of a character: ``octo_step`` for one time step, or for one in
     every lane of a vector."""
-    functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
-    for order in (0, 1, 2):
-        functions.append(stages.body(order, layout))
-        functions.append(stages.contact(order, layout, law, terrain))
-        functions.append(stages.joint(order, layout))
+    own = _stages_of(layout, law, terrain)
     elements = elements_of(character, layout, Links(character).of)
-    functions += elements.functions
-    length = sum(function.n_instructions() for function in functions)
+    length = own.length + sum(function.n_instructions() for function in elements.functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
     sizes, tables = _tables(character, elements)
@@ -76,18 +73,55 @@ def robot_text(
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
+    made = [own.text(lanes), *(_stage_text(function, lanes) for function in elements.functions)]
     if not lanes:
-        plain = "\n".join(
-            brisk(function_of_numbers(function), function.n_instructions())
-            for function in functions
-        )
-        return "\n".join([HEAD, plain, macros(sizes), *tables, *common, source("phases.c")])
-    made = [lanes_text(function, _shared(function.name())) for function in functions]
+        return "\n".join([HEAD, *made, macros(sizes), *tables, *common, source("phases.c")])
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
     return "\n".join([HEAD, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
+
+
+class _Stages:
+    """The stages of a contact law and a ground, the same for every robot, and their C text."""
+
+    def __init__(self, layout: Layout, law: ContactLaw, terrain: Plane | Terrain):
+        self.functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
+        for order in (0, 1, 2):
+            self.functions.append(stages.body(order, layout))
+            self.functions.append(stages.contact(order, layout, law, terrain))
+            self.functions.append(stages.joint(order, layout))
+        self.length = sum(function.n_instructions() for function in self.functions)
+        self._texts: dict[bool, str] = {}
+
+    def text(self, lanes: bool) -> str:
+        if lanes not in self._texts:
+            written = (_stage_text(function, lanes) for function in self.functions)
+            self._texts[lanes] = "\n".join(written)
+        return self._texts[lanes]
+
+
+KEPT = 8  # stages of as many laws and grounds
+_kept: OrderedDict[Any, _Stages] = OrderedDict()
+
+
+def _stages_of(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> _Stages:
+    """Those of the last few laws and grounds are kept: they take longer than all else of a text."""
+    key = stages.structure(layout, law, terrain)
+    found = _kept.pop(key, None)
+    if found is None:
+        found = _Stages(layout, law, terrain)
+    _kept[key] = found
+    while len(_kept) > KEPT:
+        _kept.popitem(last=False)
+    return found
+
+
+def _stage_text(function: ca.Function, lanes: bool) -> str:
+    if lanes:
+        return lanes_text(function, _shared(function.name()))
+    return brisk(function_of_numbers(function), function.n_instructions())
 
 
 def _shared(name: str) -> Collection[int]:

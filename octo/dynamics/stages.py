@@ -10,6 +10,8 @@ perturbation applied last, whose joint is nearer to the root).
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 
 from octo.dynamics import symbolic
@@ -122,6 +124,22 @@ def _force(
     n = normal_of(terrain, c, section(view, "terrain."))
     depth = -symbolic.contact_height(radius, c, terrain, view)
     return law.force(depth, n, (c - radius * n - U) / view["dt"], section(view, "contact."))
+
+
+def structure(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> tuple[Any, ...]:
+    """What tells the stages of one law and ground from those of others: the expressions of both,
+    and the names of p."""
+    center, point, before = (ca.SX.sym(name, 3) for name in ("center", "point", "before"))
+    radius, p = ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
+    view = layout.view(p)
+    out = [
+        _force(law, terrain, view, radius, center, before),
+        normal_of(terrain, point, section(view, "terrain.")),
+        symbolic.contact_height(radius, center, terrain, view),
+        ca.SX(law.reach(section(view, "contact."))),
+    ]
+    written = ca.Function("law", [center, point, before, radius, p], [ca.SX(o) for o in out])
+    return layout.names, written.serialize()
 
 
 def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:

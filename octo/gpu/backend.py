@@ -50,8 +50,10 @@ class DeviceBackend(Backend):
         Raises
         ------
         DeviceError: the device has too little memory, the robot is too large for its shared
-            memory, or its units have extra unknowns.
+            memory, its units have extra unknowns, or its duration is free.
         """
+        if problem.problems[0].duration is not None:
+            raise DeviceError("duration is free, must be fixed on a GPU: solve with device='cpu'")
         if problem.plan.extra or problem.plan.extra_rows:
             raise DeviceError(
                 f"units have {problem.plan.extra} extra unknowns and {problem.plan.extra_rows} "

@@ -131,6 +131,8 @@ class Fixed:
             return
         first = len(functions.state_terms) - len(functions.bounded)
         looks = self._looks(functions)[first:]
+        if problem.duration is not None:
+            looks[:, 3] |= self._looks_at_dt(problem, functions)[first:]
         for step in np.flatnonzero(np.lib.stride_tricks.sliding_window_view(self.known, 3).any(1)):
             window = self.known[step : step + 3][::-1]  # of x_next, x, x_prev
             settled = ~(looks[:, :3] & ~window).any(axis=1) & ~looks[:, 3]
@@ -156,6 +158,14 @@ class Fixed:
         pattern, n = functions.state_sparsity, self.nodes.shape[1]
         looks = np.zeros((pattern.size1(), 4), dtype=bool)
         looks[pattern.row(), np.minimum(np.array(pattern.get_col(), dtype=int) // n, 3)] = True
+        return looks
+
+    def _looks_at_dt(self, problem: Problem, functions: CostFunctions) -> NDArray[np.bool_]:
+        """(rows,) whether a row over the state looks at dt."""
+        pattern = functions.state.jac_sparsity(0, 4)
+        place = problem.dynamics.layout.index("dt")
+        looks = np.zeros(pattern.size1(), dtype=bool)
+        looks[np.array(pattern.row())[np.array(pattern.get_col(), dtype=int) == place]] = True
         return looks
 
     def _values(self, functions: CostFunctions, step: int) -> Array:

@@ -118,15 +118,21 @@ class CompiledProblem:
         Nothing is recompiled."""
         fill(self.data, self.plan, self.problems, self.functions)
 
-    def check_squares(self, solver: str, bounds: bool = False) -> None:
-        """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights.
+    def check_squares(self, solver: str, bounds: bool = False, timed: bool = False) -> None:
+        """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights, and a
+        free duration.
 
-        bounds: it keeps rows between bounds, so constraints are no such terms.
+        bounds: it keeps rows between bounds, so constraints are no such terms. timed: it finds
+        durations.
 
         Raises
         ------
         ProblemError: names the term.
         """
+        if self.problems[0].duration is not None and not timed:
+            raise ProblemError(
+                f"duration is free and {solver} needs a fixed one: give steps and dt without it"
+            )
         for k in self.functions.bounded:
             term = self.functions.references.terms[k]
             if bounds and isinstance(term, Constraint):

@@ -108,8 +108,16 @@ def fill(data: Data, plan: Plan, problems: Sequence[Problem], functions: CostFun
             lower, upper = bounds_of(problem, functions)
             if data.carry is None:
                 fixed = Fixed.of(plan, data.constant[member], data.p[member], data.q[member])
+                if problem.duration is not None:  # states that move are elsewhere in another time
+                    fixed.known[[0, -2]] &= ~_moving(problem)
                 fixed.take_out(problem, functions, lower, upper)
             data.lower[member], data.upper[member] = lower, upper
+
+
+def _moving(problem: Problem) -> NDArray[np.bool_]:
+    """(2,) whether the first and the last state have a velocity."""
+    last = np.zeros(1) if problem.v_end is None else problem.v_end
+    return np.array([problem.start_velocity.any(), last.any()])
 
 
 def _pinned(problems: Sequence[Problem]) -> list[dict[int, Array]]:

@@ -11,17 +11,21 @@ import numpy as np
 
 from octo.checks import Array, for_each
 from octo.errors import ProblemError
+from octo.problem import scales
 from octo.problem.asked import Asked, Motion
 from octo.problem.at import Steps
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, StepPairCost, last_row, mean_square
 from octo.problem.limits import PLACE, JointLimits, JointSpeedLimits, TorqueLimits, in_words
-from octo.problem.terms import Row
+from octo.problem.terms import Curvature, Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
 
 FREE = 1e6  # rad or m, in place of a limit that is none
+# of the reference, where the power of a joint changes its sign: with a third of it most strides
+# stalled
+POWER_ROUNDING = 3e-2
 QUICK = 0.1  # s, in which a torque may change by the effort's reference
 
 
@@ -88,6 +92,31 @@ class Effort(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.u * p["inverse_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointPower(Cost):
+    """Work that the joints do and that is done on them: the mean of Σ|u q̇| over ``reference``, each
+    joint's rounded off at ``POWER_ROUNDING`` of it. With mg·v as the reference of a walk at v m/s
+    it is the cost of transport."""
+
+    curvature: Curvature = field(default="exact", kw_only=True)
+    reference: float | None = None  # W, by default mg√(gℓ)
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        if self.reference is not None:
+            return {"inverse_reference": self._inverse("reference", "W")}
+        if setting.character is None:
+            raise ProblemError(
+                f"{self.label}.reference is missing: user-written dynamics have no weight, give W"
+            )
+        usual = scales.power(setting.character, scales.length(setting.character, setting.x0))
+        return {"inverse_reference": np.array([1.0 / usual])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        turned = step.joints(step.x_next - step.x)
+        power = step.u * turned / step.dt * p["inverse_reference"]
+        return ca.sqrt(ca.sqrt(power**2 + POWER_ROUNDING**2))
 
 
 @dataclass(frozen=True, eq=False)

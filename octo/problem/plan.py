@@ -125,6 +125,11 @@ class Plan:
         return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
 
     @cached_property
+    def carries_rows(self) -> bool:
+        """Whether the last unit is no unknown at all: it has the rows that are left over."""
+        return _carries_rows(self.basis, self.steps)
+
+    @cached_property
     def still(self) -> NDArray[np.bool_]:
         """(K,) the units that nothing moves."""
         return np.isin(np.arange(self.K), self.fixed)
@@ -133,7 +138,7 @@ class Plan:
         """The identity on what nothing moves, in H (batch, K, 3, nc, nc)."""
         size = self.nodal
         H[:, self.fixed, 0, :size, :size] = np.eye(size)
-        if self.extra and _carries_rows(self.basis, self.steps):
+        if self.extra and self.carries_rows:
             H[:, -1, 0, size:, size:] = np.eye(self.extra)
         for unit, part in self.idle:
             own = np.arange(part * self.n, (part + 1) * self.n)

@@ -32,6 +32,7 @@ from octo.problem.closure import Closure, closure_of
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
+from octo.problem.duration import range_of, within
 from octo.problem.joint_costs import PoseTarget
 from octo.problem.lists import constraints_of, costs_of
 from octo.problem.starts import check_above, static_start
@@ -54,7 +55,7 @@ class Problem(Shown):
     ----------
     model: a Character, or any Dynamics (user-written: CustomDynamics).
     steps: N.
-    dt: s.
+    dt: s; where the duration is free it is where the search begins.
     costs: the terms of E.
     constraints: what must hold; a term of E among them means its hard form.
     basis: "nodes", "hermite", or a basis object.
@@ -70,6 +71,10 @@ class Problem(Shown):
     cycle: the motion repeats itself (nodes only): x_0 and v_0 are unknown. Of steps and dt one or
         none need be given, the other follows from the period; the term "Anchor" is added, which
         holds the cycle in place and costs (almost) nothing.
+    duration: s, (shortest, longest): dt is an unknown too, the same for all steps, and the motion
+        takes as long as is best (of a cycle its period, of a whole stride). The term
+        "DurationRange" is added to the constraints; ``octo.Duration`` prices time. By default
+        steps·dt.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
 
     Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what
@@ -97,6 +102,7 @@ class Problem(Shown):
     cycle: Cycle | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     constraints: Sequence[Constraint | Cost] = ()
+    duration: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
@@ -106,13 +112,20 @@ class Problem(Shown):
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)
+        if self.duration is not None:
+            low, high = range_of(self.duration)
+            object.__setattr__(self, "duration", (low, high))
+            if self.dt == 0:
+                object.__setattr__(self, "dt", float(np.sqrt(low * high)) / self.steps)
         if isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics):
             positive("dt", self.dt, "s")  # in units of the user's own
         else:
             time_step(self.dt)
         check_surroundings(self.terrain, self.law, self.model)
         object.__setattr__(self, "costs", costs_of(self.costs))
-        object.__setattr__(self, "constraints", constraints_of(self.constraints))
+        mirrored = self.cycle is not None and self.cycle.mirrored
+        hard = within(constraints_of(self.constraints), self.costs, self.duration, mirrored)
+        object.__setattr__(self, "constraints", hard)
         object.__setattr__(
             self,
             "parameters",

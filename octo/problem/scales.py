@@ -57,6 +57,11 @@ def torque(robot: Character, length: float) -> float:
     return float(0.4 * (weight(robot) * length + inertia * rate**2 + damping * rate))
 
 
+def power(robot: Character, length: float) -> float:
+    """W, mg·√(gℓ): that of lifting the weight as fast as it falls over about ℓ."""
+    return float(weight(robot) * np.sqrt(GRAVITY * length))
+
+
 def rows(robot: Character, length: float) -> Array:
     """(m,) of C's rows: 1/mg for forces, 1/(mg·ℓ) for moments."""
     kinds = [robot.joints[j].kind for j in robot.unactuated]

@@ -67,6 +67,7 @@ class Ipopt:
         self.options = options
         self.compiled = native.compiler() is not None
         self.blocks = CompiledProblem([problem], exact=self.compiled)
+        self.blocks.check_squares("IPOPT", bounds=True)
         self.library = Library(self.blocks, octo_layout(self.blocks)) if self.compiled else None
         source = nlp(problem).symbols if self.library is None else self.library.path
         self.settings = {

@@ -60,6 +60,7 @@ class Fatrop:
         began = time.perf_counter()
         self.problem, self.options = problem, options
         self.compiled = CompiledProblem([problem], exact=True)
+        self.compiled.check_squares("fatrop", bounds=True)
         self.layout = stage_layout(self.compiled)
         self.library = Library(self.compiled, self.layout)
         n, steps = self.compiled.n, self.compiled.steps

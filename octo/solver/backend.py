@@ -34,7 +34,8 @@ class Backend:
     def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
         problem.prepare()
-        kkt.prepare(problem.nc, problem.ma, options.linear_solver)
+        more = int(problem.problems[0].duration is not None)  # dt has a copy and a row in each unit
+        kkt.prepare(problem.nc + more, problem.ma + more, options.linear_solver)
 
     def release(self) -> None:
         """At the end of a solve: give back the memory that was kept for its next iteration."""

@@ -47,6 +47,8 @@ def _every_cost(steps: int = STEPS) -> list[costs.Cost]:
         costs.JointVelocity(velocity=rows[:, 3:6]),
         costs.JointAcceleration(weight=1e-3),
         costs.Effort(),
+        costs.JointPower(weight=1e-3),
+        costs.Duration(weight=0.1),
         costs.TorqueLimit(margin=0.02),
         costs.Upright(body="shank"),
         costs.JointLimit(margin=0.3),

@@ -167,7 +167,8 @@ def test_other_terms_keep_the_gauss_newton_hessian(compiled, wiggle, basis):
 
 def _is_curved(term: costs.Cost) -> bool:
     """It sees torques or contacts."""
-    return isinstance(term, (costs.Effort, costs.TorqueLimit, costs.CustomCost, costs.ContactCost))
+    kinds = (costs.Effort, costs.JointPower, costs.TorqueLimit, costs.CustomCost)
+    return isinstance(term, (*kinds, costs.ContactCost))
 
 
 def _com_velocity(problem: CompiledProblem, nodes: np.ndarray) -> np.ndarray:

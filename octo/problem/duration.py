@@ -1,0 +1,103 @@
+"""How long a motion takes, where that is an unknown: as a price, and what it must stay between."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from octo.checks import positive
+from octo.errors import ProblemError, ValueRangeError, said
+from octo.problem.at import At
+from octo.problem.constraints import Constraint
+from octo.problem.costs import Cost
+from octo.problem.terms import Row
+
+if TYPE_CHECKING:
+    from octo.problem.symbols import Setting, StepSymbols
+
+
+@dataclass(frozen=True, eq=False)
+class Duration(Cost):
+    """The time that the motion takes: ``weight``, by default 1/s, times N·dt. With nothing beside
+    it E is the duration in seconds; of a cycle that of its steps, half a stride where mirrored."""
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"steps": np.array([float(setting.steps)])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return ca.sqrt(step.dt * p["steps"])
+
+
+@dataclass(frozen=True, eq=False)
+class DurationRange(Constraint):
+    """The duration of a motion within a range: what ``Problem(duration=…)`` adds.
+
+    Parameters
+    ----------
+    lower, upper: s.
+    times: that the steps are gone through: two of a mirrored cycle, whose steps are half a stride.
+    """
+
+    lower: float = 0.0
+    upper: float = np.inf
+    times: float = 1.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"steps": np.array([self.times * setting.steps / self.upper])}
+
+    def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return step.dt * p["steps"]
+
+    def bounds(self, setting: Setting) -> tuple[Any, Any]:
+        return self.lower / self.upper, 1.0
+
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        return [Row("the duration", "s", self.upper)]
+
+
+def range_of(given: Any) -> tuple[float, float]:
+    """(shortest, longest) s.
+
+    Raises
+    ------
+    OctoError: ``given`` is no such pair.
+    """
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise ValueRangeError(
+            f"duration is {said(given)}, must be (shortest, longest) in s, or None where it is "
+            "steps·dt"
+        )
+    low, high = (positive("duration", value, "s") for value in given)
+    if not low < high:
+        raise ValueRangeError(
+            f"duration is {said(given)}: the shortest must be less than the longest"
+        )
+    return low, high
+
+
+def within(
+    constraints: Sequence[Constraint],
+    costs: Sequence[Cost],
+    duration: tuple[float, float] | None,
+    mirrored: bool,
+) -> tuple[Constraint, ...]:
+    """The constraints with that of a free duration, or without one where it is fixed.
+
+    Raises
+    ------
+    ProblemError: names a term that acts at times: nobody knows which steps these will be.
+    """
+    kept = [term for term in constraints if not isinstance(term, DurationRange)]
+    if duration is None:
+        return tuple(kept)
+    for term in (*costs, *kept):
+        if isinstance(term.at, At):
+            raise ProblemError(
+                f"{term.label}.at is in seconds and duration is free: say steps, for they keep "
+                "their place"
+            )
+    return *kept, DurationRange(*duration, 2.0 if mirrored else 1.0, at="last")
