@@ -77,7 +77,7 @@ def stride(
 
     Parameters
     ----------
-    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    seconds, dt, period, starts, constraints: and the others, as those of :func:`walk`.
     """
     goal = Goal("stride", number("speed", speed))
     return goal.said(_steady(robot, goal, seconds, **how))
@@ -92,7 +92,7 @@ def turn(
 
     Parameters
     ----------
-    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    seconds, dt, period, starts, constraints: and the others, as those of :func:`walk`.
     """
     goal = Goal("turn", number("rate", rate))
     return goal.said(_steady(robot, goal, seconds, **how))
@@ -116,7 +116,7 @@ def go_to(
         Of yaw the shorter way round is taken: it is a heading, half a turn at most.
     seconds: s, of the whole motion; by default what ``speed`` needs.
     speed: m/s (of a turn rad/s), of the strides, where ``seconds`` are not given.
-    dt, period, starts: and the others, as those of :func:`walk`.
+    dt, period, starts, constraints: and the others, as those of :func:`walk`.
 
     Returns
     -------
