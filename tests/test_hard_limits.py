@@ -3,6 +3,7 @@ octo.limits lists what a robot cannot do."""
 
 from __future__ import annotations
 
+import types
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -14,8 +15,11 @@ import octo
 from octo.errors import OctoError
 from octo.jump import jump_problem
 from octo.model.kinematics import body_poses
+from octo.motions import search
+from octo.motions.budget import Budget
 from octo.motions.journey import Journey
 from octo.motions.path import Path
+from octo.motions.transitions import Transition, _within
 from octo.problem.closure import along_arc, arc_to
 from octo.problem.hard import SOFT, beside, standing
 
@@ -182,3 +186,49 @@ def test_three_poses_at_given_times() -> None:
     for time, pose in poses.items():
         node = 1 + round(time / problem.dt)
         np.testing.assert_allclose(motion.x[node, trunk], pose[trunk], atol=1e-6)
+
+
+def test_what_was_scouted_is_led_to_the_limits_best_first() -> None:
+    """Three are tried at most, and none after one that is clean."""
+
+    def way(at: int, *rank: float) -> Transition:
+        motion = types.SimpleNamespace(converged=at != 4)
+        return Transition(at, motion, rank)  # type: ignore[arg-type]
+
+    path: Any = types.SimpleNamespace(scout=None)
+    scouted = [way(1, 0, 2, 0, 0.3), way(2, 0, 0, 1, 0.5), way(3, 0, 0, 0, 0.4), way(4, 1, 0, 0, 0)]
+    tried: list[int] = []
+
+    def led(failing: set[int]) -> Transition:
+        tried.clear()
+
+        def held(one: Transition) -> list[Transition]:
+            tried.append(one.at)
+            return [way(one.at, int(one.at in failing), 0, 0, 1.0)]
+
+        return _within(path, scouted, held)
+
+    assert led(set()).at == 3 and tried == [3]
+    assert led({3}).at == 2 and tried == [3, 2]
+    assert not led({1, 2, 3}).clean and tried == [3, 2, 1]
+    path.scout = path
+    assert led(set()).at == 3 and tried == []
+    assert scouted[3].start is None and scouted[0].start is scouted[0].motion
+
+
+def test_strides_that_keep_no_limit_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no stride that was scouted is led to its limits, strides hold them from the beginning."""
+    robot = octo.gallery.mammal()
+    journey = Journey(robot, (0.4, 0.0), 0.0, 2.5, period=0.8, constraints=octo.limits(robot))
+    kept: list[bool] = []
+
+    def around(*given: Any) -> Any:
+        kept.append(bool(given[1][0].bounds))
+        return None if given[-1] else given[1][0]
+
+    monkeypatch.setattr(search, "_around", around)
+    monkeypatch.setattr(search, "_good", list)
+    given = {"passes": 1, "max_iterations": 3, "device": "cpu"}
+    motion = search.from_rest_to_rest(replace(journey, starts=1), Budget(given, held=True))
+    assert kept == [False, True] and len(motion.starts) == 2
+    assert journey.priced.priced is journey.priced and not journey.priced.whole.constraints
