@@ -217,7 +217,7 @@ def test_what_was_scouted_is_led_to_the_limits_best_first() -> None:
 
 
 def test_strides_that_keep_no_limit_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no stride that was scouted is led to its limits, strides hold them from the beginning."""
+    """Where no stride that was scouted is led to its limits, others hold them from the first."""
     robot = octo.gallery.mammal()
     journey = Journey(robot, (0.4, 0.0), 0.0, 2.5, period=0.8, constraints=octo.limits(robot))
     kept: list[bool] = []

@@ -103,10 +103,13 @@ def _around(
 
 def _held(journey: Journey, strides: Sequence[Solution], budget: Budget) -> Solution | None:
     """The first of these strides that converges where it is to hold what must, from where it is."""
-    for stride in strides[:TRIED]:
+    for scouted in strides[:TRIED]:
+        stride = _whole_stride(journey.priced, scouted, budget.scouting)
         assert stride.cycle is not None
         count = round(stride.cycle.period / journey.dt)
         problem = journey.cycle(count).replace(parameters=ground_law(stride))
+        if problem.steps != stride.steps:
+            problem = _unmirrored(journey, stride)
         made = going_on(solve(problem, start=stride, **budget.near("a stride within limits")))
         if made.converged and made.energy <= ODD * stride.energy:
             parts = {name: getattr(stride, name) + getattr(made, name) for name in SUMS}
@@ -119,16 +122,21 @@ def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solutio
     assert stride.cycle is not None
     if not stride.cycle.mirrored:
         return stride
-    steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
-    problem = journey.whole.replace(
-        steps=0, cycle=steady, costs=journey.terms, parameters=ground_law(stride)
-    )
+    problem = _unmirrored(journey, stride)
     if stride.cycle.asymmetry <= JOINT * stride.weight and _holds(problem, stride.tile(1)):
         return stride
     both = going_on(solve(problem, start=stride.tile(1), **budget.near("the whole stride")))
     if not both.converged or both.energy > ODD * stride.energy:
         return stride
     return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
+
+
+def _unmirrored(journey: Journey, stride: Solution) -> Problem:
+    """The whole of a stride straight ahead, of which a mirrored one is half."""
+    assert stride.cycle is not None
+    steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
+    given = {"costs": journey.terms, "parameters": ground_law(stride)}
+    return journey.whole.replace(steps=0, cycle=steady, **given)
 
 
 def _holds(problem: Problem, motion: Solution) -> bool:
