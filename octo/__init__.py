@@ -53,6 +53,7 @@ _NAMES = {  # by the module that defines them
         "BaseHeightRange FrictionCones JointLimits JointSpeedLimits StepLimit TiltLimit "
         "TorqueLimits"
     ),
+    "octo.problem.phases": "phases",
     "octo.problem.problem": "Problem",
     "octo.replay": "replay",
     "octo.result.solution": "Solution",
@@ -157,6 +158,7 @@ if TYPE_CHECKING:
     from octo.problem.limits import StepLimit as StepLimit
     from octo.problem.limits import TiltLimit as TiltLimit
     from octo.problem.limits import TorqueLimits as TorqueLimits
+    from octo.problem.phases import phases as phases
     from octo.problem.problem import Problem as Problem
     from octo.replay import replay as replay
     from octo.result.solution import Solution as Solution

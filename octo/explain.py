@@ -17,11 +17,12 @@ import numpy as np
 from octo.checks import Array, asked
 from octo.continuation.member import CONTACT
 from octo.errors import ProblemError, ShapeError, said
-from octo.problem.compiled import CompiledProblem
 from octo.problem.evaluation import Evaluation
+from octo.problem.phased import compiled_of, parts_of
+from octo.problem.phases import Described, Phases, times_of
 from octo.problem.problem import Problem
-from octo.result.bounds import bounds_kept
 from octo.result.explanation import Conflict, Explanation
+from octo.result.phased import all_bounds_kept, row_labels
 from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
 from octo.solver.backend import CPU
@@ -48,7 +49,7 @@ END = ""
 
 
 @asked
-def explain(problem: Problem, solution: Solution | str | os.PathLike[str]) -> Explanation:
+def explain(problem: Described, solution: Solution | str | os.PathLike[str]) -> Explanation:
     """Say why a solve failed, and look for constraints that cannot hold together.
 
     What :meth:`octo.Solution.explain` says costs nothing. The search for a contradiction is a
@@ -59,7 +60,7 @@ def explain(problem: Problem, solution: Solution | str | os.PathLike[str]) -> Ex
 
     Parameters
     ----------
-    problem: that was solved.
+    problem: that was solved, or phases.
     solution: what came of it, or the path of its file or folder; the search starts there.
 
     Returns
@@ -72,7 +73,7 @@ def explain(problem: Problem, solution: Solution | str | os.PathLike[str]) -> Ex
     ------
     OctoError: one of the two is none, or the solution is not of this problem.
     """
-    if not isinstance(problem, Problem):
+    if not isinstance(problem, Described):
         raise ProblemError(f"octo.explain was given {said(problem)}, must be an octo.Problem")
     found = solution_of(solution)
     if found.x.shape != (problem.steps + 2, problem.dynamics.nx):
@@ -97,22 +98,19 @@ class _Trial:
 class _Search:
     """Elastic phases over subsets of the constraints of one problem."""
 
-    def __init__(self, problem: Problem, solution: Solution):
-        own = solution.parameters  # of its last pass
-        stiffness = {k: own[k] for k in CONTACT if k in own and k in problem.values}
-        problem = _of_one_period(problem, solution)
-        problem = problem.replace(parameters=stiffness) if stiffness else problem
-        self.problem, self.fixed = problem, problem.end is not None
-        self.compiled = self.free = CompiledProblem([problem])
+    def __init__(self, problem: Described, solution: Solution):
+        problem = _as_solved(problem, solution)
+        last = problem if isinstance(problem, Problem) else problem.problems[-1]
+        self.problem, self.fixed = problem, last.end is not None
+        self.compiled = self.free = compiled_of([problem])
         if self.fixed:
-            loose = problem.replace(x_end=None, v_end=None, displacement=None)
-            self.free = CompiledProblem([loose], like=self.compiled)
-        costs = len(problem.costs)
+            self.free = compiled_of([_without_end(problem)], like=self.compiled)
         for one in {id(one): one for one in (self.compiled, self.free)}.values():
-            one.q[:, :, :costs] *= PRICE
+            for part in parts_of(one):
+                part.q[:, :, : len(part.problems[0].costs)] *= PRICE
         CPU.prepare(self.compiled, OPTIONS)
-        labels = [term.label for term in problem.terms]
-        self.labels = [labels[k] for k in self.compiled.functions.bounded]  # of each row
+        self.labels = row_labels(self.compiled)  # (N, rows)
+        self.names = [name for name in dict.fromkeys(self.labels.T.ravel()) if name]
         self.starts = [first_nodes(problem, 0, None)]
         if np.isfinite(solution.x).all():
             self.starts.insert(0, first_nodes(problem, 0, solution))
@@ -120,13 +118,13 @@ class _Search:
 
     def conflict(self) -> Conflict:
         """The smallest set that was found."""
-        trial = self._trial(frozenset([*self.labels, *([END] if self.fixed else [])]))
+        trial = self._trial(frozenset([*self.names, *([END] if self.fixed else [])]))
         if trial.holds:
             return Conflict(motion=trial.at.nodes[0, 1:].copy(), solves=self.solves)
         self.starts[0] = trial.at.nodes[0]
         idle = trial.kept - trial.broken
         # as they are written, then the end, then those that the first search left within bounds
-        names = sorted(dict.fromkeys([*self.labels, END]), key=lambda name: name in idle)
+        names = sorted([*self.names, END], key=lambda name: name in idle)
         for left_out in [*([idle] if idle else []), *(frozenset([name]) for name in names)]:
             if left_out <= trial.kept:
                 less = self._trial(trial.kept - left_out)
@@ -135,11 +133,11 @@ class _Search:
 
     def _found(self, trial: _Trial) -> Conflict:
         compiled = self.compiled if END in trial.kept else self.free
-        rows = bounds_kept(compiled, trial.at, 0)
+        rows = all_bounds_kept(compiled, trial.at, 0)
         return Conflict(
             rows=tuple(row for row in rows if row.name in trial.kept),
             end=END in trial.kept,
-            seconds=float(self.problem.steps * self.problem.dt),
+            seconds=float(times_of(self.problem)[-1]),
             certain=trial.certain,
             solves=self.solves,
         )
@@ -159,12 +157,12 @@ class _Search:
     def _phase(self, kept: Kept, nodes: Array) -> _Trial:
         """One elastic phase, which stops where everything holds."""
         compiled = self.compiled if END in kept else self.free
-        own = np.array([label in kept for label in self.labels], dtype=bool)
-        lower, upper = np.where(own, compiled.lower, -np.inf), np.where(own, compiled.upper, np.inf)
+        own, (low, high) = np.isin(self.labels, sorted(kept)), compiled.row_bounds
+        lower, upper = np.where(own, low, -np.inf), np.where(own, high, np.inf)
 
         def beyond(at: Evaluation) -> Array:
-            """(rows,) how far each is beyond its bounds, at most."""
-            off = np.abs(at.rows - np.clip(at.rows, lower, upper)).max(axis=(0, 1), initial=0.0)
+            """(N, rows) how far each is beyond its bounds."""
+            off = np.abs(at.rows - np.clip(at.rows, lower, upper))[0]
             return np.where(np.isnan(off), np.inf, off)
 
         def holds(iterate: sqp.Iterate) -> bool:
@@ -187,8 +185,33 @@ class _Search:
                 raise KeyboardInterrupt
         far = beyond(result.at)
         least = PART * far.max(initial=0.0)
-        broken = {name for name, most in zip(self.labels, far, strict=True) if most > least}
+        broken = {str(name) for name in self.labels[far > least]}
         return _Trial(kept, result.at, False, status.converged, kept & {*broken, END})
+
+
+def _as_solved(described: Described, solution: Solution) -> Described:
+    """With the contact stiffness of the pass that the solution is of."""
+    if isinstance(described, Problem):
+        problem = _of_one_period(described, solution)
+        stiffness = _stiffness(problem, solution)
+        return problem.replace(parameters=stiffness) if stiffness else problem
+    if len(solution.phases) != len(described.problems):
+        many = f"{len(solution.phases)} phases, the problem {len(described.problems)}"
+        raise ProblemError(f"the solution has {many}: it is not of this problem")
+    pairs = zip(described.problems, solution.phases, strict=True)
+    return described.with_parameters([_stiffness(*pair) for pair in pairs])
+
+
+def _stiffness(problem: Problem, solution: Solution) -> dict[str, float]:
+    own = solution.parameters  # of its last pass
+    return {k: own[k] for k in CONTACT if k in own and k in problem.values}
+
+
+def _without_end(described: Described) -> Described:
+    """The same with a free last state."""
+    if isinstance(described, Phases):
+        return described.without_end()
+    return described.replace(x_end=None, v_end=None, displacement=None)
 
 
 def _of_one_period(problem: Problem, solution: Solution) -> Problem:

@@ -70,8 +70,7 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
         ]
     if solution.gait is not None:
         rows.append(("gait", str(solution.gait)))
-    sampled = f"{solution.steps} steps of {solution.dt:.6g} s ({solution.basis})"
-    return f"{solution.name}, {sampled}", rows
+    return f"{solution.name}, {solution.sampling} ({solution.basis})", rows
 
 
 def _few(names: list[str]) -> str:

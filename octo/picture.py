@@ -14,6 +14,7 @@ from octo.checks import STILLS, Array, ending, numbers, whole
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces, tile
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 
@@ -109,7 +110,7 @@ def filmstrip(
         path = ending("path", path, STILLS)
     from octo.figure import Figure
 
-    solution = motion_of(solution)
+    solution = even(motion_of(solution))
     if solution.character is None:
         raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
     frames = _chosen(solution, whole("moments", moments), between)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending
+from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 
@@ -80,7 +81,10 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
         grid = figure.add_gridspec(len(rows), 2, height_ratios=heights)
         for r, (_, panels) in enumerate(rows):
             for k, panel in enumerate(panels):
-                panel(solution, figure.add_subplot(grid[r, k] if len(panels) == 2 else grid[r, :]))
+                axes = figure.add_subplot(grid[r, k] if len(panels) == 2 else grid[r, :])
+                panel(solution, axes)
+                for when in _joints(solution) if axes.get_xlabel() == "time (s)" else ():
+                    axes.axvline(when, color="#8a9099", lw=0.8, ls=":")
         if path is not None:
             figure.savefig(path, dpi=120)
     return figure
@@ -95,7 +99,7 @@ def _headline(solution: Solution) -> str:
     sentence = solution.status.value
     if solution.converged:
         sentence = sentence.partition(":")[0]
-    steps = f"{solution.steps} steps of {solution.dt:g} s ({solution.basis})"
+    steps = f"{solution.sampling} ({solution.basis})"
     lines = [
         f"{solution.name}, {steps}: {sentence}",
         f"E = {solution.energy:.4g}, ‖C‖∞ = {solution.violation:.1e} N, pointwise "
@@ -105,6 +109,11 @@ def _headline(solution: Solution) -> str:
     if solution.loaded.any():
         lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
     return "\n".join(lines)
+
+
+def _joints(solution: Solution) -> Array:
+    """s, when a phase begins but the first."""
+    return np.cumsum([phase.steps * phase.dt for phase in solution.phases[:-1]])
 
 
 def _position(solution: Solution, axes: Axes) -> None:
@@ -119,7 +128,8 @@ def _velocity(solution: Solution, axes: Axes) -> None:
     if solution.character is None:
         rate, times, title = solution.v, solution.times, "their rates (rad/s, m/s)"
     else:
-        rate, times = np.diff(values, axis=0) / solution.dt, solution.times[1:]
+        rate = np.diff(values, axis=0) / solution.intervals[1:, None]
+        times = solution.times[1:]
         title = "its velocity (m/s)"
     _lines(axes, times, rate[:, : len(names)], names)
     axes.set(title=title, xlabel="time (s)")
@@ -146,7 +156,7 @@ def _contacts(solution: Solution, axes: Axes) -> None:
     force, names, left_out = _chosen_rows(
         solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
     )
-    edges = solution.dt * np.arange(solution.steps + 1)
+    edges = solution.times
     top = max(float(force.max()), 1e-12)
     for row, name in enumerate(names):
         base = len(names) - 1 - row
@@ -182,6 +192,7 @@ def _torques(solution: Solution, axes: Axes) -> None:
         axes.set(title=title if limited.any() else "torque (N m, N)")
         axes.set(xlabel="time (s)", xlim=(0.0, solution.times[-1]))
         return
+    solution = even(solution)  # an image has columns of one width
     title = title if limited.any() else "torque / its largest"
     used = np.ones(len(names), dtype=bool)
     share, names, left_out = _chosen_rows(solution.u / scale, names, used)

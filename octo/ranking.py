@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from octo.problem.problem import Problem
+from octo.problem.phases import Described
 from octo.result.gait import flaws
 from octo.result.solution import Solution
 
@@ -30,7 +30,7 @@ def rank(member: Solution) -> tuple[bool, int, bool, int, float]:
     return not member.converged, -done, not feasible, flawed, last
 
 
-def rank_of_period(problem: Problem, member: Solution) -> tuple[bool, int, bool, int, float]:
+def rank_of_period(problem: Described, member: Solution) -> tuple[bool, int, bool, int, float]:
     """As ``rank``, with the work of the joints in place of E.
 
     The terms of E are means over time, but they do not mean the same for every period: feet that

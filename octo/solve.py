@@ -14,22 +14,23 @@ import numpy as np
 
 from octo.checks import asked, instance, room, takes, whole
 from octo.continuation.member import record
-from octo.continuation.run import Continuation, Schedule
-from octo.continuation.schedule import schedule, stiffened
+from octo.continuation.run import Continuation
+from octo.continuation.schedule import Schedule, schedule_of, stiffened
 from octo.devices import backend_of, say_cpu
 from octo.dynamics.evaluate import Dynamics
 from octo.errors import DeviceError, ProblemError, ValueRangeError, said
 from octo.model.character import Character
 from octo.problem.compiled import CompiledProblem
+from octo.problem.phased import Compiled, check_all_alike, compiled_of
+from octo.problem.phases import Described, Phases
 from octo.problem.problem import Array, Problem
-from octo.problem.structure import check_alike
 from octo.progress import Progress, check_progress
 from octo.ranking import rank, rank_of_period, say_kept
 from octo.result.measure import measured
 from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
-from octo.solver.free_time import lasting
+from octo.solver.clocks import as_long_as
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
@@ -74,11 +75,11 @@ class Usual:
 
 @overload
 def solve(
-    problem: Problem, *, start: Guess = None, seeds: int = 1, seed: int = 0, **how: Unpack[How]
+    problem: Described, *, start: Guess = None, seeds: int = 1, seed: int = 0, **how: Unpack[How]
 ) -> Solution: ...
 @overload
 def solve(
-    problem: Sequence[Problem],
+    problem: Sequence[Described],
     *,
     start: Start = None,
     seeds: int = 1,
@@ -88,7 +89,7 @@ def solve(
 @asked
 @takes(Usual)
 def solve(
-    problem: Problem | Sequence[Problem],
+    problem: Described | Sequence[Described],
     *,
     start: Start = None,
     seeds: int = 1,
@@ -100,7 +101,7 @@ def solve(
     Parameters
     ----------
     problem: one problem, or several of one structure (same robot, terms, basis, steps) that are
-        solved as one batch.
+        solved as one batch. In place of a problem also what :func:`octo.phases` makes.
     start: a Solution (or the path of its file or folder), or nodes x_0 … x_N (N+1, nx), to start
         from instead of the static pose with noise; of several problems one for all, or a list of
         one for each. With another number of steps than the problem's it is resampled: the whole of
@@ -139,13 +140,17 @@ class _Request(Usual):
     seeds: int = 1
     seed: int = 0
 
-    def settings(self, problems: Sequence[Problem]) -> SqpOptions:
+    def settings(self, problems: Sequence[Described]) -> SqpOptions:
         """The solver's options, where everything that was asked for can be done."""
         chosen = settings_of(self.options, self.max_iterations, self.time_limit, self.tolerance)
         whole("seeds", self.seeds, most=MOST_STARTS)
         whole("threads", self.threads, most=MOST_THREADS)
         whole("seed", self.seed, 0, LARGEST_SEED)
         check_progress(self.progress, self.callback)
+        if chosen.step != "line_search" and any(isinstance(one, Phases) for one in problems):
+            raise ProblemError(
+                f"options.step is {chosen.step!r}, must be 'line_search' to solve phases"
+            )
         steps, n = max(problem.steps for problem in problems), problems[0].dynamics.nx
         starts, basis = len(problems) * self.seeds, problems[0].basis_object
         blocks = max(BLOCKS * float(steps), BLOCKS * float(basis.units(steps)) * basis.parts**2)
@@ -161,10 +166,10 @@ class _Request(Usual):
 
 
 def _best(
-    given: Problem | Sequence[Problem], start: Start, **options: Any
+    given: Described | Sequence[Described], start: Start, **options: Any
 ) -> Solution | list[Solution]:
     """The best solution of each problem, of the best period where a cycle has a range."""
-    problems = [given] if isinstance(given, Problem) else _problems(given)
+    problems = [given] if isinstance(given, Described) else _problems(given)
     periods = [_of_each_period(one) for one in problems]
     pairs = zip(starts_of(start, problems, 1), periods, strict=True)
     starts = [own for own, group in pairs for _ in group]
@@ -174,13 +179,13 @@ def _best(
     for described, group in zip(problems, periods, strict=True):
         rivals = [members[k] for k in islice(left, len(group))]
         chosen.append(min(rivals, key=partial(rank_of_period, described)))
-    if not isinstance(given, Problem):
+    if not isinstance(given, Described):
         return chosen
     say_kept(chosen[0])
     return replace(chosen[0], starts=tuple(m.report() for m in members))
 
 
-def _problems(given: Any) -> list[Problem]:
+def _problems(given: Any) -> list[Described]:
     """A batch, or a sentence that says what is missing of one."""
     if isinstance(given, (Character, Dynamics)):
         raise ProblemError(
@@ -188,7 +193,7 @@ def _problems(given: Any) -> list[Problem]:
             "is missing. Say it with octo.Problem(robot, steps=160, dt=0.025, "
             "costs=[octo.Effort()]), or call octo.walk(robot)"
         )
-    if not isinstance(given, (list, tuple)) or not all(isinstance(one, Problem) for one in given):
+    if not isinstance(given, (list, tuple)) or not all(isinstance(one, Described) for one in given):
         kinds = "an octo.Problem or a list of them"
         raise ProblemError(f"octo.solve was given {said(given)}, must be {kinds}")
     if not given:
@@ -196,8 +201,10 @@ def _problems(given: Any) -> list[Problem]:
     return list(given)
 
 
-def _of_each_period(problem: Problem) -> list[Problem]:
+def _of_each_period(problem: Described) -> list[Described]:
     """The problem itself, or one for each period of its cycle's range."""
+    if isinstance(problem, Phases):
+        return [problem]
     cycle = problem.cycle
     if cycle is None or not isinstance(cycle.period, tuple):
         return [problem]
@@ -205,29 +212,32 @@ def _of_each_period(problem: Problem) -> list[Problem]:
 
 
 def solve_all(
-    problem: Problem | Sequence[Problem], *, start: Start = None, **options: Any
+    problem: Described | Sequence[Described], *, start: Start = None, **options: Any
 ) -> list[Solution]:
     """As :func:`solve`, but the solutions of all starts of all problems, not the best of each."""
-    problems = [problem] if isinstance(problem, Problem) else list(problem)
+    problems = [problem] if isinstance(problem, Described) else list(problem)
     return _solve(problems, start, _Request(**options))[0]
 
 
 def _solve(
-    problems: list[Problem], start: Start, request: _Request
+    problems: list[Described], start: Start, request: _Request
 ) -> tuple[list[Solution], list[int]]:
     """All members' solutions, and the index of the best one of each problem."""
     options, seeds = request.settings(problems), request.seeds
     backend = backend_of(request.device)
-    check_alike(problems)  # before the seeds, so that a message counts what the caller gave
+    check_all_alike(problems)  # before the seeds, so that a message counts what the caller gave
     own = _schedules(problems, request.passes)
     starts = starts_of(start, problems, seeds)
     pairs = zip([problem for problem in problems for _ in range(seeds)], starts, strict=True)
-    batch = [_as_long_as(*pair) for pair in pairs]
+    batch = [
+        as_long_as(problem, given.intervals[1:]) if isinstance(given, Solution) else problem
+        for problem, given in pairs
+    ]
     numbers = [request.seed + k for _ in problems for k in range(seeds)]
     schedules = [plan for plan in own for _ in range(seeds)]
     began = time.perf_counter()
     current = stiffened(batch, [plan[0] for plan in schedules])
-    compiled = CompiledProblem(current, int(request.threads))
+    compiled = compiled_of(current, int(request.threads))
     default = options.step == "line_search"
     compiled.check_squares("octo.solve" if default else "step='trust_region'", default, default)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
@@ -243,16 +253,9 @@ def _solve(
     return members, [min(group, key=lambda k: rank(members[k])) for group in groups]
 
 
-def _as_long_as(problem: Problem, start: Solution | Array | None) -> Problem:
-    """The problem; where its duration is free, with that of the solution that it starts from."""
-    if problem.duration is None or not isinstance(start, Solution):
-        return problem
-    return lasting(problem, start.dt * start.steps / int(problem.steps))
-
-
-def _schedules(problems: Sequence[Problem], passes: int | None) -> list[Schedule]:
+def _schedules(problems: Sequence[Described], passes: int | None) -> list[Schedule]:
     """The passes of each problem, which grow in all of them or in none."""
-    own = [schedule(problem, passes) for problem in problems]
+    own = [schedule_of(problem, passes) for problem in problems]
     fixed = [[stage is None for stage in plan] for plan in own]
     if any(one != fixed[0] for one in fixed[1:]):
         told = "one has passes in which it grows, one is fixed"
@@ -273,9 +276,7 @@ def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: A
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})
 
 
-def _prepared(
-    backend: Backend, compiled: CompiledProblem, options: SqpOptions, device: str
-) -> Backend:
+def _prepared(backend: Backend, compiled: Compiled, options: SqpOptions, device: str) -> Backend:
     """The backend, compiled; with "auto", what the GPU cannot take goes to the CPU."""
     try:
         backend.prepare(compiled, options)

@@ -16,7 +16,8 @@ from octo.model.feet import feet_of, touching
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.mass_matrix import joint_twists
 from octo.problem.closure import Closure
-from octo.problem.compiled import CompiledProblem
+from octo.problem.phased import Compiled
+from octo.problem.phases import Described, Phases, times_of
 from octo.problem.problem import Array, Problem
 from octo.result.solution import Solution, solution_of
 
@@ -27,10 +28,10 @@ SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one th
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 
 
-def first_nodes(problem: Problem, seed: int, start: Solution | Array | None) -> Array:
+def first_nodes(problem: Described, seed: int, start: Solution | Array | None) -> Array:
     """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates,
     or what the user gave."""
-    if problem.closure is not None:
+    if isinstance(problem, Problem) and problem.closure is not None:
         return _first_cycle(problem, problem.closure, seed, start)
     if start is None:
         nodes = np.repeat(problem.start[None], problem.steps + 2, axis=0)
@@ -94,38 +95,50 @@ def fore_and_aft(problem: Problem) -> Array:
     return signs
 
 
-def _given_nodes(problem: Problem, start: Solution | Array) -> Array:
+def _given_nodes(problem: Described, start: Solution | Array) -> Array:
     """x_0 (twice) … x_N (N+2, nx) that the user gave."""
     given = numbers("start", start.x[1:] if isinstance(start, Solution) else start)
     if given.ndim != 2 or given.shape[1] != problem.dynamics.nx or len(given) < 2:
         rows = f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more"
         raise ShapeError("start", given.shape, rows)
-    given = resampled(given, problem.steps)
+    before = start.times if isinstance(start, Solution) and start.phases else None
+    after = problem.times if isinstance(problem, Phases) else None
+    given = resampled(given, problem.steps, before, after)
     return np.concatenate([given[:1], given])
 
 
-def resampled(nodes: Array, steps: int) -> Array:
+def resampled(
+    nodes: Array, steps: int, before: Array | None = None, after: Array | None = None
+) -> Array:
     """Nodes (M+1, nx) as (steps+1, nx): the same motion from its first to its last, on a natural
-    cubic spline."""
+    cubic spline.
+
+    before, after: when the nodes are and when they are to be, of any unit and from 0 on; by default
+        at even times.
+    """
     if len(nodes) == steps + 1:
         return nodes
-    spline = CubicSpline(np.linspace(0.0, 1.0, len(nodes)), nodes, axis=0, bc_type="natural")
-    return np.asarray(spline(np.linspace(0.0, 1.0, steps + 1)))
+    given, wanted = (
+        np.linspace(0.0, 1.0, count) if times is None else times / times[-1]
+        for times, count in ((before, len(nodes)), (after, steps + 1))
+    )
+    spline = CubicSpline(given, nodes, axis=0, bc_type="natural")
+    return np.asarray(spline(wanted))
 
 
-def smooth_noise(problem: Problem, seed: int) -> Array:
+def smooth_noise(problem: Described, seed: int) -> Array:
     """(N, nu) rad and m: a cubic spline through random knots, zero at the start; the same for the
     same seed."""
-    duration = problem.steps * problem.dt
+    times = times_of(problem)
+    duration = float(times[-1])
     knots = max(3, int(np.ceil(duration / NOISE_PERIOD)) + 1)
     values = NOISE * np.random.default_rng(seed).standard_normal((knots, problem.dynamics.nu))
     values[0] = 0.0
-    times = problem.dt * np.arange(1, problem.steps + 1)
-    return np.asarray(CubicSpline(np.linspace(0.0, duration, knots), values, axis=0)(times))
+    return np.asarray(CubicSpline(np.linspace(0.0, duration, knots), values, axis=0)(times[1:]))
 
 
 def first_multipliers(
-    starts: Sequence[Solution | Array | None], compiled: CompiledProblem
+    starts: Sequence[Solution | Array | None], compiled: Compiled
 ) -> Array | None:
     """Those of warm starts of the same shape, zero for other members."""
     found = np.zeros((len(starts), compiled.K, compiled.ma))
@@ -136,7 +149,9 @@ def first_multipliers(
     return found if warm else None
 
 
-def starts_of(start: Any, problems: Sequence[Problem], seeds: int) -> list[Solution | Array | None]:
+def starts_of(
+    start: Any, problems: Sequence[Described], seeds: int
+) -> list[Solution | Array | None]:
     """The start of each member: a list has one for each problem."""
     if not isinstance(start, (list, tuple)):
         return [_opened(start)] * (len(problems) * seeds)

@@ -25,8 +25,8 @@ DT, STEPS = 0.05, 40
 def mass(**more: Any) -> octo.Problem:
     """1 kg that a force pushes along a line, at rest at 0."""
     fd = octo.CustomDynamics(lambda a, b, c, p: (a - 2 * b + c) / p["dt"] ** 2, 1, [0], {"dt": DT})
-    given = {"costs": [octo.Effort(weight=1.0, reference=1.0)], "x0": np.zeros(1), **more}
-    return octo.Problem(fd, steps=STEPS, dt=DT, **given)
+    given = {"costs": [octo.Effort(weight=1.0, reference=1.0)], "x0": np.zeros(1)}
+    return octo.Problem(fd, **{**given, "steps": STEPS, "dt": DT, **more})
 
 
 def falling(**more: Any) -> octo.Problem:
@@ -263,3 +263,38 @@ def test_weights_and_shifts_are_derivatives_of_the_price() -> None:
         np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), here[1], atol=1e-8)
         np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), here[2], atol=1e-8)
         assert (here[2] >= 0.0).all()
+
+
+def in_phases(weak: float) -> Any:
+    """A second to get to 0.8 m by a force of 5 N at most, and one more with a weak motor to be at
+    rest."""
+    strong = mass(steps=STEPS // 2, constraints=[octo.TorqueLimits(5.0), place("slow", -1.0, 0.3)])
+    rest = mass(steps=STEPS, x0=None, dt=0.5 * DT, constraints=[octo.TorqueLimits(weak)], **AT_REST)
+    return octo.phases([strong, rest])
+
+
+def test_a_contradiction_between_phases_is_named_with_them() -> None:
+    """From 0.3 m at most to 0.8 m at rest in a second: a mean of 0.5 m/s, stopped by 0.1 N."""
+    phases = in_phases(0.1)
+    found = octo.solve(phases, max_iterations=60)
+    assert not found.converged
+    conflict = octo.explain(phases, found).conflict
+    assert conflict is not None and conflict.end
+    assert conflict.names == ("slow (phase 0)", "TorqueLimits (phase 1)", "the fixed end")
+    slow, torque = conflict.rows
+    assert slow.time <= 1.0 < torque.time and torque.step >= STEPS // 2
+    assert conflict.seconds == pytest.approx(2.0)
+
+
+def test_phases_that_can_hold_together() -> None:
+    phases = in_phases(2.5)
+    conflict = octo.explain(phases, octo.solve(phases, max_iterations=3)).conflict
+    assert conflict is not None and conflict.names == () and conflict.motion is not None
+    assert octo.solve(phases, start=conflict.motion).converged
+
+
+def test_a_solution_of_other_phases_is_refused() -> None:
+    phases = in_phases(2.5)
+    whole = octo.solve(mass(steps=phases.steps), max_iterations=3)
+    with pytest.raises(OctoError, match="the solution has 0 phases, the problem 2"):
+        octo.explain(phases, whole)

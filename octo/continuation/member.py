@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array
-from octo.problem.compiled import CompiledProblem
-from octo.result.measure import measured
+from octo.problem.phased import Compiled
+from octo.result.phased import motion_of
 from octo.result.solution import Solution
 from octo.result.trajectory import Trajectory
 from octo.solver import sqp
@@ -40,15 +40,13 @@ class Member:
     seconds: float = 0.0
     processor_seconds: float = 0.0
 
-    def add(
-        self, compiled: CompiledProblem, result: sqp.Result, place: int, setup_seconds: float
-    ) -> bool:
+    def add(self, compiled: Compiled, result: sqp.Result, place: int, setup_seconds: float) -> bool:
         """One more pass, of which this is the member at ``place``: whether it converged.
 
         Where it did not, the motion of the last converged pass stays, near its optimum.
         """
         number, status = len(self.passes) + 1, result.status[place]
-        found = measured(compiled, result.at, place)
+        found = motion_of(compiled, result.at, place)
         iterations = int(result.iterations[place])
         factorizations, seconds = int(result.factorizations[place]), float(result.seconds)
         figures = (Trajectory(**found), status, iterations, factorizations, seconds)
@@ -73,7 +71,20 @@ class Member:
         names = ("status", "seed", "device", "stages", "iterations", "factorizations", "seconds")
         own = {name: getattr(self, name) for name in (*names, "processor_seconds")}
         history = {name: np.concatenate([part[name] for part in self.history]) for name in HISTORY}
-        return Solution(**self.motion, **own, passes=tuple(self.passes), history=history)
+        whole = self.motion | {"phases": self._phases(own)}
+        return Solution(**whole, **own, passes=tuple(self.passes), history=history)
+
+    def _phases(self, own: dict[str, Any]) -> tuple[Solution, ...]:
+        """Those of the motion, which were all found together; the history is the whole's."""
+        multipliers, setup = self.motion["multipliers"], self.motion["setup_seconds"]
+        none = {name: np.zeros(0) for name in HISTORY}
+        made, first = [], 0
+        for phase in self.motion.get("phases", ()):
+            rows = multipliers[first : first + phase.steps]
+            found = {"multipliers": rows, "setup_seconds": setup, "history": none}
+            made.append(Solution(**vars(phase), **own, **found))
+            first += phase.steps
+        return tuple(made)
 
 
 def record(

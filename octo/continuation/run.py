@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from octo.continuation.member import Member
 from octo.continuation.schedule import (
     INTERMEDIATE_ITERATIONS,
-    Pass,
+    Schedule,
+    Step,
     early,
-    intermediate,
+    on_the_way,
     shifted,
     stiffened,
 )
-from octo.problem.compiled import CompiledProblem
+from octo.problem.phased import Compiled, compiled_of
+from octo.problem.phases import Described
 from octo.problem.problem import Array
 from octo.result.solution import Solution
 from octo.solver import sqp
@@ -28,14 +30,12 @@ from octo.solver.free_time import FreeTime, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
-Schedule = list[Pass | None]
-
 
 @dataclass(eq=False)
 class Continuation:
     """The passes of one batch."""
 
-    compiled: CompiledProblem  # the members that are still at work, with the laws of their pass
+    compiled: Compiled  # the members that are still at work, with the laws of their pass
     nodes: Array  # (batch, N+2, nx) x_{-1} … x_N, where the next solve starts
     lam: Array | None  # (batch, K, ma) multipliers of that start; None for zeros
     options: SqpOptions  # of every pass; ``time_limit`` is of all of them
@@ -87,7 +87,7 @@ class Continuation:
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
         """From the end of one pass to the end of the next, in steps of the stiffness."""
         pairs = [(a, b) for a, b in ends if a is not None and b is not None]
-        ways = [(*intermediate(before, after), after) for before, after in pairs]
+        ways = [(*on_the_way(before, after), after) for before, after in pairs]
         results: list[sqp.Result] = []
         for passes in zip(*ways, strict=True):
             last = len(results) + 1 == len(ways[0])
@@ -104,13 +104,16 @@ class Continuation:
             result = result.after(earlier)
         return result
 
-    def _set_stiffness(self, passes: Sequence[Pass]) -> None:
+    def _set_stiffness(self, passes: Sequence[Step]) -> None:
         """The same problems with stiffer contact laws; the nodes are shifted to their starts."""
         began = time.perf_counter()
-        before, problems = self.compiled.problems, stiffened(self.compiled.problems, passes)
-        pairs = zip(self.nodes, before, problems, strict=True)
-        self.nodes = np.stack([shifted(*one) for one in pairs])
-        self.compiled = CompiledProblem(problems, self.threads, like=self.compiled)
+        before: tuple[Described, ...] = self.compiled.problems
+        problems = stiffened(before, passes)
+        pairs = zip(before, problems, strict=True)
+        self.nodes = np.stack(
+            [shifted(nodes, *pair) for nodes, pair in zip(self.nodes, pairs, strict=True)]
+        )
+        self.compiled = compiled_of(problems, self.threads, like=self.compiled)
         self.setup_seconds += time.perf_counter() - began
 
     def _solve(self, max_iterations: int) -> sqp.Result:

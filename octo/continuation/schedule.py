@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from octo.dynamics.laws import Smooth, Viscous
 from octo.errors import ProblemError
 from octo.problem.basis import Hermite
 from octo.problem.contact_costs import SlipPower
+from octo.problem.phases import Described
 from octo.problem.problem import Array, Problem
 from octo.solver.options import SqpOptions
 
@@ -43,6 +44,18 @@ class Pass:
         return {"contact.w_perp": w_perp, **friction, "contact.onset": self.onset}
 
 
+@dataclass(frozen=True)
+class Together:
+    """One pass of phases: that of each, None where its contact law stays as it is."""
+
+    passes: tuple[Pass | None, ...]
+
+
+D = TypeVar("D", bound=Described)
+Step = Pass | Together
+Schedule = list[Step | None]
+
+
 EARLY = {"dual_tolerance": 1e-3, "step_tolerance": 1e-2, "plateau_change": 5e-3}
 EARLY_PLATEAU = 10
 
@@ -61,6 +74,19 @@ def early(options: SqpOptions) -> SqpOptions:
 FACTORS = 3
 # … with this many iterations at each before the last: a start of 43 N of ‖C‖∞ becomes one of 8 N
 INTERMEDIATE_ITERATIONS = 3
+
+
+def on_the_way(first: Step, last: Step) -> list[Step]:
+    """The passes from one to the next, without the two."""
+    if isinstance(first, Together) and isinstance(last, Together):
+        still: list[Pass | None] = [None] * (FACTORS - 1)
+        each = [
+            still if a is None or b is None else intermediate(a, b)
+            for a, b in zip(first.passes, last.passes, strict=True)
+        ]
+        return [Together(passes) for passes in zip(*each, strict=True)]
+    assert isinstance(first, Pass) and isinstance(last, Pass)
+    return [*intermediate(first, last)]
 
 
 def intermediate(first: Pass, last: Pass) -> list[Pass]:
@@ -96,6 +122,24 @@ def ratios(problem: Problem) -> tuple[float | None, ...]:
     return (friction.w_par / law.w_perp if isinstance(friction, Viscous) else None,) * len(RATIOS)
 
 
+def schedule_of(described: Described, count: int | None) -> Schedule:
+    """The passes of a problem, or of phases, whose contact laws grow stiff together; [None] solves
+    it with the parameters it has."""
+    if isinstance(described, Problem):
+        return [*schedule(described, count)]
+    growing = [growable(problem) for problem in described.problems]
+    if not any(growing):
+        return [*schedule(described.problems[0], count)]
+    own = [
+        schedule(problem, count) if grows else None
+        for problem, grows in zip(described.problems, growing, strict=True)
+    ]
+    number = max(len(passes) for passes in own if passes is not None)
+    still: list[Pass | None] = [None] * number
+    each = (still if passes is None else passes for passes in own)
+    return [Together(passes) for passes in zip(*each, strict=True)]
+
+
 def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     """The passes of a problem; [None] solves it with the parameters it has.
 
@@ -120,18 +164,28 @@ def schedule(problem: Problem, count: int | None) -> list[Pass | None]:
     ]
 
 
-def stiffened(problems: Sequence[Problem], passes: Sequence[Pass | None]) -> list[Problem]:
+def stiffened(problems: Sequence[D], passes: Sequence[Step | None]) -> list[D]:
     """Problems with the contact laws of their passes, None for their own: what is the same problem
     and pass is one object."""
-    made: dict[tuple[int, Pass | None], Problem] = {}
+    made: dict[tuple[int, Step | None], D] = {}
     for problem, wanted in zip(problems, passes, strict=True):
         if (id(problem), wanted) not in made:
-            given = {} if wanted is None else wanted.parameters(problem.weight)
-            made[id(problem), wanted] = problem.replace(parameters=given) if given else problem
+            made[id(problem), wanted] = cast(D, _with(problem, wanted))
     return [made[id(problem), wanted] for problem, wanted in zip(problems, passes, strict=True)]
 
 
-def shifted(nodes: Array, before: Problem, problem: Problem) -> Array:
+def _with(described: Described, wanted: Step | None) -> Described:
+    """A problem, or phases, with the contact law of a pass."""
+    if isinstance(described, Problem):
+        given = wanted.parameters(described.weight) if isinstance(wanted, Pass) else {}
+        return described.replace(parameters=given) if given else described
+    if not isinstance(wanted, Together):
+        return described
+    own = [{} if one is None else one.parameters(described.weight) for one in wanted.passes]
+    return described.with_parameters(own)
+
+
+def shifted(nodes: Array, before: Described, problem: Described) -> Array:
     """Nodes (N+2, nx) of the pass before, shifted so that they begin at the start of this one."""
     moved = nodes + (problem.start - before.start)
     if problem.closure is not None:

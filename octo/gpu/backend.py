@@ -17,6 +17,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.gpu.program import bytes_of
 from octo.gpu.work import DeviceFactors, Work
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
+from octo.problem.phased import Compiled
 from octo.solver.backend import Backend
 from octo.solver.options import SqpOptions
 from octo.solver.subproblem import Three, Two
@@ -43,15 +44,16 @@ class DeviceBackend(Backend):
         self._linear: dict[tuple[int, int], Linear] = {}
         self._own = _Own()
 
-    def place(self, problem: CompiledProblem) -> DeviceProblem:
+    def place(self, problem: Compiled) -> DeviceProblem:
         """``problem`` on the device; one with the same generated code shares what was compiled for
         the one before.
 
         Raises
         ------
         DeviceError: the device has too little memory, the robot is too large for its shared
-            memory, its units have extra unknowns, or its duration is free.
+            memory, its units have extra unknowns, its duration is free, or these are phases.
         """
+        problem = _single(problem)
         if problem.problems[0].duration is not None:
             raise DeviceError("duration is free, must be fixed on a GPU: solve with device='cpu'")
         if problem.plan.extra or problem.plan.extra_rows:
@@ -81,9 +83,9 @@ class DeviceBackend(Backend):
     def array(self, values: NDArray[np.float64] | None) -> Array | None:
         return None if values is None else self.device.array(values)
 
-    def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
+    def prepare(self, problem: Compiled, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
-        own = text(problem.nc, problem.ma, self.device.shared_limit)
+        own = text(_single(problem).nc, problem.ma, self.device.shared_limit)
         with ThreadPoolExecutor(1) as pool:
             beside = pool.submit(self.device.compile, [own])
             self.place(problem)
@@ -164,3 +166,10 @@ class DeviceBackend(Backend):
 
     def _of(self, A: Array) -> Linear:
         return self.linear(int(A.shape[4]), int(A.shape[3]))
+
+
+def _single(problem: Compiled) -> CompiledProblem:
+    """``problem``, which must be one, not phases of one."""
+    if not isinstance(problem, CompiledProblem):
+        raise DeviceError("phases are not solved on a GPU: solve with device='cpu'")
+    return problem

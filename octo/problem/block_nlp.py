@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from octo.problem.codegen import CostFunctions
 from octo.problem.evaluation import Evaluation, Model
+from octo.problem.phases import Described
 from octo.problem.problem import Problem
 
 Array = Any  # of NumPy, or of a device
@@ -25,8 +26,7 @@ class BlockNLP(Protocol):
     batch: problems. K: units. nc, ma: unknowns and rows of C of a unit.
     steps: N. n, m: coordinates and unactuated rows of a step.
     weight: N, of the robot, whose parts C is in. threads: of a CPU.
-    q: (batch, N, NQ) coefficients and references of the terms; changing them in place changes E.
-    functions: of the terms. problems: what the batch was made from.
+    problems: what the batch was made from.
     """
 
     batch: int
@@ -38,11 +38,9 @@ class BlockNLP(Protocol):
     m: int
     weight: float
     threads: int
-    q: Array
-    functions: CostFunctions
 
     @property
-    def problems(self) -> Sequence[Problem]: ...
+    def problems(self) -> Sequence[Described]: ...
 
     def take(self, members: Array) -> BlockNLP:
         """Some members, by index."""
@@ -89,3 +87,21 @@ class BlockNLP(Protocol):
         """Eq. 9; with multipliers ``lam`` (batch, K, ma) the curvature of lamᵀC and of the torques
         too, and of the terms over contacts for the members ``curved`` (batch,)."""
         ...
+
+
+class WeighedNLP(BlockNLP, Protocol):
+    """One whose terms may be weighed anew, as a rule that scales E itself does.
+
+    Attributes
+    ----------
+    q: (batch, N, NQ) coefficients and references of the terms; changing them in place changes E.
+    functions: of the terms.
+    """
+
+    q: Array
+    functions: CostFunctions
+
+    @property
+    def problems(self) -> Sequence[Problem]: ...
+
+    def take(self, members: Array) -> WeighedNLP: ...

@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from octo.checks import Array
 from octo.errors import ProblemError, said
 from octo.problem.at import check_at
 from octo.problem.constraints import Constraint
-from octo.problem.costs import Cost
+from octo.problem.costs import Cost, SizedCost
 
 
 def costs_of(given: Any) -> tuple[Cost, ...]:
@@ -25,6 +26,12 @@ def costs_of(given: Any) -> tuple[Cost, ...]:
     for term in terms:
         check_at(f"{term.label}.at", term.at)
     return terms
+
+
+def sized(costs: Sequence[Cost], length: float, times: Array) -> tuple[Cost, ...]:
+    """Terms of E with those of a robot of ``length`` ℓ (m), at ``times`` (N,) s, in the place of
+    those that waited for it."""
+    return tuple(one.sized(length, times) if isinstance(one, SizedCost) else one for one in costs)
 
 
 def constraints_of(given: Any) -> tuple[Constraint, ...]:

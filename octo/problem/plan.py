@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.problem.basis import Basis, Folded, Hermite, PairedNodes, Stencil
+from octo.problem.continued import Continued, chunks_behind
 
 Integers = NDArray[np.int32]
 GROUP = 8  # steps that the dynamics take at a time, at most
@@ -122,7 +123,11 @@ class Plan:
         if isinstance(self.basis, PairedNodes):  # the first unit that no step before it touches
             unit = row = (first + self.steps % 2 + 1) // 2
         unit[0] = row[0] = 0
-        return np.append(first * q, self.steps).astype(np.int32), unit, row.astype(np.int32)
+        ends = np.append(first * q, self.steps).astype(np.int32)
+        if isinstance(self.basis, Continued):
+            ends, unit = chunks_behind(ends, unit)
+            row = unit
+        return ends, unit, row.astype(np.int32)
 
     @cached_property
     def carries_rows(self) -> bool:

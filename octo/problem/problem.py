@@ -34,7 +34,7 @@ from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
 from octo.problem.duration import range_of, within
 from octo.problem.joint_costs import PoseTarget
-from octo.problem.lists import constraints_of, costs_of
+from octo.problem.lists import constraints_of, costs_of, sized
 from octo.problem.starts import check_above, static_start
 from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
@@ -216,13 +216,10 @@ class Problem(Shown):
         """Put the terms of this robot in the place of those that waited for its length."""
         if not any(isinstance(term, SizedCost) for term in self.costs):
             return
+        self.__dict__["unsized"] = self.costs  # for a phase, which need not begin at rest
         rest = self.cycle is None and not self.start_velocity.any()
         times: Array = self.dt * np.arange(1.0, self.steps + 1.0) if rest else np.full(1, np.inf)
-        sized = (
-            term.sized(self.length, times) if isinstance(term, SizedCost) else term
-            for term in self.costs
-        )
-        object.__setattr__(self, "costs", tuple(sized))
+        object.__setattr__(self, "costs", sized(self.costs, self.length, times))
 
     def _check_state(self, name: str) -> None:
         value = getattr(self, name)
@@ -386,6 +383,8 @@ class Problem(Shown):
         if keeps:  # before the checks: those of a cycle look for its start
             changed.__dict__["dynamics"] = self.dynamics
         changed.__post_init__()
+        if "costs" not in changes and "unsized" in self.__dict__:
+            changed.__dict__["unsized"] = self.__dict__["unsized"]
         # the new start is carried elsewhere
         if self.anchor is not None and changed.anchor is not None:
             anchored = tuple(

@@ -226,14 +226,14 @@ def _same_model(one: Dynamics, other: Dynamics) -> bool:
         return False
     if isinstance(one, RobotDynamics) and isinstance(other, RobotDynamics):
         a, b = one.character, other.character
-        if a is b and _equal(one.law, other.law) and _equal(one.terrain, other.terrain):
+        if a is b and says_equal(one.law, other.law) and says_equal(one.terrain, other.terrain):
             return True
         if a.mass != b.mass or a.terrain_contacts != b.terrain_contacts:
             return False
     return one.lanes_text() == other.lanes_text()
 
 
-def _equal(one: Any, other: Any) -> bool:
+def says_equal(one: Any, other: Any) -> bool:
     """Whether two objects say that they are equal; those that cannot say are not."""
     try:
         return one is other or bool(one == other)

@@ -17,6 +17,7 @@ from octo.plant import MujocoPlant, from_chart
 from octo.plant.fall import fallen
 from octo.replay.control import Controller, Gains
 from octo.replay.plan import Plan, ground_of
+from octo.result.even import even
 from octo.result.solution import Solution, solution_of
 from octo.solver.status import Status
 
@@ -124,7 +125,7 @@ def replay(
             positive(name, value)
     if starts is not None:
         whole("starts", starts, most=100_000)
-    solution = solution_of(solution)
+    solution = even(solution_of(solution))
     robot = _robot(solution, timestep)
     gravity = [solution.parameters[f"gravity_{c}"] for c in "xyz"]
     plant = MujocoPlant(

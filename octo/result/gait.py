@@ -17,7 +17,8 @@ from octo.checks import Array
 from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
-from octo.result.trajectory import VECTORS, Trajectory
+from octo.result.even import ROWS, even
+from octo.result.trajectory import Trajectory
 
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping
@@ -31,7 +32,6 @@ LAGS = (0.2, 2.0)  # s, of the autocorrelation: no stride is shorter or longer
 STEADY = 1e-3  # of mg, rms: loads that vary by less have no rhythm
 ROUNDING = 1e-9  # of a step
 STRIDES = 4  # a foot has a whole stance and a whole swing in the two in the middle
-ROWS = ("u", "contact_depth", *VECTORS)  # of a Trajectory, one a step
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,7 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
     ------
     ValueRangeError: no step of the motion is between the two.
     """
+    motion = even(motion)
     robot = motion.character
     if robot is None:
         return None

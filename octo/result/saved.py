@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,23 @@ from octo.solver.status import Status
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
-DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": []}
+DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
+PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
 SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
 
 def write(target: Path, values: Mapping[str, Any]) -> None:
     """Write the fields of a Solution as an .npz file: arrays, and the rest as JSON."""
+    arrays = _packed(values)
+    for k, phase in enumerate(values["phases"]):
+        own = _packed({each.name: getattr(phase, each.name) for each in fields(phase)})
+        arrays |= {f"{PHASE}{k}_{name}": value for name, value in own.items()}
+    with replacing(target) as beside, beside.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _packed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a file, without those of phases; what is no array is JSON in one of them."""
     arrays = {name: values[name] for name in SOLUTION_ARRAYS}
     plain = {name: value for name, value in values.items() if name not in arrays}
     for name in ("ground", "history"):
@@ -41,13 +53,33 @@ def write(target: Path, values: Mapping[str, Any]) -> None:
     for name in ("asked", "bounds", "residuals"):
         plain[name] = [one.plain() for one in values[name]]
     plain["character"] = None if robot is None else store.to_plain(robot)
+    plain["phases"] = len(values["phases"])
     arrays["plain"] = np.array(json.dumps(plain))
-    with replacing(target) as beside, beside.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    return arrays
 
 
 def fields_of(file: Archive) -> dict[str, Any]:
-    """The arguments of a Solution; OctoError names the field, what it is and what it must be."""
+    """The arguments of a Solution, but those of each phase in place of the phase; OctoError names
+    the field, what it is and what it must be."""
+    count = Archive({}, {**DEFAULTS, **file.plain}).whole("phases")
+    own = {name: value for name, value in file.arrays.items() if not name.startswith(PHASE)}
+    made = _fields_of(Archive(own, file.plain))
+    return {**made, "phases": tuple(_phase(file, k) for k in range(count))}
+
+
+def _phase(file: Archive, k: int) -> dict[str, Any]:
+    """The arguments of the Solution of a phase."""
+    prefix = f"{PHASE}{k}_"
+    entries = file.arrays.items()
+    own = {name.removeprefix(prefix): value for name, value in entries if name.startswith(prefix)}
+    plain = json.loads(str(own.pop("plain")))
+    if not isinstance(plain, dict):
+        raise ValueRangeError(f"{prefix}plain is no JSON object")
+    return _fields_of(Archive(own, plain))
+
+
+def _fields_of(file: Archive) -> dict[str, Any]:
+    """The arguments of a Solution without phases."""
     file = Archive(file.arrays, {**DEFAULTS, **file.plain})
     status = _status(file.word("status"))
     # of a solve that failed only the nodes must be finite
@@ -71,6 +103,7 @@ def fields_of(file: Archive) -> dict[str, Any]:
         **{name: file.number(name, positive=True) for name in ("weight", "length")},
         **{name: file.number(name, finite=finite) for name in left},
         **{name: file.number(name) for name in times},
+        "phases": (),
     }
     for name in file.plain:
         if name not in values:

@@ -13,7 +13,7 @@ from octo.checks import Array, ending
 from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
-from octo.result.explanation import Explanation, explained, sentence_of
+from octo.result.explanation import MOST, Explanation, explained, sentence_of
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.trajectory import VECTORS, Trajectory
 from octo.shown import Shown
@@ -53,7 +53,7 @@ class Solution(Trajectory, Shown):
     ----------
     name: of the robot, or "custom".
     character: None for user-written dynamics.
-    dt: s, of one step.
+    dt: s, of one step; of phases the mean of all (``times`` says when each begins).
     basis: "nodes" or "hermite".
     x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m.
     u: (N, nu) N m or N; u[i] acts from x_i to x_{i+1}.
@@ -85,6 +85,9 @@ class Solution(Trajectory, Shown):
     bounds: of each constraint the row that is nearest to breaking it, or breaks it most: where, its
         value and its bound, and how far beyond it is.
     residuals: of each row of C the moment at which most of a force or a moment is missing.
+    phases: of ``octo.phases`` the motion of each, with what was found of it alone; how it was found
+        is told of the whole. Everything else here is of the whole, with the ground and the
+        ``parameters`` of the first phase.
     """
 
     FILE: ClassVar[str] = "solution.npz"  # in a folder that octo wrote
@@ -102,6 +105,7 @@ class Solution(Trajectory, Shown):
     stages: dict[str, float] = field(default_factory=dict)
     passes: tuple[dict[str, Any], ...] = ()
     starts: tuple[dict[str, Any], ...] = ()
+    phases: tuple[Solution, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -145,7 +149,9 @@ class Solution(Trajectory, Shown):
         A cycle has more: period, speed, sideways, turn, mirrored, and power.
         """
         travel = self.com[-1] - self.com[0]
-        carried_on = {} if self.cycle is None else {**self.cycle.plain(), "power": self.power}
+        more = {} if self.cycle is None else {**self.cycle.plain(), "power": self.power}
+        if self.phases:
+            more["phases"] = [phase.report() for phase in self.phases]
         return {
             "status": self.status.label,
             "status_sentence": self.sentence,
@@ -162,12 +168,12 @@ class Solution(Trajectory, Shown):
             "stages": dict(self.stages),
             "passes": [dict(record) for record in self.passes],
             "robot": self.name,
-            **carried_on,
+            **more,
         }
 
     def __str__(self) -> str:
         carried_on = "" if self.cycle is None else f"{self.cycle.in_words(self.steps * self.dt)}, "
-        sampled = f"{carried_on}{self.steps} steps of {self.dt:.6g} s ({self.basis})"
+        sampled = f"{carried_on}{self.sampling} ({self.basis})"
         terms = ", ".join(f"{name} {value:.3g}" for name, value in self.terms.items())
         lines = [
             f"{self.name}, {sampled}: {self.sentence}",
@@ -186,10 +192,18 @@ class Solution(Trajectory, Shown):
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")
+        lines += [f"  {phase.as_phase(k)}" for k, phase in enumerate(self.phases)]
         lines += [f"  {one}" for one in self.bounds]
         lines += [f"  {one}" for one in self.asked if not one.met]
         lines += [f"  warning: {sentence}" for sentence in self.warnings]
         return "\n".join(lines)
+
+    def as_phase(self, number: int) -> str:
+        """One line of the motion as a phase of another one, with the terms that dominate."""
+        largest = sorted(self.terms.items(), key=lambda item: -item[1])[:MOST]
+        terms = ", ".join(f"{name} {value:.3g}" for name, value in largest)
+        more = ", …" if len(self.terms) > MOST else ""
+        return f"phase {number}: {self.sampling}, E = {self.energy:.5g} ({terms}{more})"
 
     # -- other tools -------------------------------------------------------------------------------
 
@@ -215,7 +229,9 @@ class Solution(Trajectory, Shown):
             that says what.
         """
         with archive.opened(store.file_of(path, Solution.FILE), "solution") as file:
-            return Solution(**saved.fields_of(file))
+            found = saved.fields_of(file)
+            phases = tuple(Solution(**own) for own in found.pop("phases"))
+            return Solution(**found, phases=phases)
 
 
 def recorded(**fields: Any) -> Solution:

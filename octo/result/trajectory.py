@@ -32,7 +32,7 @@ class Trajectory:
 
     name: str
     character: Character | None
-    dt: float  # s
+    dt: float  # s; of phases the mean
     basis: str
     x: Array  # (N+2, nx)
     u: Array  # (N, nu)
@@ -55,6 +55,7 @@ class Trajectory:
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
     residuals: tuple[Residual, ...] = ()
+    phases: tuple[Trajectory, ...] = ()
 
     # -- the motion --------------------------------------------------------------------------------
 
@@ -63,15 +64,34 @@ class Trajectory:
         return len(self.x) - 2
 
     @property
+    def intervals(self) -> Array:
+        """(N+1,) s, from each row of x to the next: of the step that ends at x_0 … x_N."""
+        if not self.phases:
+            return np.full(self.steps + 1, self.dt)
+        own = [np.full(phase.steps, phase.dt) for phase in self.phases]
+        return np.concatenate([own[0][:1], *own])
+
+    @property
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
+        if self.phases:
+            return np.append(0.0, np.cumsum(self.intervals[1:]))
         return np.asarray(self.dt * np.arange(self.steps + 1), dtype=float)
 
     @property
     def v(self) -> Array:
         """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as
         x."""
-        return np.diff(self.x, axis=0) / self.dt
+        return np.diff(self.x, axis=0) / self.intervals[:, None]
+
+    @property
+    def sampling(self) -> str:
+        """How many steps of how many seconds, in words."""
+        seconds = sorted({phase.dt for phase in self.phases} or {self.dt})
+        each = " to ".join(dict.fromkeys(f"{dt:.6g}" for dt in (seconds[0], seconds[-1])))
+        said = f"{self.steps} steps of {each} s"
+        count = len(self.phases)
+        return f"{said} in {count} phase{'s' if count > 1 else ''}" if count else said
 
     @property
     def energy(self) -> float:
@@ -238,7 +258,7 @@ class Trajectory:
             "unit": unit,
             "coordinate": self.joint_names[int(coordinate)],
             "step": int(step),
-            "time": float(self.dt * step),  # s, at its beginning
+            "time": float(self.times[step]),  # s, at its beginning
             "leaps": leaps,  # steps in which a coordinate changes by more than LEAP
         }
 
@@ -256,9 +276,10 @@ class Trajectory:
                 "with octo.StepLimit()"
             )
         fall = float(np.sqrt(self.length / GRAVITY))
-        if self.character is not None and self.dt > fall:
+        longest = float(self.intervals.max())
+        if self.character is not None and longest > fall:
             said.append(
-                f"dt is {self.dt:g} s, and in {fall:.2g} s this robot falls by half its height: "
+                f"dt is {longest:g} s, and in {fall:.2g} s this robot falls by half its height: "
                 "take a smaller dt"
             )
         return tuple(said)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from octo.arrays import Array
 from octo.problem.block_nlp import BlockNLP
-from octo.problem.compiled import CompiledProblem
 from octo.problem.evaluation import Evaluation, Model
+from octo.problem.phased import Compiled
 from octo.solver import elimination, kkt
 from octo.solver.blocks import KKTBlocks
 from octo.solver.factors import Factors, HostFactors
@@ -23,7 +23,7 @@ class Backend:
 
     name = "cpu"
 
-    def place(self, problem: CompiledProblem) -> BlockNLP:
+    def place(self, problem: Compiled) -> BlockNLP:
         """``problem`` where the arrays live: what ``sqp.run`` is given."""
         return problem
 
@@ -31,7 +31,7 @@ class Backend:
         """NumPy ``values`` where the arrays live."""
         return values
 
-    def prepare(self, problem: CompiledProblem, options: SqpOptions) -> None:
+    def prepare(self, problem: Compiled, options: SqpOptions) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""
         problem.prepare()
         more = int(problem.problems[0].duration is not None)  # dt has a copy and a row in each unit

@@ -1,9 +1,10 @@
 """Free time: the duration of a motion is an unknown of its problem, beside its configurations.
 
-dt is a run-time parameter, one number for all steps. So that the KKT matrix stays block-tridiagonal
-each unit has a copy of τ = log(dt/dt_0) behind its other unknowns, and one more row, τ_k = τ_{k−1}.
-These rows are linear and hold at the start, so that all copies move as one: of d²L/dτ² and of
-d²L/dτ dv only the sums over all units matter, and each unit takes what stands in its own block.
+dt is a run-time parameter, one number for all steps, or for those of a phase. So that the KKT
+matrix stays block-tridiagonal each unit has a copy of τ = log(dt/dt_0) behind its other unknowns,
+and one more row, τ_k = τ_{k−1}. These rows are linear and hold at the start, so that all copies
+move as one: of d²L/dτ² and of d²L/dτ dv only the sums over all units matter, and each unit takes
+what stands in its own block.
 
 Derivatives along τ are central differences of what the generated code gives (E, C and rows, and the
 gradient for d²L/dτ dv): no law and no term has to know about it. They are right to 1e-9.
@@ -11,7 +12,7 @@ gradient for d²L/dτ dv): no law and no term has to know about it. They are rig
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,11 @@ from octo.checks import Array
 from octo.errors import ProblemError
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.compiled import CompiledProblem
-from octo.problem.data import Data, lowered
 from octo.problem.evaluation import Evaluation, Model
-from octo.problem.problem import Problem
+from octo.problem.phased import Compiled, PhasedProblem, compiled_of, parts_of
+from octo.problem.phases import Described
 from octo.solver.blocks import transposed_times
+from octo.solver.clocks import Clock, with_times
 
 # of τ, the step of the differences. Numbers go like τ⁻⁴ at most, so that its square is the error;
 # terms may turn sharply (a joint's power where it changes its sign): with 5e-4 they stalled
@@ -44,89 +46,22 @@ def timed(placed: BlockNLP, beyond: float = BEYOND) -> BlockNLP:
     ProblemError: it is free for some of the problems only.
     """
     free = [problem.duration is not None for problem in placed.problems]
-    if any(free) and not all(free):
-        raise ProblemError("duration must be free for every problem of a batch or for none")
-    if not all(free):
+    if not any(free):
         return placed
-    assert isinstance(placed, CompiledProblem), "a device refuses a free duration"
+    assert isinstance(placed, (CompiledProblem, PhasedProblem)), "a device refuses a free duration"
     own = placed.take(np.arange(placed.batch))  # its numbers change with dt
-    return FreeTime(own, Times.of(own, beyond))
-
-
-def lasting(problem: Problem, dt: float) -> Problem:
-    """The problem with steps of ``dt`` s, of a cycle with the period that they make."""
-    if problem.cycle is None:
-        return problem.replace(dt=dt)
-    period = dt * int(problem.steps) * (2.0 if problem.cycle.mirrored else 1.0)
-    return problem.replace(cycle=replace(problem.cycle, period=period))
-
-
-@dataclass(frozen=True, eq=False)
-class Times:
-    """How the numbers of a batch depend on dt: all are linear in it.
-
-    Attributes
-    ----------
-    dt: (batch,) s, where τ is zero. shortest, longest: (batch,) s, what is beyond is refused.
-    constant, q: of :class:`~octo.problem.data.Data`, there.
-    constant_slope, q_slope: by how much they grow with dt, 1/s.
-    """
-
-    dt: Array
-    shortest: Array
-    longest: Array
-    constant: Array
-    constant_slope: Array
-    q: Array
-    q_slope: Array
-
-    @classmethod
-    def of(cls, compiled: CompiledProblem, beyond: float) -> Times:
-        """Of a batch; ``beyond`` as of :func:`timed`."""
-        short = {id(one): lasting(one, 0.5 * one.dt) for one in compiled.problems}
-        other = lowered([short[id(one)] for one in compiled.problems], compiled.functions)[1]
-        dt, data = np.array([one.dt for one in compiled.problems]), compiled.data
-        references = compiled.functions.references
-
-        def slope(name: str) -> Array:
-            change = getattr(data, name) - getattr(other, name)
-            return np.asarray(change / (0.5 * dt[:, None, None]))
-
-        q_slope = slope("q")
-        # scales of terms stay, and what a solver gives the rows is not of the problem
-        q_slope[:, :, : len(references.terms)] = q_slope[:, :, references.size :] = 0.0
-        strides = [
-            2.0 if one.closure and one.closure.mirrored else 1.0 for one in compiled.problems
-        ]
-        ends = np.array([one.duration for one in compiled.problems], dtype=float)
-        ends /= (np.array(strides) * compiled.steps)[:, None]
-        return cls(
-            dt,
-            ends[:, 0] / beyond,
-            ends[:, 1] * beyond,
-            data.constant.copy(),
-            slope("constant"),
-            data.q.copy(),
-            q_slope,
-        )
-
-    def select(self, members: Any) -> Times:
-        """Those of some members, by index."""
-        return Times(*(getattr(self, field.name)[members] for field in fields(self)))
-
-    def put(self, data: Data, place: int, dt: Array) -> None:
-        """Write the numbers of steps of ``dt`` (batch,) s over those of ``data``."""
-        more = (dt - self.dt)[:, None, None]
-        data.p[:, place] = dt
-        data.constant[...] = self.constant + more * self.constant_slope
-        if self.q_slope.any():
-            moved = self.q_slope != 0.0
-            data.q[moved] = (self.q + more * self.q_slope)[moved]
+    clocks: list[Clock | None] = []
+    for part in parts_of(own):
+        free = [problem.duration is not None for problem in part.problems]
+        if any(free) and not all(free):
+            raise ProblemError("duration must be free for every problem of a batch or for none")
+        clocks.append(Clock.of(part, beyond) if all(free) else None)
+    return FreeTime(own, tuple(clocks))
 
 
 @dataclass(eq=False)
 class TimedModel(Model):
-    """With the slopes (batch, N, rows) of the bounded rows along τ."""
+    """With the slopes (phases, batch, N, rows) of the bounded rows along each τ."""
 
     along: Array | None = None
 
@@ -137,46 +72,70 @@ class FreeTime:
 
     Parameters
     ----------
-    inner: the same with a fixed duration; its dt is changed in place. times: how.
+    inner: the same with a fixed duration; its dt is changed in place. clocks: of each phase, or of
+        the one problem; None of a phase whose duration is fixed.
     """
 
-    def __init__(self, inner: CompiledProblem, times: Times, weights: Weights | None = None):
-        self.inner, self.times, self._weights = inner, times, weights
+    def __init__(
+        self, inner: Compiled, clocks: tuple[Clock | None, ...], weights: Weights | None = None
+    ):
+        self.inner, self.clocks, self._weights = inner, clocks, weights
         self.batch, self.K, self.steps, self.n = inner.batch, inner.K, inner.steps, inner.n
         self.nc, self.ma, self.m = inner.nc + 1, inner.ma + 1, inner.m
-        self.weight, self.threads, self.q = inner.weight, inner.threads, inner.q
-        self.functions, self.problems = inner.functions, inner.problems
-        # a last unit that is no unknown at all has no copy
-        self.units = inner.K - int(inner.plan.carries_rows)
-        self._place = inner.dynamics.layout.names.index("dt")
+        self.weight, self.threads = inner.weight, inner.threads
+        self.problems: tuple[Described, ...] = tuple(inner.problems)
+        # the units with copies of each τ; a last unit that is no unknown at all has none
+        ends = np.cumsum([0, *(part.steps for part in parts_of(inner))])
+        self.units = [slice(a, b) for a, b in zip(ends.tolist(), ends[1:].tolist(), strict=False)]
+        if isinstance(inner, CompiledProblem):
+            self.units = [slice(0, inner.K - int(inner.plan.carries_rows))]
+        self.free = [k for k, clock in enumerate(clocks) if clock is not None]
 
     def take(self, members: Any) -> FreeTime:
         """A batch of some members, by index."""
         own = self._weights
         weights = None if own is None else (own[0][members], own[1][members], own[2][members])
-        return FreeTime(self.inner.take(members), self.times.select(members), weights)
+        clocks = (None if clock is None else clock.select(members) for clock in self.clocks)
+        return FreeTime(self.inner.take(members), tuple(clocks), weights)
 
     def dt(self, unknowns: Array) -> Array:
-        """(batch,) s, of unknowns (batch, K, nc)."""
-        return self.times.dt * np.exp(self._shift(unknowns))
+        """(phases, batch) s, of unknowns (batch, K, nc)."""
+        made = np.array([[one.dt for one in part.problems] for part in parts_of(self.inner)])
+        for k, clock, tau in self._taus(self._tau(unknowns)):
+            made[k] = clock.dt_at(tau)
+        return made
 
-    def _shift(self, unknowns: Array) -> Array:
-        """(batch,) τ."""
-        return np.asarray(unknowns[:, : self.units, -1].mean(axis=1))
+    def _tau(self, unknowns: Array) -> Array:
+        """(phases, batch) τ, or a step of it; zero where it is fixed."""
+        made = np.zeros((len(self.clocks), self.batch))
+        for k in self.free:
+            made[k] = unknowns[:, self.units[k], -1].mean(axis=1)
+        return made
 
-    def _set(self, shift: Array) -> None:
-        self.times.put(self.inner.data, self._place, self.times.dt * np.exp(shift))
+    def _taus(self, tau: Array) -> list[tuple[int, Clock, Array]]:
+        """Of each free phase its number, clock and τ (batch,)."""
+        own = enumerate(zip(self.clocks, tau, strict=True))
+        return [(k, clock, each) for k, (clock, each) in own if clock is not None]
+
+    def _set(self, tau: Array) -> None:
+        """Give all phases their dt."""
+        parts = parts_of(self.inner)
+        for k, clock, own in self._taus(tau):
+            place = parts[k].dynamics.layout.index("dt")
+            clock.put(parts[k].data, place, clock.dt_at(own))
+        if isinstance(self.inner, PhasedProblem):
+            self.inner.retime()
 
     def widened(self, lam: Array | None) -> Array | None:
         """Multipliers of the batch with a fixed duration, with those of the rows that tie the
         copies."""
         return None if lam is None else np.pad(lam, ((0, 0), (0, 0), (0, 1)))
 
-    def ended(self, at: Evaluation) -> tuple[CompiledProblem, Evaluation]:
+    def ended(self, at: Evaluation) -> tuple[Compiled, Evaluation]:
         """The batch with the durations of an iterate, now fixed numbers, and the iterate there."""
-        found = zip(self.problems, self.dt(at.unknowns).tolist(), strict=True)
-        problems = [lasting(problem, dt) for problem, dt in found]
-        compiled = CompiledProblem(problems, self.threads, like=self.inner)
+        dt = self.dt(at.unknowns)
+        problems = [with_times(one, dt[:, k]) for k, one in enumerate(self.problems)]
+        compiled = compiled_of(problems, self.threads, like=self.inner)
         return compiled, compiled.evaluate(np.ascontiguousarray(at.unknowns[..., :-1]))
 
     # -- what a solver calls -----------------------------------------------------------------------
@@ -200,62 +159,73 @@ class FreeTime:
 
     def evaluate(self, unknowns: Array) -> Evaluation:
         """E and C at ``unknowns`` (batch, K, nc)."""
-        own = self.times
-        dt = own.dt * np.exp(np.clip(self._shift(unknowns), -700.0, 700.0))
-        wild = (dt < own.shortest) | (dt > own.longest)
-        self._set(self._shift(unknowns))
+        tau, wild = self._tau(unknowns), np.zeros(self.batch, dtype=bool)
+        for _, clock, own in self._taus(tau):
+            dt = clock.dt_at(own)
+            wild |= (dt < clock.shortest) | (dt > clock.longest)
+        self._set(tau)
         at = self.inner.evaluate(np.ascontiguousarray(unknowns[..., :-1]))
         C = np.pad(at.C, ((0, 0), (0, 0), (0, 1)))
         C[wild] = np.inf  # no step leads there
-        C[:, 1 : self.units, -1] = np.diff(unknowns[:, : self.units, -1], axis=1)
+        for k in self.free:
+            units = self.units[k]
+            C[:, units.start + 1 : units.stop, -1] = np.diff(unknowns[:, units, -1], axis=1)
         return Evaluation.of(unknowns, at.nodes, at.fd, at.terms, at.rows, C)
 
     def term_values(self, at: Evaluation) -> Array:
         """(batch, terms) the parts of E."""
-        return self.inner.term_values(at)
+        return self.inner.term_values(self._inside(at))
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array]:
         """As :meth:`CompiledProblem.gradient`."""
-        around = self._around(at)
-        self._set(self._shift(at.unknowns))
+        tau = self._tau(at.unknowns)
+        around = [self._around(at, tau, k) for k in self.free]
+        self._set(tau)
         b, A = self.inner.gradient(self._inside(at))
-        return self._with_tau(b, self._along(around)[0]), self._rows(A, around)
+        return self._with_tau(b, [self._along(own)[0] for own in around]), self._rows(A, around)
 
     def linearize(
         self, at: Evaluation, lam: Array | None, curved: NDArray[np.bool_] | None = None
     ) -> Model:
         """As :meth:`CompiledProblem.linearize`, with exact second derivatives along τ."""
-        inside, around, shift = self._inside(at), self._around(at), self._shift(at.unknowns)
+        inside, tau = self._inside(at), self._tau(at.unknowns)
         own = None if lam is None else np.ascontiguousarray(lam[..., :-1])
-        cross = self._cross(shift, own, around)
-        self._set(shift)
+        around = [self._around(at, tau, k) for k in self.free]
+        pairs = zip(self.free, around, strict=True)
+        cross = [self._cross(tau, own, k, sides) for k, sides in pairs]
+        self._set(tau)
         model = self.inner.linearize(inside, own, curved)
-        slope, along = self._along(around)
-        before, middle, after = (self._lagrangian(e, own) for e in (around[0], inside, around[1]))
-        curvature = ((after - middle) - (middle - before)) / STEP**2
-        if self._weights is not None:
-            D = self._weights[0]
-            cross = cross + self.inner.row_forces(model, D * along)
-            curvature = curvature + (D * along**2).sum(axis=(1, 2))
+        slopes, along = zip(*(self._along(sides) for sides in around), strict=True)
         H = np.zeros((self.batch, self.K, 3, self.nc, self.nc))
         H[..., :-1, :-1] = model.H
         H[:, :, 0, -1, -1] = 1.0
-        H[:, : self.units, 0, -1, -1] = curvature[:, None] / self.units
-        H[:, :, 0, -1, :-1] = H[:, :, 0, :-1, -1] = cross
-        b, A = self._with_tau(model.b, slope), self._rows(model.A, around)
-        return TimedModel(H, A, b, at.C, model.R, along)
+        for k, own_cross, rows, sides in zip(self.free, cross, along, around, strict=True):
+            values = [self._lagrangian(each, own) for each in (sides[0], inside, sides[1])]
+            bend = ((values[2] - values[1]) - (values[1] - values[0])) / STEP**2
+            if self._weights is not None:
+                weighted = self._weights[0] * rows
+                own_cross = own_cross + self.inner.row_forces(model, weighted)
+                bend = bend + (weighted * rows).sum(axis=(1, 2))
+            self._bend(k, bend, own_cross, H)
+        for k in self.free:
+            if k + 1 in self.free:
+                self._bend_together(at, tau, own, k, dict(zip(self.free, around, strict=True)), H)
+        b, A = self._with_tau(model.b, list(slopes)), self._rows(model.A, around)
+        return TimedModel(H, A, b, at.C, model.R, np.stack(along))
 
     def row_products(self, model: Model, delta: Array) -> Array:
         """As :meth:`CompiledProblem.row_products`."""
         products = self.inner.row_products(model, np.ascontiguousarray(delta[..., :-1]))
         assert isinstance(model, TimedModel) and model.along is not None
-        return np.asarray(products + model.along * self._shift(delta)[:, None, None])
+        for k, rows in zip(self.free, model.along, strict=True):
+            products = products + rows * self._tau(delta)[k][:, None, None]
+        return products
 
     def row_forces(self, model: Model, weights: Array) -> Array:
         """As :meth:`CompiledProblem.row_forces`."""
         assert isinstance(model, TimedModel) and model.along is not None
         forces = self.inner.row_forces(model, weights)
-        return self._with_tau(forces, (weights * model.along).sum(axis=(1, 2)))
+        return self._with_tau(forces, [(weights * rows).sum(axis=(1, 2)) for rows in model.along])
 
     # -- along τ -----------------------------------------------------------------------------------
 
@@ -264,23 +234,28 @@ class FreeTime:
         unknowns, C = (np.ascontiguousarray(a[..., :-1]) for a in (at.unknowns, at.C))
         return Evaluation(unknowns, at.nodes, at.fd, at.terms, at.rows, C, at.summary)
 
-    def _around(self, at: Evaluation) -> Around:
-        """The same configurations a step to both sides of τ."""
-        unknowns, shift = np.ascontiguousarray(at.unknowns[..., :-1]), self._shift(at.unknowns)
-        made = []
-        for side in (-STEP, STEP):
-            self._set(shift + side)
-            made.append(self.inner.evaluate(unknowns))
-        return made[0], made[1]
+    def _at(self, at: Evaluation, tau: Array, *moved: tuple[int, float]) -> Evaluation:
+        """The same configurations where some phases' τ are ``moved``."""
+        other = tau.copy()
+        for k, by in moved:
+            other[k] += by
+        self._set(other)
+        return self.inner.evaluate(np.ascontiguousarray(at.unknowns[..., :-1]))
 
-    def _cross(self, shift: Array, lam: Array | None, around: Around) -> Array:
+    def _around(self, at: Evaluation, tau: Array, k: int) -> Around:
+        """The same configurations a step to both sides of phase k's τ."""
+        return self._at(at, tau, (k, -STEP)), self._at(at, tau, (k, STEP))
+
+    def _cross(self, tau: Array, lam: Array | None, k: int, around: Around) -> Array:
         """(batch, K, nc − 1) d/dτ of ∇E + Aᵀlam + Rᵀy over the other unknowns."""
         if self._weights is not None:
             D, _, y = self._weights
             self.inner.set_row_weights(D, y)
         sides = []
         for side, each in zip((-STEP, STEP), around, strict=True):
-            self._set(shift + side)
+            other = tau.copy()
+            other[k] += side
+            self._set(other)
             b, A = self.inner.gradient(each)
             sides.append(b if lam is None else b + transposed_times(A, lam))
         if self._weights is not None:
@@ -299,31 +274,72 @@ class FreeTime:
 
     def _along(self, around: Around) -> tuple[Array, Array]:
         """(batch,) d/dτ of E and of the rows with their shifts; (batch, N, rows) of the rows."""
-        slope, rows = (
-            _slope(getattr(around[0], n), getattr(around[1], n)) for n in ("terms", "rows")
-        )
-        slope = slope.sum(axis=(1, 2))
+        before, after = around
+        slope = _slope(before.terms, after.terms).sum(axis=(1, 2))
+        rows = _slope(before.rows, after.rows)
         if self._weights is not None:
             D, d, _ = self._weights
             rows = np.where(D != 0.0, rows, 0.0)
             slope = slope + (d * rows).sum(axis=(1, 2))
         return slope, rows
 
-    def _with_tau(self, values: Array, along: Array) -> Array:
-        """(batch, K, nc) of values of the other unknowns, and (batch,) along τ shared out over its
-        copies."""
+    # -- where it stands in the blocks -------------------------------------------------------------
+
+    def _with_tau(self, values: Array, along: list[Array]) -> Array:
+        """(batch, K, nc) of values of the other unknowns, and of each τ (batch,), shared out over
+        its copies."""
         made = np.pad(values, ((0, 0), (0, 0), (0, 1)))
-        made[:, : self.units, -1] = along[:, None] / self.units
+        for k, own in zip(self.free, along, strict=True):
+            units = self.units[k]
+            made[:, units, -1] = own[:, None] / (units.stop - units.start)
         return made
 
-    def _rows(self, A: Array, around: Around) -> Array:
+    def _bend(self, k: int, bend: Array, cross: Array, H: Array) -> None:
+        """d²L/dτ² (batch,), shared out over the copies, and d²L/dτ dv (batch, K, nc − 1), with the
+        copy in the same unit; what the phases beside see of it with the copy that is nearest."""
+        units = self.units[k]
+        first, end = units.start, units.stop
+        H[:, units, 0, -1, -1] = bend[:, None] / (end - first)
+        H[:, units, 0, -1, :-1] = H[:, units, 0, :-1, -1] = cross[:, units]
+        for lag in range(1, 3):
+            if first >= lag:
+                H[:, first, lag, -1, :-1] = cross[:, first - lag]
+            if end - 1 + lag < self.K:
+                H[:, end - 1 + lag, lag, :-1, -1] = cross[:, end - 1 + lag]
+
+    def _bend_together(
+        self,
+        at: Evaluation,
+        tau: Array,
+        lam: Array | None,
+        k: int,
+        around: dict[int, Around],
+        H: Array,
+    ) -> None:
+        """d²L/dτ dτ' of phase k and the one behind it, whose first steps look back at it."""
+        both = [(k, STEP), (k + 1, STEP)]
+        corners = self._at(at, tau, *both), self._at(at, tau, *((p, -h) for p, h in both))
+        sides = (*around[k], *around[k + 1])
+        signed = [(1.0, each) for each in corners] + [(-1.0, each) for each in sides]
+        signed.append((2.0, self._inside(at)))
+        values = np.stack([sign * self._lagrangian(each, lam) for sign, each in signed])
+        value = values.sum(axis=0) / (2.0 * STEP**2)
+        if self._weights is not None:
+            before, after = (self._along(around[p])[1] for p in (k, k + 1))
+            value = value + (self._weights[0] * before * after).sum(axis=(1, 2))
+        H[:, self.units[k].stop, 1, -1, -1] = value
+
+    def _rows(self, A: Array, around: list[Around]) -> Array:
         """(batch, K, 3, ma, nc) with dC/dτ, and the rows that tie the copies of τ."""
         made = np.zeros((self.batch, self.K, 3, self.ma, self.nc))
         made[..., :-1, :-1] = A
-        along, last = _slope(around[0].C, around[1].C), self.units
-        made[:, :last, 0, :-1, -1] = along[:, :last]
-        made[:, last:, 1, :-1, -1] = along[:, last:]  # its own unit has no copy
-        made[:, 1:last, 0, -1, -1], made[:, 1:last, 1, -1, -1] = 1.0, -1.0
+        for k, (before, after) in zip(self.free, around, strict=True):
+            along, units = _slope(before.C, after.C), self.units[k]
+            first, end = units.start, units.stop
+            made[:, units, 0, :-1, -1] = along[:, units]
+            if end < self.K:  # a unit without a copy of this τ looks at the one before it
+                made[:, end, 1, :-1, -1] = along[:, end]
+            made[:, first + 1 : end, 0, -1, -1], made[:, first + 1 : end, 1, -1, -1] = 1.0, -1.0
         return made
 
 

@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, like, some
-from octo.problem.block_nlp import BlockNLP
+from octo.problem.block_nlp import BlockNLP, WeighedNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.barrier import bounds_of
@@ -200,7 +200,8 @@ class _Run:
         self.began, self.began_processor = time.perf_counter(), time.process_time()
         kind = TrustRegion if options.step == "trust_region" else LineSearch
         if options.step == "trust_region":
-            self.problem = problem = TrustRegion.normalised(problem, unknowns)
+            weighed = cast(WeighedNLP, problem)  # phases are refused before
+            self.problem = problem = TrustRegion.normalised(weighed, unknowns)
         xp = array_module(unknowns)
         self.at = problem.evaluate(xp.ascontiguousarray(unknowns))
         shape = (problem.batch, problem.K, problem.ma)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, choose, host, inner, largest, like
-from octo.problem.block_nlp import BlockNLP
+from octo.problem.block_nlp import BlockNLP, WeighedNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.joint_costs import Effort
 from octo.solver.acceptance import Acceptance, Mask, Step
@@ -140,7 +140,7 @@ class TrustRegion:
         self.direction = BoundedDirection(problem.batch, problem.K, options, self.trials)
 
     @staticmethod
-    def normalised(problem: BlockNLP, unknowns: Array) -> BlockNLP:
+    def normalised(problem: WeighedNLP, unknowns: Array) -> BlockNLP:
         """E as §8 scales it: the objective is 1 at the start, effort is 1e-4‖u‖² summed over the
         steps."""
         scaled = problem.take(np.arange(problem.batch))

@@ -19,6 +19,7 @@ from octo.errors import MissingExtraError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
 from octo.model.quantities import Array
+from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 from octo.viewer.page import wrap
@@ -131,7 +132,8 @@ def _viser() -> Any:
 
 def _motions(given: Any) -> list[Solution]:
     """What is shown side by side; ShapeError where it is nothing."""
-    motions = [motion_of(one) for one in (given if isinstance(given, (list, tuple)) else [given])]
+    several = given if isinstance(given, (list, tuple)) else [given]
+    motions = [even(motion_of(one)) for one in several]
     if not motions:
         raise ShapeError("solution", (0,), "one Solution or more")
     return motions

@@ -61,6 +61,11 @@ def _swing_up(**changes: Any) -> octo.Problem:
 
 
 @pytest.fixture
+def cart_pole() -> octo.CustomDynamics:
+    return _cart_pole()
+
+
+@pytest.fixture
 def balance() -> Callable[..., octo.Problem]:
     """A cart whose pole leans by 0.1 rad: hold it up for 2 s."""
     return _balance
