@@ -21,7 +21,7 @@ from octo.result.gait import flaws
 SPEEDS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # m/s
 RANGE = (0.25, 1.5)  # s, of a period
 STEPS, FIRST = 20, 10
-WORK = 0.5  # of the cost of transport in E
+WORK = 0.3  # of the cost of transport in E
 
 
 class Point(NamedTuple):

@@ -23,11 +23,13 @@ from octo.cli.arguments import (
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.errors import UnknownNameError, UsageError, ValueRangeError
+from octo.errors import ProblemError, UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane, Terrain
+from octo.replay.plan import ground_of
+from octo.result.solution import Solution
 
 FILES = ("log.npz", "plot.png", "motion.html", "report.json")
 GOALS = ("walk", "stride", "turn", "stand")
@@ -42,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         ("--goal", None, "walk", "walk, stride (sideways), turn or stand"),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
+        ("--stride", None, None, "of octo cycle: its motion in place of goal and speed", "DIR"),
         ("--plant", None, "mujoco", "mujoco, or octo: its own implicit simulation"),
         # what the controller computes, how often and where
         ("--horizon", whole(3), 25, "steps of the plan"),
@@ -82,14 +85,18 @@ def run(arguments: argparse.Namespace) -> int:
     folder = folder_of(arguments.out, arguments.robot, "mpc", FILES)
     robot = robot_of(arguments)
     goal.check(robot)
-    terrain = terrain_of(arguments.terrain)
+    stride = _stride(arguments.stride, robot)
+    terrain = terrain_of(arguments.terrain) if stride is None else ground_of(stride)
     _check_plant(arguments, robot, terrain, push)
     from octo.mpc import Controller
     from octo.mpc import run as close_the_loop
     from octo.mpc.measurement import check_device
 
     check_device(arguments.device)
-    problem, guide = _problem(robot, goal, terrain, arguments)
+    if stride is None:
+        problem, guide = _problem(robot, goal, terrain, arguments)
+    else:
+        problem, guide = _tracking(stride, arguments)
     controller = Controller(
         problem, arguments.iterations, arguments.budget, arguments.device, guide=guide
     )
@@ -97,8 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
     rng = np.random.default_rng(arguments.seed)
     x = problem.start.copy()
     x[robot.actuated] += NOISE * rng.standard_normal(robot.nu)
-    x[robot.base_coordinate + 2] += RAISED
-    plant.reset_chart(x)
+    x[robot.base_coordinate + 2] += RAISED if stride is None else 0.0
+    plant.reset_chart(x, problem.start_velocity)
     own = {
         name: getattr(arguments, name) for name in ("rate", "realtime", "noise", "delay", "seed")
     }
@@ -142,6 +149,28 @@ def _problem(
     )
     turning = goal.speed if goal.kind == "turn" else 0.0  # rad/s
     return problem, VelocityCommand(goal.velocity[:2], turning)
+
+
+def _stride(path: str | None, robot: Character) -> Solution | None:
+    """The cycle that is followed, if any."""
+    if path is None:
+        return None
+    stride = Solution.load(path)
+    if stride.cycle is None:
+        raise ProblemError(f"stride {path} is no cycle: give what octo cycle wrote")
+    own = stride.character
+    if own is None or own.name != robot.name or own.nx != robot.nx:
+        raise ProblemError(f"stride {path} is of {stride.name!r}, must be of {robot.name!r}")
+    return stride
+
+
+def _tracking(stride: Solution, arguments: argparse.Namespace) -> tuple[Any, Any]:
+    """The problem that the controller plans by, and the guide that gives it its reference."""
+    from octo.mpc import StrideReference, tracking_problem
+
+    friction = arguments.plan_friction
+    problem = tracking_problem(stride, arguments.horizon, arguments.dt, friction=friction)
+    return problem, StrideReference(stride)
 
 
 def make_plant(

@@ -8,6 +8,7 @@ from octo.mpc.log import Log
 from octo.mpc.loop import Push, run
 from octo.mpc.plan import Plan
 from octo.mpc.stance import stance
+from octo.mpc.tracking import StrideReference, tracking_problem
 from octo.mpc.walking import VelocityCommand, foot_law, walking_problem
 
 __all__ = [
@@ -18,10 +19,12 @@ __all__ = [
     "Log",
     "Plan",
     "Push",
+    "StrideReference",
     "VelocityCommand",
     "animate",
     "foot_law",
     "run",
     "stance",
+    "tracking_problem",
     "walking_problem",
 ]

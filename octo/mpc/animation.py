@@ -15,12 +15,13 @@ from octo.problem.step_pairs import refuse_step_pairs
 from octo.result.measure import measured
 from octo.result.solution import Solution
 from octo.solver import sqp
+from octo.solver.bounds import Slacks
 from octo.solver.options import SqpOptions
 from octo.solver.status import HISTORY, Status
 from octo.starts import first_nodes
 
 FIRST = 300  # iterations of the first horizon, which starts from a pose held still
-LEFT = 1e-2  # relative to mg, what a plan may leave of it in the steps that are kept
+LEFT = 1e-2  # relative to mg and to a constraint, what a plan may leave in the steps that are kept
 TOLERANCE = 1e-5  # relative to mg, ‖C‖∞ of a horizon
 
 
@@ -46,7 +47,8 @@ def animate(
     Returns
     -------
     The whole motion with its own E, ‖C‖∞ and contacts; ``iterations`` and ``seconds`` are those of
-    all plans together, ``history`` has one row a plan. Converged if no plan left more than 1e-2 mg.
+    all plans together, ``history`` has one row a plan. Converged if no plan left more than 1e-2 mg
+    and no constraint is broken by more than 1e-2 of its size.
 
     Raises
     ------
@@ -59,19 +61,19 @@ def animate(
     settings = options or SqpOptions(tolerance=TOLERANCE)
     began = time.perf_counter()
     compiled = CompiledProblem([problem])
-    compiled.check_squares("animate")
+    compiled.check_squares("animate", bounds=True)
     compiled.prepare()
     setup = time.perf_counter() - began
     nodes = first_nodes(problem, seed, None)
     kept = [nodes[0].copy(), nodes[1].copy()]
     rows: list[tuple[float, ...]] = []
-    lam, worst, counted = None, 0.0, 0
+    lam, slacks, worst, counted = None, None, 0.0, 0
     began, processor = time.perf_counter(), time.process_time()
     for place in range(0, total, advance):
         compiled.constant[0, :2] = nodes[:2]
         limited = replace(settings, max_iterations=iterations if place else FIRST)
-        result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, limited)
-        plan, lam = result.at.nodes[0], result.lam.copy()
+        result = sqp.run(compiled, compiled.unknowns(nodes[None]), lam, limited, slacks=slacks)
+        plan = result.at.nodes[0]
         violation = float(np.abs(result.at.C[0, :advance]).max(initial=0.0)) * problem.weight
         worst, counted = max(worst, violation), counted + int(result.iterations[0])
         row = dict.fromkeys(HISTORY, 0.0)
@@ -80,9 +82,16 @@ def animate(
         rows.append(tuple(row.values()))
         kept += list(plan[2 : 2 + advance])
         nodes = np.concatenate([plan[advance:], np.repeat(plan[-1:], advance, axis=0)])
-        lam[:, :-advance], lam[:, -advance:] = lam[:, advance:].copy(), 0.0
+        lam, slacks = _later(result, advance)
     spent = (setup, time.perf_counter() - began, time.process_time() - processor)
     return _whole(problem, compiled, np.array(kept)[: total + 2], rows, (worst, counted), spent)
+
+
+def _later(result: sqp.Result, steps: int) -> tuple[Array, Slacks | None]:
+    """Multipliers, and slacks if any, as many steps later."""
+    lam = np.zeros_like(result.lam)
+    lam[:, : lam.shape[1] - steps] = result.lam[:, steps:]
+    return lam, None if result.slacks is None else result.slacks.later(steps)
 
 
 def _check(problem: Problem) -> None:
@@ -107,9 +116,11 @@ def _whole(
     long = problem.replace(steps=len(nodes) - 2)
     compiled = CompiledProblem([long], like=like)
     at = compiled.evaluate(compiled.unknowns(nodes[None]))
-    table, good = np.array(rows, dtype=float), worst <= LEFT * problem.weight
+    table, motion = np.array(rows, dtype=float), measured(compiled, at, 0)
+    kept = all(bound.violation <= LEFT for bound in motion["bounds"])
+    good = kept and worst <= LEFT * problem.weight
     return Solution(
-        **measured(compiled, at, 0),
+        **motion,
         multipliers=np.zeros((compiled.K, compiled.ma)),
         status=Status.ACCEPTABLE if good else Status.ITERATION_LIMIT,
         iterations=counted,

@@ -51,6 +51,10 @@ class Command:
     iterations: done at this call. torque_excess: largest |u|/limit in the plan. energy: E of the
         plan.
     violation: ‖C‖∞ of the plan relative to mg.
+    clipped: by how much, in parts of its limit, the plan's first torque was beyond it before it was
+        clipped; 0 inside.
+    beyond: by how much the plan is beyond a hard bound at most, relative to the constraint's size;
+        0 inside, or without one.
     status: what became of this measurement, with its sentence.
     """
 
@@ -63,6 +67,8 @@ class Command:
     torque_excess: float
     energy: float
     violation: float
+    clipped: float
+    beyond: float
     _gains: Callable[[], Array]
     _goal: Callable[[], tuple[Array, Array]]
 

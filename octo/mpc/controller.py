@@ -14,6 +14,7 @@ from octo.model.convention import Convention
 from octo.model.quantities import Array
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.iteration import Iteration
+from octo.mpc.limits import MU, held_by_the_ground, torque_bounds
 from octo.mpc.low_level import LowLevel, default_damping, default_stiffness, gains
 from octo.mpc.measurement import check_device, checked, checked_time, measured, robot_of, time_of
 from octo.mpc.plan import Grid, Plan
@@ -23,6 +24,7 @@ from octo.problem.compiled import CompiledProblem
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solver.receding import RecedingHorizon
+from octo.solver.receding_bounds import bounds_of
 from octo.solver.receding_interpreted import InterpretedHorizon
 
 Guide = Callable[["Controller", float, Array], None]
@@ -83,12 +85,13 @@ class Controller:
                 f"guide is {said(guide)}, must be a function guide(controller, t, x)"
             )
         one_of("curvature", curvature, CURVATURES)
+        problem, self._most_friction = held_by_the_ground(problem)
         self.problem, self.robot = problem, robot
         self.iterations, self.exact = whole("iterations", iterations), curvature == "exact"
         self.budget = None if budget is None else positive("budget", budget, "s")
         self.convention = Convention(self.robot, convention)
         self.compiled = CompiledProblem([problem])
-        self.compiled.check_squares("the controller")
+        self.compiled.check_squares("the controller", bounds=True)
         self.compiled.prepare()
         self._tuning = Tuning(self.compiled, problem)
         ground = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
@@ -97,7 +100,7 @@ class Controller:
         horizon = RecedingHorizon if fast else InterpretedHorizon
         self.horizon = horizon(self.compiled, positive("sigma", sigma))
         self.dt, self.guide = float(problem.dt), guide
-        limit = self.robot.torque_limit
+        limit = torque_bounds(problem)
         self.limit, self._has_limit = limit, np.isfinite(limit) & (limit > 0.0)
         nu, stiff = robot.nu, default_stiffness(problem) if stiffness is None else stiffness
         kp = gains("stiffness", stiff, nu)
@@ -105,7 +108,8 @@ class Controller:
         self._grid = Grid(problem.steps, self.dt, self.robot.actuated, self.robot.nx)
         self._low = LowLevel(self._grid, self.convention.actuated_q, kp, kd, limit)
         hinge = np.array([joint.kind == "hinge" for joint in self.robot.joints])
-        self._iteration = Iteration(self.horizon, hinge, sigma, self.exact)
+        bounds = bounds_of(self.compiled)
+        self._iteration = Iteration(self.horizon, hinge, sigma, self.exact, bounds)
         self._readings = Readings(self.convention, self.dt)
         self.reset()
 
@@ -141,7 +145,12 @@ class Controller:
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Change run-time parameters of the dynamics by name: ``{"terrain.height": 0.1,
-        "contact.mu": 0.5}``; not dt."""
+        "contact.mu": 0.5}``; not dt, and no more friction than hard cones allow."""
+        if not (friction := values.get(MU, 0.0)) <= self._most_friction:
+            raise ValueRangeError(
+                f"parameter {MU} is {friction}, must be at most {self._most_friction:g}, that of "
+                "the problem's FrictionCones"
+            )
         self._tuning.set_parameters(values)
 
     # -- the first plan ----------------------------------------------------------------------------
@@ -178,6 +187,7 @@ class Controller:
                 break
         if not good:  # stand still
             nodes[:], nodes[0] = x, before
+            self._iteration.bounds.forget()
             self.horizon.evaluate()
         self._take(t, solved=good)
 
@@ -186,6 +196,7 @@ class Controller:
         self._readings.forget()
         self._near, self._prepared = x.copy(), np.nan
         self._worst, self._energy, self._violation, self._failures = 0.0, np.nan, np.nan, 0
+        self._clipped, self._beyond = 0.0, 0.0
         self._gain_nodes = np.zeros((3, self.robot.nx))
         self._gain = np.zeros((self.robot.nx, 2 * self.robot.nx))
 
@@ -241,11 +252,13 @@ class Controller:
             last = self._readings.time
             t = last + self._readings.tick if np.isfinite(last) else plan.time
         plan.shift(t, self.horizon.nodes)
+        self._iteration.bounds.shift(*plan.place(t))
         if self.guide is not None:
             self.guide(self, t, self.horizon.nodes[1].copy())
         if self._failures >= GIVE_UP:
             self.horizon.nodes[:] = self._near
             self.horizon.guess[:] = 0.0
+            self._iteration.bounds.forget()
             self._failures = 0
         elif self.exact:
             self._shift_multipliers(t)
@@ -326,11 +339,14 @@ class Controller:
             u = np.zeros_like(u)
         ratio = np.abs(u[:, self._has_limit]) / self.limit[self._has_limit]
         self._worst, self._energy = float(ratio.max(initial=0.0)), horizon.energy
+        self._clipped = max(float(ratio[0].max(initial=0.0)) - 1.0, 0.0)
+        self._beyond = self._iteration.bounds.excess(horizon)
         self._violation = float(np.abs(horizon.C).max(initial=0.0))
         self._gain_nodes[:] = horizon.nodes[:3]
         if solved:
             self._gain[:] = horizon.gain()
         self._plan = Plan(self._grid, t, horizon.nodes, self._limited(u))
+        self._iteration.bounds.keep()
 
     # -- commands ----------------------------------------------------------------------------------
 
@@ -343,7 +359,8 @@ class Controller:
         x, rate, _ = plan.at(when + self._readings.tick)
         gain, nodes = self._gain.copy(), self._gain_nodes.copy()
         later = (lambda: self._gains(gain, nodes), lambda: self.convention.from_octo(x, rate))
-        of_plan, took = (self._worst, self._energy, self._violation), time.perf_counter() - began
+        of_plan = (self._worst, self._energy, self._violation, self._clipped, self._beyond)
+        took = time.perf_counter() - began
         return Command(self._limited(u), plan.end, status, took, ahead, done, *of_plan, *later)
 
     def _gains(self, gain: Array, nodes: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.solver.receding import RecedingHorizon
+from octo.solver.receding_bounds import NoBounds
 from octo.solver.receding_interpreted import InterpretedHorizon
 
 CAP = (0.2, 0.1)  # rad and m, largest change of a coordinate in one iteration
@@ -21,6 +22,7 @@ class Iteration:
 
     Attributes
     ----------
+    bounds: what keeps rows between theirs.
     sigma: the smallest regularisation weight; the horizon's own grows where steps fail and comes
         back where they do not.
     """
@@ -31,8 +33,9 @@ class Iteration:
         hinge: NDArray[np.bool_],
         sigma: float,
         exact: bool,
+        bounds: NoBounds,
     ):
-        self.horizon, self.sigma, self.exact = horizon, sigma, exact
+        self.horizon, self.sigma, self.exact, self.bounds = horizon, sigma, exact, bounds
         self._inverse_cap = np.where(hinge, 1.0 / CAP[0], 1.0 / CAP[1])
         self._before = np.empty_like(horizon.step)
         self._usable, self._penalty = True, 0.0
@@ -40,9 +43,11 @@ class Iteration:
     def forget(self) -> None:
         self.horizon.sigma[0], self._penalty = self.sigma, 0.0
         self.horizon.guess[:] = 0.0
+        self.bounds.forget()
 
     def prepare(self) -> None:
         """What does not depend on the measurement."""
+        self.bounds.weigh(self.horizon)
         self._usable = self.horizon.prepare(self.exact)
 
     def learn(self, good: bool) -> None:
@@ -57,6 +62,7 @@ class Iteration:
         self.horizon.nodes[2:] += length * self.horizon.step
         self._take_multipliers(length)
         self.horizon.evaluate()
+        self.bounds.learn(self.horizon, length)
         return True
 
     def better(self) -> bool:
@@ -78,6 +84,7 @@ class Iteration:
             horizon.evaluate()
             if self._merit() < here:
                 self._take_multipliers(length)
+                self.bounds.learn(horizon, length)
                 return True
             length *= 0.5
         horizon.nodes[2:] = self._before
@@ -86,6 +93,7 @@ class Iteration:
 
     def _solve(self) -> float:
         """The step, and how much of it the cap allows; 0 where there is none."""
+        self.bounds.weigh_first(self.horizon)
         if not self.horizon.feedback(self.exact, self._usable):
             return 0.0
         length = 1.0 / max(1.0, float((np.abs(self.horizon.step) * self._inverse_cap).max()))
@@ -97,5 +105,6 @@ class Iteration:
             guess += length * (self.horizon.lam - guess)
 
     def _merit(self) -> float:
-        value = self.horizon.energy + self._penalty * float(np.abs(self.horizon.C).sum())
+        value = self.horizon.energy + self.bounds.price(self.horizon)
+        value += self._penalty * float(np.abs(self.horizon.C).sum())
         return value if np.isfinite(value) else np.inf

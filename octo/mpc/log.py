@@ -19,6 +19,7 @@ from octo.shown import Shown
 __all__ = ["NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
 SETTLED = 2.0  # s from the start that tracking leaves out
+ROUNDING = 1e-6  # of a limit
 BOOT = 50  # calls from the start that latency leaves out
 
 
@@ -30,7 +31,8 @@ class Log(Record, Shown):
     octo's chart; u (k, nu) N m or N; force, point (k, c, 3) of the contacts that touch the ground,
     N and m; plan_x (k, nx), where the plan wanted to be; wanted (k, 3) m/s, m/s, rad/s, the
     command; seconds, prepare (k,) s of the controller's calls; energy, violation (mg), excess
-    (|u|/limit), done (iterations). The last six are NaN where no command came, or no measurement
+    (|u|/limit), done (iterations), clipped and beyond (see :class:`octo.mpc.Command`). The last
+    eight are NaN where no command came, or no measurement
     that one could come from.
 
     Attributes
@@ -124,6 +126,11 @@ class Log(Record, Shown):
         called = np.isfinite(self.seconds)
         return self.columns[name][called] if called.any() else np.full(1, np.nan)
 
+    def _counted(self, name: str) -> dict[str, float]:
+        """Of a column that is 0 inside: the share of calls at which it is not, and the most."""
+        found = np.nan_to_num(self._of_calls(name))
+        return {"share": float((found > ROUNDING).mean()), "most": float(found.max())}
+
     def report(self) -> dict[str, Any]:
         """The numbers of report.json."""
         mean, wanted = self.tracked()
@@ -146,6 +153,8 @@ class Log(Record, Shown):
             "fall_times": [float(v) for v in self.falls],
             "statuses": dict(Counter(self.statuses)),
             "torque_excess": float(self._of_calls("excess").max()),
+            "clipped": self._counted("clipped"),
+            "beyond": self._counted("beyond"),
             "pushes": [float(v) for v in self.impulses],
             **{name: getattr(self, name) for name in names},
             "slip_mean": float(np.mean(slip)) if slip.size else 0.0,

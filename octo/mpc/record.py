@@ -28,7 +28,10 @@ ANSWERED = {  # columns of a command's own numbers, and what it calls them
     **{name: name for name in ("seconds", "prepare", "energy", "violation")},
     "excess": "torque_excess",
     "done": "iterations",
+    "clipped": "clipped",
+    "beyond": "beyond",
 }
+LATER = {"clipped", "beyond"}  # that files of older versions do not have
 ROWS = ("t", "q", "v", "x", "plan_x", "u", "force", "point", *ANSWERED, "wanted")
 
 
@@ -144,7 +147,9 @@ class Record:
             robot = store.from_plain(file.plain["robot"])
             k, shapes = len(file.array("t", (None,))), row_shapes(robot, Convention(robot))
             sizes = {name: (k, *shapes.get(name, ())) for name in ROWS}
-            columns = {n: file.array(n, size, finite=False) for n, size in sizes.items()}
+            lacks = dict.fromkeys(LATER - file.arrays.keys(), np.full(k, np.nan))
+            held = {n: size for n, size in sizes.items() if n not in lacks}
+            columns = lacks | {n: file.array(n, size, finite=False) for n, size in held.items()}
             own: dict[str, Any] = {"saved_world": _world(file.plain["world"])}
             own |= {name: file.array(name, (None,)).tolist() for name in ("falls", "impulses")}
             own |= {name: file.whole(name) for name in ("memory_start", "memory_end")}

@@ -50,6 +50,10 @@ class _Symmetric(Constraint):
         """(count,) indices into x of what is limited."""
         return setting.actuated
 
+    def limits(self, setting: Setting) -> Array:
+        """(count,) of all values, infinite where there is none."""
+        return self._limit(setting.character, len(self._coordinates(setting)))
+
     def _limited(self, robot: Character | None, count: int) -> tuple[Indices, Array, Array]:
         """Which (rows,) of ``count`` have a limit, these, and what the rows are in parts of: the
         limit, or 1 where that is zero."""

@@ -35,6 +35,14 @@ class Slacks:
         s, lower, upper, equal = (part[chosen] for part in parts)
         return Slacks(s, lower, upper, equal, self.mu[members])
 
+    def later(self, steps: int) -> Slacks:
+        """As many steps later along the horizon, where nothing is known of the last ones."""
+        parts = (self.s, self.lower, self.upper, self.equal)
+        rest = array_module(self.s).zeros_like(self.s[:, :steps])
+        join = array_module(self.s).concatenate
+        s, lower, upper, equal = (join([part[:, steps:], rest], axis=1) for part in parts)
+        return Slacks(s, lower, upper, equal, self.mu)
+
     def on_host(self) -> Slacks:
         """The same in NumPy arrays."""
         return Slacks(*map(host, (self.s, self.lower, self.upper, self.equal, self.mu)))

@@ -40,6 +40,7 @@ class RecedingHorizon:
     nodes: (N+2, n) rad and m, x_{-1}, x_0 … x_N: where the model is taken. The caller writes it.
     fd: (N, n) N m or N, FD at ``nodes``. terms: (N, terms), of E. C: (N, m), scaled; of the last
         :meth:`evaluate`.
+    rows: (N, rows) of the terms that are bounded, of the last :meth:`evaluate`.
     step: (N, n) rad and m, of the last :meth:`solve`, of x_1 … x_N. lam: (N, m), its multipliers.
     sigma: (1,) the regularisation weight.
     """
@@ -59,6 +60,7 @@ class RecedingHorizon:
         self.steps, self.sigma = N, np.array([sigma])
         self.nodes, self.fd = np.zeros((N + 2, n)), np.zeros((N, n))
         self.terms = np.zeros((N, len(compiled.functions.references.terms)))
+        self.rows = np.zeros((N, len(compiled.functions.bounded)))
         self._H = aligned(K * 3 * n * n)
         self._A = aligned(max(K * 3 * m * n, 1))
         self._b = np.zeros((K, n))
@@ -69,7 +71,7 @@ class RecedingHorizon:
         self.step, self.lam, self.C = self._step[PAST:], self._lam[PAST:], self._residual[PAST:, :m]
         self.guess = np.zeros((K, m))  # multipliers that exact curvature is taken at
         self._weights = np.zeros(K)
-        self._task, self._kept = self._make_task(N)
+        self._task, self._kept = self._make_task(N)  # of two chunks
         self._task_at = ctypes.addressof(self._task)
         library.octo_join_parts.argtypes = [ctypes.c_void_p]
         for function in (library.octo_linearize_part, library.octo_evaluate):
@@ -171,7 +173,14 @@ class RecedingHorizon:
         """``fd``, ``terms`` and ``C`` at ``nodes``."""
         task = self._task
         task.terms, task.c = address(self.terms), address(self._residual)
+        task.rows = address(self.rows) if self.rows.size else None
         self._library.octo_evaluate(self._task_at, 1)
+
+    def evaluate_first(self) -> None:
+        """The same of the steps 0 and 1 alone, which see the measurement."""
+        self._task.chunks = 1
+        self.evaluate()
+        self._task.chunks = 2
 
     def gain(self) -> Array:
         """(n, 2n) the derivative of the next x_1 with respect to (x_0, x_{-1}), of the last

@@ -28,7 +28,7 @@ class InterpretedHorizon:
         self.nodes, self.fd = np.zeros((N + PAST, n)), np.zeros((N, n))
         self.terms = np.zeros((N, len(compiled.functions.references.terms)))
         self.C, self.step, self.lam = np.zeros((N, m)), np.zeros((N, n)), np.zeros((N, m))
-        self.guess = np.zeros((N + PAST, m))
+        self.guess, self.rows = np.zeros((N + PAST, m)), np.zeros(compiled.lower.shape[1:])
         self._factor: KKTFactor | None = None
         self._past: tuple[Array, Array] | None = None
 
@@ -61,6 +61,10 @@ class InterpretedHorizon:
     def evaluate(self) -> None:
         at = self._whole.evaluate(self.nodes[None].copy())
         self.fd[:], self.terms[:], self.C[:] = at.fd[0], at.terms[0], at.C[0, PAST:]
+        self.rows[:] = at.rows[0]
+
+    def evaluate_first(self) -> None:
+        self.evaluate()
 
     def gain(self) -> Array:
         assert self._factor is not None and self._past is not None
