@@ -47,6 +47,7 @@ PHASES, WIDTH = 2, 1e-2
 MANY, FAR = 0.05, 0.5
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
+ROUNDED = 1e-9  # an equality missed by less is met: of δ z it is, where a multiplier moves by z
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
 # N μ: of a start; of one with multipliers or behind an elastic phase (1e-2 there: go2 149 for 126)
@@ -210,7 +211,8 @@ class Barrier(Bounds):
         xp, batch = array_module(s), len(s)
         below, above = self.limits.gaps(s)
         logs = (xp.log(below) + xp.log(above)).reshape(batch, -1).sum(axis=1)
-        residuals = (at.C, self.limits.residual(at.rows, s))
+        off = self.limits.residual(at.rows, s)
+        residuals = (at.C, xp.where(self.limits.equal & (abs(off) < ROUNDED), 0.0, off))
         sizes = [abs(part).reshape(batch, -1) for part in residuals]
         total = sum(size.sum(axis=1) for size in sizes)
         square = sum((size**2).sum(axis=1) for size in sizes)
