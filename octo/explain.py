@@ -17,6 +17,7 @@ import numpy as np
 from octo.checks import Array, asked
 from octo.continuation.member import CONTACT
 from octo.errors import ProblemError, ShapeError, said
+from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.problem.phased import compiled_of, parts_of
 from octo.problem.phases import Described, Phases, times_of
@@ -26,8 +27,9 @@ from octo.result.phased import all_bounds_kept, row_labels
 from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
 from octo.solver.backend import CPU
+from octo.solver.clocks import as_long_as
 from octo.solver.elastic import Elastic
-from octo.solver.free_time import timed
+from octo.solver.free_time import FreeTime, timed
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 from octo.starts import first_nodes
@@ -90,6 +92,7 @@ class _Trial:
 
     kept: Kept  # what was asked for
     at: Evaluation
+    times: Array  # (N+1,) s, of its x_0 … x_N
     holds: bool  # all of it
     certain: bool  # a least of what is broken, where it does not hold
     broken: Kept  # of kept, what is beyond its bounds, and END: nobody knows whether it pulls
@@ -120,7 +123,8 @@ class _Search:
         """The smallest set that was found."""
         trial = self._trial(frozenset([*self.names, *([END] if self.fixed else [])]))
         if trial.holds:
-            return Conflict(motion=trial.at.nodes[0, 1:].copy(), solves=self.solves)
+            motion = trial.at.nodes[0, 1:].copy()
+            return Conflict(seconds=float(trial.times[-1]), motion=motion, solves=self.solves)
         self.starts[0] = trial.at.nodes[0]
         idle = trial.kept - trial.broken
         # as they are written, then the end, then those that the first search left within bounds
@@ -133,11 +137,13 @@ class _Search:
 
     def _found(self, trial: _Trial) -> Conflict:
         compiled = self.compiled if END in trial.kept else self.free
-        rows = all_bounds_kept(compiled, trial.at, 0)
+        rows = [row for row in all_bounds_kept(compiled, trial.at, 0) if row.name in trial.kept]
+        if self.problem.duration is not None:  # the batch has those of the first guess
+            rows = [replace(row, time=float(trial.times[row.step + 1])) for row in rows]
         return Conflict(
-            rows=tuple(row for row in rows if row.name in trial.kept),
+            rows=tuple(rows),
             end=END in trial.kept,
-            seconds=float(times_of(self.problem)[-1]),
+            seconds=float(trial.times[-1]),
             certain=trial.certain,
             solves=self.solves,
         )
@@ -180,17 +186,27 @@ class _Search:
             result = sqp.run(solved, unknowns, lam, OPTIONS, monitor, bounds=elastic)
             unknowns, lam, status = result.at.unknowns, result.lam, result.status[0]
             if held:
-                return _Trial(kept, held[0], True, True, frozenset())
+                times = self._times(solved, held[0])
+                return _Trial(kept, held[0], times, True, True, frozenset())
             if status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
         far = beyond(result.at)
         least = PART * far.max(initial=0.0)
-        broken = {str(name) for name in self.labels[far > least]}
-        return _Trial(kept, result.at, False, status.converged, kept & {*broken, END})
+        broken = frozenset(str(name) for name in self.labels[far > least])
+        times, broken = self._times(solved, result.at), kept & {*broken, END}
+        return _Trial(kept, result.at, times, False, status.converged, broken)
+
+    def _times(self, solved: BlockNLP, at: Evaluation) -> Array:
+        """(N+1,) s, of x_0 … x_N of an iterate."""
+        if not isinstance(solved, FreeTime):
+            return times_of(self.problem)
+        steps = [part.steps for part in parts_of(self.compiled)]
+        return np.append(0.0, np.cumsum(np.repeat(solved.dt(at.unknowns)[:, 0], steps)))
 
 
 def _as_solved(described: Described, solution: Solution) -> Described:
-    """With the contact stiffness of the pass that the solution is of."""
+    """With the contact stiffness of the pass that the solution is of, and as long as it."""
+    described = as_long_as(described, solution.intervals)
     if isinstance(described, Problem):
         problem = _of_one_period(described, solution)
         stiffness = _stiffness(problem, solution)

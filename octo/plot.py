@@ -128,7 +128,7 @@ def _velocity(solution: Solution, axes: Axes) -> None:
     if solution.character is None:
         rate, times, title = solution.v, solution.times, "their rates (rad/s, m/s)"
     else:
-        rate = np.diff(values, axis=0) / solution.intervals[1:, None]
+        rate = np.diff(values, axis=0) / solution.intervals[:, None]
         times = solution.times[1:]
         title = "its velocity (m/s)"
     _lines(axes, times, rate[:, : len(names)], names)

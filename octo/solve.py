@@ -230,7 +230,7 @@ def _solve(
     starts = starts_of(start, problems, seeds)
     pairs = zip([problem for problem in problems for _ in range(seeds)], starts, strict=True)
     batch = [
-        as_long_as(problem, given.intervals[1:]) if isinstance(given, Solution) else problem
+        as_long_as(problem, given.intervals if isinstance(given, Solution) else None)
         for problem, given in pairs
     ]
     numbers = [request.seed + k for _ in problems for k in range(seeds)]

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--starts", whole(1), None, starts),
         ("--seed", whole(0), 0, "of the perturbations"),
         ("--feedback", None, "base", wrench),
-        ("--timestep", positive, 0.001, "s, of plant and control"),
+        ("--timestep", positive, None, "s, of plant and control (default: about 1 ms)"),
         ("--out", None, None, "folder of the files (default ./octo-ROBOT-replay)", "DIR"),
     )
     parser.set_defaults(run=run)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from octo.checks import positive
+from octo.checks import LONGEST_STEP, SHORTEST_STEP, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.problem.at import At
 from octo.problem.constraints import Constraint
@@ -18,6 +18,11 @@ from octo.problem.terms import Row
 
 if TYPE_CHECKING:
     from octo.problem.symbols import Setting, StepSymbols
+
+# times the longest, or the shortest over it, that a duration may be on the way: a fifth more lets a
+# step overshoot, and no time is spent on motions that are far too short or too long
+BEYOND = 1.2
+NARROW = 1e-6  # of the shortest: what a tolerance would not tell from a fixed duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,18 @@ class Duration(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return ca.sqrt(step.dt * p["steps"])
+
+    def hard(self) -> Constraint:
+        """Refuse to be a constraint: a motion that takes no time is none.
+
+        Raises
+        ------
+        ProblemError: always.
+        """
+        raise ProblemError(
+            f"{self.label} has no hard form: what a motion may take is "
+            "Problem(duration=(shortest, longest))"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +76,13 @@ class DurationRange(Constraint):
         return [Row("the duration", "s", self.upper)]
 
 
-def range_of(given: Any) -> tuple[float, float]:
-    """(shortest, longest) s.
+def range_of(given: Any, steps: int, of_robot: bool) -> tuple[float, float]:
+    """(shortest, longest) s, of a motion in ``steps`` steps.
 
     Raises
     ------
-    OctoError: ``given`` is no such pair.
+    OctoError: ``given`` is no such pair, or it is of a robot and its steps would be too short or
+        too long on the way.
     """
     if not isinstance(given, (tuple, list)) or len(given) != 2:
         raise ValueRangeError(
@@ -72,9 +90,16 @@ def range_of(given: Any) -> tuple[float, float]:
             "steps·dt"
         )
     low, high = (positive("duration", value, "s") for value in given)
-    if not low < high:
+    if not low * (1.0 + NARROW) < high:
         raise ValueRangeError(
-            f"duration is {said(given)}: the shortest must be less than the longest"
+            f"duration is {said(given)}: the shortest must be less than the longest, by a "
+            "millionth or more"
+        )
+    least, most = BEYOND * SHORTEST_STEP * steps, LONGEST_STEP * steps / BEYOND
+    if of_robot and not (least <= low and high <= most):
+        raise ValueRangeError(
+            f"duration is {said(given)} s in {steps} steps, must be between {least:.4g} and "
+            f"{most:.4g} s"
         )
     return low, high
 

@@ -112,18 +112,19 @@ class Problem(Shown):
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)
+        mirrored = self.cycle is not None and self.cycle.mirrored
+        users = isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics)
         if self.duration is not None:
-            low, high = range_of(self.duration)
+            low, high = range_of(self.duration, self.steps * (2 if mirrored else 1), not users)
             object.__setattr__(self, "duration", (low, high))
             if self.dt == 0:
                 object.__setattr__(self, "dt", float(np.sqrt(low * high)) / self.steps)
-        if isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics):
+        if users:
             positive("dt", self.dt, "s")  # in units of the user's own
         else:
             time_step(self.dt)
         check_surroundings(self.terrain, self.law, self.model)
         object.__setattr__(self, "costs", costs_of(self.costs))
-        mirrored = self.cycle is not None and self.cycle.mirrored
         hard = within(constraints_of(self.constraints), self.costs, self.duration, mirrored)
         object.__setattr__(self, "constraints", hard)
         object.__setattr__(

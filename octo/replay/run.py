@@ -23,6 +23,8 @@ from octo.solver.status import Status
 
 FEEDBACKS = ("base", "none")
 LOOK = 0.01  # s, between two looks at whether it fell
+USUAL = 0.001  # s, of plant and control; of a plan of another dt the whole part that is nearest
+WHOLE = 1e-6  # of a time step, by which a plan's dt may miss a number of them
 # m (uniform, 0 to it), rad, rad, m/s and rad/s (normal)
 RAISED, TILTED, BENT, MOVING = 0.01, 0.04, 0.02, 0.05
 
@@ -94,7 +96,7 @@ def replay(
     starts: int | None = None,
     seed: int = 0,
     feedback: str = "base",
-    timestep: float = 0.001,
+    timestep: float | None = None,
 ) -> Replay:
     """Run a plan, a Solution or the path of one, in MuJoCo.
 
@@ -110,7 +112,7 @@ def replay(
     starts: so many perturbed starts (base raised 0–1 cm; normal noise on roll and pitch .04 rad,
         joints .02 rad, base velocity .05 m/s and rad/s), drawn from ``seed``; None is the plan's
         own start alone.
-    timestep: s, of plant and control.
+    timestep: s, of plant and control, a whole part of the plan's dt; by default about 1 ms.
 
     Raises
     ------
@@ -123,10 +125,10 @@ def replay(
     for name, value in (("kp", kp), ("kd", kd)):
         if value is not None:
             positive(name, value)
-    if starts is not None:
-        whole("starts", starts, most=100_000)
+    whole("starts", 1 if starts is None else starts, most=100_000)
     solution = even(solution_of(solution))
-    robot = _robot(solution, timestep)
+    timestep = _fitting(solution.dt, timestep)
+    robot = _robot(solution)
     gravity = [solution.parameters[f"gravity_{c}"] for c in "xyz"]
     plant = MujocoPlant(
         robot, terrain=ground_of(solution), friction=friction, timestep=timestep, gravity=gravity
@@ -147,12 +149,18 @@ def replay(
     return Replay(solution, motion, tuple(records), settings)
 
 
-def _robot(solution: Solution, timestep: float) -> Character:
-    """The robot of a plan that can be replayed in this time step; raises as :func:`replay` does."""
-    if abs(solution.dt / positive("timestep", timestep) - round(solution.dt / timestep)) > 1e-6:
-        raise ValueRangeError(
-            f"timestep is {timestep} s, must be a whole part of the plan's {solution.dt} s"
-        )
+def _fitting(dt: float, timestep: float | None) -> float:
+    """s, of plant and control, for a plan of steps of ``dt`` s; raises as :func:`replay` does."""
+    many = dt / (USUAL if timestep is None else positive("timestep", timestep))
+    if abs(many - round(many)) <= WHOLE:
+        return USUAL if timestep is None else timestep
+    if timestep is None:
+        return dt / max(1, round(many))
+    raise ValueRangeError(f"timestep is {timestep} s, must be a whole part of the plan's {dt} s")
+
+
+def _robot(solution: Solution) -> Character:
+    """The robot of a plan that can be replayed; raises as :func:`replay` does."""
     robot = solution.character
     if robot is None or robot.base != "floating" or robot.nu == 0:
         raise ProblemError(

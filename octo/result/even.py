@@ -22,7 +22,7 @@ def even(motion: T) -> T:
     """
     if not motion.phases:
         return motion
-    own = motion.intervals[1:]
+    own = motion.intervals
     if np.ptp(own) == 0.0:
         return replace(motion, phases=())
     times, duration = motion.times, float(motion.times[-1])

@@ -34,7 +34,7 @@ class Conflict:
     ----------
     rows: of each of them the worst row of the motion that breaks them least.
     end: whether the fixed last state (x_end, v_end, displacement) is one of them.
-    seconds: s, of the motion: when that state is.
+    seconds: s, of the motion, which a free duration makes another one than of the solution.
     motion: (N+1, nx) where everything holds together, a motion that shows it: a start for
         ``octo.solve``; None where nothing contradicts and none was found.
     certain: whether each search that found no motion ended at one that breaks its constraints least

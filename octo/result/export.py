@@ -116,7 +116,7 @@ def _parts(motion: Trajectory) -> list[_Part]:
     robot = motion.character
     if robot is None:
         raise ProblemError("user-written dynamics have no bodies: x is all there is")
-    x, dt = motion.x, motion.intervals[:, None]  # (N+1, 1) s
+    x, dt = motion.x, motion.row_intervals[:, None]  # (N+1, 1) s
     rate = np.diff(x, axis=0) / dt
     parts = []
     for b, (body, start) in enumerate(zip(robot.bodies, robot.first_joint, strict=True)):

@@ -65,24 +65,28 @@ class Trajectory:
 
     @property
     def intervals(self) -> Array:
-        """(N+1,) s, from each row of x to the next: of the step that ends at x_0 … x_N."""
+        """(N,) s, of each step."""
         if not self.phases:
-            return np.full(self.steps + 1, self.dt)
-        own = [np.full(phase.steps, phase.dt) for phase in self.phases]
-        return np.concatenate([own[0][:1], *own])
+            return np.full(self.steps, self.dt)
+        return np.concatenate([np.full(phase.steps, phase.dt) for phase in self.phases])
+
+    @property
+    def row_intervals(self) -> Array:
+        """(N+1,) s, from each row of x to the next: x_{-1} is as far behind x_0 as x_1 is ahead."""
+        return np.append(self.intervals[:1], self.intervals)
 
     @property
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
         if self.phases:
-            return np.append(0.0, np.cumsum(self.intervals[1:]))
+            return np.append(0.0, np.cumsum(self.intervals))
         return np.asarray(self.dt * np.arange(self.steps + 1), dtype=float)
 
     @property
     def v(self) -> Array:
         """(N+1, nx) rad/s and m/s, (x_i − x_{i-1})/dt of x_0 … x_N: of the chart's coordinates, as
         x."""
-        return np.diff(self.x, axis=0) / self.intervals[:, None]
+        return np.diff(self.x, axis=0) / self.row_intervals[:, None]
 
     @property
     def sampling(self) -> str:

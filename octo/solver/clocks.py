@@ -48,10 +48,7 @@ class Clock:
         q_slope = slope("q")
         # scales of terms stay, and what a solver gives the rows is not of the problem
         q_slope[:, :, : len(references.terms)] = q_slope[:, :, references.size :] = 0.0
-        ends = np.array([one.duration for one in compiled.problems], dtype=float)
-        ends /= np.array([_times_through(one) * compiled.steps for one in compiled.problems])[
-            :, None
-        ]
+        ends = np.array([_ends(one) for one in compiled.problems])
         constant = data.constant.copy(), slope("constant")
         numbers = data.q.copy(), q_slope
         return cls(dt, ends[:, 0] / beyond, ends[:, 1] * beyond, *constant, *numbers)
@@ -91,6 +88,13 @@ def _times_through(problem: Problem) -> float:
     return 2.0 if problem.cycle is not None and problem.cycle.mirrored else 1.0
 
 
+def _ends(problem: Problem) -> tuple[float, float]:
+    """(shortest, longest) s of a step of a free duration."""
+    assert problem.duration is not None
+    count = int(problem.steps) * _times_through(problem)
+    return problem.duration[0] / count, problem.duration[1] / count
+
+
 def with_times(described: Described, dt: Array) -> Described:
     """The problem, or the phases, with steps of ``dt`` (phases,) s, where these are free."""
     if isinstance(described, Problem):
@@ -100,13 +104,22 @@ def with_times(described: Described, dt: Array) -> Described:
     return Phases.linked([*made])
 
 
-def as_long_as(described: Described, intervals: Array) -> Described:
-    """The same; where its duration is free with that of another motion, whose ``intervals`` are
-    (steps,) s; of phases where that has as many steps."""
+def as_long_as(described: Described, intervals: Array | None) -> Described:
+    """The same; where its duration is free with what is nearest in its range to that of another
+    motion, whose ``intervals`` are (steps,) s, or to its own.
+
+    intervals: of phases those of a motion of as many steps; None, or of another motion, for its
+        own.
+    """
     if described.duration is None:
         return described
-    if isinstance(described, Problem):
-        return with_dt(described, float(intervals.sum()) / int(described.steps))
-    if len(intervals) != described.steps:
-        return described
-    return with_times(described, intervals[list(described.first_steps[:-1])])
+    phases = [described] if isinstance(described, Problem) else list(described.problems)
+    own = wanted = np.array([one.dt for one in phases])
+    if intervals is not None and isinstance(described, Problem):
+        wanted = np.array([intervals.sum() / int(described.steps)])
+    elif intervals is not None and len(intervals) == described.steps:
+        wanted = intervals[np.cumsum([0, *(one.steps for one in phases[:-1])])]
+    pairs = zip(phases, own, strict=True)
+    ends = [(dt, dt) if one.duration is None else _ends(one) for one, dt in pairs]
+    begun = np.clip(wanted, *np.transpose(ends))
+    return described if np.array_equal(begun, own) else with_times(described, begun)

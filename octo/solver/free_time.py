@@ -22,6 +22,7 @@ from octo.checks import Array
 from octo.errors import ProblemError
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.compiled import CompiledProblem
+from octo.problem.duration import BEYOND
 from octo.problem.evaluation import Evaluation, Model
 from octo.problem.phased import Compiled, PhasedProblem, compiled_of, parts_of
 from octo.problem.phases import Described
@@ -31,7 +32,6 @@ from octo.solver.clocks import Clock, with_times
 # of τ, the step of the differences. Numbers go like τ⁻⁴ at most, so that its square is the error;
 # terms may turn sharply (a joint's power where it changes its sign): with 5e-4 they stalled
 STEP = 2e-5
-BEYOND = 1.2
 Around = tuple[Evaluation, Evaluation]
 Weights = tuple[Array, Array, Array]  # D, d and y of the bounded rows
 

@@ -11,6 +11,7 @@ import pytest
 import octo
 from octo.cli import simulate
 from octo.dynamics.simulate import Motion
+from octo.errors import OctoError
 from octo.model.kinematics import sphere_centers
 from octo.plant import MujocoPlant, from_chart
 from octo.problem.problem import Problem
@@ -218,6 +219,16 @@ def test_a_plan_that_starts_moving_is_replayed_moving(standing: Solution) -> Non
         assert way - 0.5 * 0.8 * 9.81 * DT**2 <= nodes[2, 0] - nodes[1, 0] <= way + 1e-3
     still, shifted = (perturbed(plan, np.random.default_rng(1))[1] for plan in (standing, moving))
     np.testing.assert_allclose(shifted - still, 0.5 * np.eye(18)[0], atol=1e-12)
+
+
+def test_a_plan_of_any_dt_is_replayed_in_whole_time_steps(standing: Solution) -> None:
+    """As one whose duration was found: the default is the whole part that is nearest to 1 ms."""
+    assert replay(standing).settings["timestep"] == 0.001
+    odd = replay(replace(standing, dt=0.0249937))
+    assert odd.settings["timestep"] == 0.0249937 / 25
+    assert odd.motion.steps == standing.steps
+    with pytest.raises(OctoError, match="timestep is 0.001 s, must be a whole part"):
+        replay(replace(standing, dt=0.0249937), timestep=0.001)
 
 
 def test_a_joint_without_torque_has_no_torque_use(standing: Solution) -> None:

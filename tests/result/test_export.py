@@ -40,7 +40,7 @@ def moving(robot: Character) -> Solution:
         x=x,
         u=np.zeros((STEPS, robot.nu)),
         dt=DT,
-        intervals=np.full(STEPS + 1, DT),
+        row_intervals=np.full(STEPS + 1, DT),
         times=DT * np.arange(STEPS + 1),
         joint_names=names,
         actuated_names=actuated,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import octo
 from octo.errors import OctoError
 from octo.problem.phased import compiled_of, parts_of
+from octo.solve import evaluated
 from octo.solver.blocks import KKTBlocks
 from octo.solver.free_time import FreeTime, timed
 from octo.solver.status import Status
@@ -258,6 +259,22 @@ def test_a_solution_goes_on_from_its_own_duration(tmp_path: Path) -> None:
     np.testing.assert_allclose(80 * finer.dt, 2.0, rtol=1e-5)
 
 
+@pytest.mark.parametrize("begun", [0.004, 20.0])
+def test_a_search_begins_within_the_range(begun: float) -> None:
+    """Wherever its dt comes from: given, kept by ``replace``, or of the solution it starts from."""
+    problem = from_rest_to_rest(40, 1.0, 1.0, duration=(0.5, 10.0))
+    ends = (0.5 * begun, begun) if begun < 1.0 else (begun, 2.0 * begun)
+    beyond = problem.replace(duration=ends, dt=begun / 40)
+    for given, start in (
+        (problem.replace(dt=begun / 40), None),
+        (beyond.replace(duration=problem.duration), None),
+        (problem, evaluated(beyond, np.zeros((41, 1)), Status.CONVERGED)),
+    ):
+        motion = octo.solve(given, start=start)
+        assert motion.status is Status.CONVERGED
+        np.testing.assert_allclose(40 * motion.dt, 2.0, rtol=1e-5)
+
+
 def test_a_stride_finds_its_period() -> None:
     """E is not above that of the same stride with periods that are fixed."""
     robot = octo.gallery.mammal()
@@ -287,6 +304,10 @@ def test_what_is_no_duration_is_refused() -> None:
     assert "must be (shortest, longest)" in refused(duration=2.0)
     assert "the shortest must be less" in refused(duration=(3.0, 2.0))
     assert "duration" in refused(duration=(0.0, 2.0))
+    assert "by a millionth" in refused(duration=(3.0, np.nextafter(3.0, 4.0)))
+    assert "Duration has no hard form" in refused(constraints=[octo.Duration()])
+    with pytest.raises(OctoError, match=r"in 20 steps, must be between 2.4e-08 and 16.67 s"):
+        standing().replace(duration=(1.0, 20.0))  # of a robot; on the way it may be a fifth more
     costs = [octo.Duration(), octo.Effort(at=octo.At(1.0))]
     assert "Effort.at is in seconds and duration is free" in refused(costs=costs)
 
@@ -310,3 +331,13 @@ def test_a_motion_that_has_too_little_time_is_explained() -> None:
     conflict = octo.explain(problem, motion).conflict
     assert conflict is not None
     assert set(conflict.names) == {"TorqueLimits", "DurationRange", "the fixed end"}
+    assert 1.0 < conflict.seconds <= 2.0  # of the motion that breaks least, not of the search's dt
+    assert all(row.time <= conflict.seconds * (1 + 1e-9) for row in conflict.rows)
+
+
+def test_a_motion_that_holds_comes_with_its_time() -> None:
+    problem = from_rest_to_rest(20, 1.0, 1.0, duration=(0.5, 3.0), dt=0.5 / 20)
+    conflict = octo.explain(problem, octo.solve(problem, max_iterations=1)).conflict
+    assert conflict is not None and conflict.motion is not None
+    force = np.diff(conflict.motion[:, 0], n=2) / (conflict.seconds / 20) ** 2
+    assert np.abs(force).max() <= 1.0 + 1e-3

@@ -156,6 +156,9 @@ def test_position_and_velocity_go_on_through_the_joint(cart_pole):
     np.testing.assert_allclose(
         found.times, np.concatenate([one.times, one.times[-1] + two.times[1:]])
     )
+    own = [np.full(phase.steps, phase.dt) for phase in found.phases]
+    np.testing.assert_array_equal(found.intervals, np.concatenate(own))  # one of each row of u
+    assert one.intervals.shape == (one.steps,)
     np.testing.assert_allclose(found.v, np.concatenate([one.v, two.v[1:]]), rtol=1e-9, atol=1e-12)
     assert found.energy == pytest.approx(one.energy + two.energy, rel=1e-12)
 
