@@ -41,13 +41,14 @@ _NAMES = {  # by the module that defines them
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
     "octo.model.terrain": "Plane Terrain",
-    "octo.motions": "stride turn walk",
+    "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
     "octo.plot": "plot",
     "octo.problem.basis": "Hermite Nodes",
     "octo.problem.code_stage": "CodeStage",
     "octo.problem.constraints": "Constraint CustomConstraint",
     "octo.problem.cycle": "Cycle",
+    "octo.problem.hard": "limits",
     "octo.problem.limits": (
         "BaseHeightRange FrictionCones JointLimits JointSpeedLimits StepLimit TiltLimit "
         "TorqueLimits"
@@ -137,6 +138,7 @@ if TYPE_CHECKING:
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
+    from octo.motions import go_to as go_to
     from octo.motions import stride as stride
     from octo.motions import turn as turn
     from octo.motions import walk as walk
@@ -148,6 +150,7 @@ if TYPE_CHECKING:
     from octo.problem.constraints import Constraint as Constraint
     from octo.problem.constraints import CustomConstraint as CustomConstraint
     from octo.problem.cycle import Cycle as Cycle
+    from octo.problem.hard import limits as limits
     from octo.problem.limits import BaseHeightRange as BaseHeightRange
     from octo.problem.limits import FrictionCones as FrictionCones
     from octo.problem.limits import JointLimits as JointLimits

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-from octo.checks import number, one_of
-from octo.errors import ProblemError, ValueRangeError
+import numpy as np
+
+from octo.checks import number, numbers, one_of
+from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
+from octo.model.kinematics import body_poses
 from octo.problem import presets
 from octo.problem.asked import Asked
 from octo.problem.body_costs import BaseAngularVelocity, CenterOfMassVelocity
@@ -17,7 +22,8 @@ from octo.problem.problem import Array
 from octo.result.solution import Solution
 
 LARGEST = 1e6  # m/s, rad/s or m
-Kind = Literal["walk", "stride", "turn", "jump", "stand"]
+NEAR = 0.2  # m and rad, what the error of a place is in parts of: a tenth is 2 cm, or 1.1°
+Kind = Literal["walk", "stride", "turn", "to", "jump", "stand"]
 Preset = Literal["natural", "paper", "robot"]
 
 
@@ -27,8 +33,9 @@ class Goal:
 
     Parameters
     ----------
-    kind: "walk", "stride", "turn", "jump" or "stand".
+    kind: "walk", "stride", "turn", "to", "jump" or "stand".
     speed: m/s (rad/s for turn, its sign the side).
+    place: (3,) m, m and rad, where "to" ends: ahead, to the left and turned to the left.
     distance: m, of a jump.
     height: m, of a jump's top.
     preset: the list of terms, "natural", "paper" or "robot".
@@ -39,15 +46,21 @@ class Goal:
     distance: float = 0.5
     height: float = 0.2
     preset: Preset = field(default="paper")
+    place: Sequence[float] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         one_of("goal", self.kind, get_args(Kind))
         one_of("costs", self.preset, get_args(Preset))
-        for name in ("speed", "distance", "height"):
-            if not abs(number(name, getattr(self, name))) <= LARGEST:
-                raise ValueRangeError(
-                    f"{name} is {getattr(self, name):g}, must be at most {LARGEST:g} in size"
-                )
+        names = ("speed", "distance", "height")
+        sizes = [(name, number(name, getattr(self, name))) for name in names]
+        place = numbers("place", self.place)
+        if place.shape != (3,):
+            raise ShapeError("place", place.shape, "(3,): x and y in m, yaw in rad")
+        for name, value in [*sizes, *(("place", value) for value in place)]:
+            if not abs(value) <= LARGEST:
+                raise ValueRangeError(f"{name} is {value:g}, must be at most {LARGEST:g} in size")
+        ahead, left, yaw = place.tolist()
+        object.__setattr__(self, "place", (ahead, left, math.remainder(yaw, 2.0 * math.pi)))
 
     @property
     def velocity(self) -> tuple[float, float, float]:
@@ -78,8 +91,11 @@ class Goal:
 
         Raises
         ------
-        ProblemError: a jump, whose terms go with its steps.
+        ProblemError: a jump, whose terms go with its steps; a place, which is no term.
         """
+        if self.kind == "to":
+            how = "octo.go_to finds the motion, as a fixed displacement of a Problem does"
+            raise ProblemError(f"the goal 'to' is a place to end at and no term: {how}")
         if self.kind == "jump":
             how = "jump_problem of octo.jump describes one"
             raise ProblemError(f"the terms of a jump go with its steps: {how}")
@@ -102,6 +118,9 @@ class Goal:
         if self.kind == "turn":
             rate = (solution.yaw[-1] - solution.yaw[0]) / duration
             return Asked.of(name, "the base turns at", rate, self.speed, "rad/s")
+        if self.kind == "to":
+            what = "the base ends ahead, to the left and turned by"
+            return Asked.of(name, what, self._ends(solution), self.place, "m and rad", NEAR)
         moved = solution.com - solution.com[0]
         if self.kind == "jump":
             what = "the centre of mass ends ahead of its start and rises at its top by"
@@ -110,6 +129,16 @@ class Goal:
         axes = 3 if self.kind == "stand" else 2  # how far a walk rises is the ground's affair
         what, wanted = "the centre of mass moves at", self.velocity[:axes]
         return Asked.of(name, what, moved[-1, :axes] / duration, wanted, "m/s")
+
+    def _ends(self, solution: Solution) -> Array:
+        """(3,) m, m and rad: where the base ends, seen from where it began; turned by the angle
+        nearest to the one that is wanted."""
+        robot, yaw = solution.character, solution.yaw
+        assert robot is not None  # who has none has no goal
+        first, last = body_poses(robot, solution.x[[1, -1]])[1][:, robot.base_body]
+        (x, y), c, s = (last - first)[:2], np.cos(yaw[0]), np.sin(yaw[0])
+        off = math.remainder(yaw[-1] - yaw[0] - self.place[2], 2.0 * math.pi)
+        return np.array([c * x + s * y, c * y - s * x, self.place[2] + off])
 
     def error(self, solution: Solution) -> float:
         """How far the motion is from the goal, in parts of it (0.1 is one tenth)."""

@@ -26,6 +26,7 @@ from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement
 from octo.problem.contact_costs import FootLift, LoadSharing
 from octo.problem.costs import Cost
+from octo.problem.hard import Held, beside, held
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array, Problem
 from octo.ranking import best_of
@@ -61,6 +62,7 @@ def jump(
     terrain: Plane | Terrain | None = None,
     law: ContactLaw | None = None,
     pose: Array | None = None,
+    constraints: Held = (),
     seeds: int = 5,
     seed: int = 0,
     start: Solution | Array | None = None,
@@ -75,6 +77,8 @@ def jump(
     seconds: of the whole motion, the top in the middle; by default what a slow crouch and landing
         need.
     dt: s. terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
+    constraints: what must hold: those of a Problem, or "hard", the limits of the robot as
+        :func:`octo.limits` lists them. A limit that is held is not priced beside it.
     seeds: starts that differ in the depth of the crouch and in noise, solved as one batch;
         ``seed`` is the number of the first.
     start, passes, options, max_iterations, time_limit, tolerance, device, threads, progress,
@@ -88,7 +92,7 @@ def jump(
     ------
     OctoError: what cannot be a jump of this robot is refused; nothing was computed.
     """
-    where: Any = {"terrain": terrain, "law": law, "pose": pose}
+    where: Any = {"terrain": terrain, "law": law, "pose": pose, "constraints": constraints}
     problem = jump_problem(robot, height, distance, seconds=seconds, dt=dt, **where)
     solution = solve_jump(problem, seeds=seeds, seed=seed, start=start, **how)
     return Goal("jump", distance=distance, height=height).said(solution)
@@ -104,6 +108,7 @@ def jump_problem(
     terrain: Plane | Terrain | None = None,
     law: ContactLaw | None = None,
     pose: Array | None = None,
+    constraints: Held = (),
 ) -> Problem:
     """Describe a jump; the parameters are those of :func:`jump`.
 
@@ -140,7 +145,9 @@ def jump_problem(
     ]
     weights = {"ForceRate": FORCE_RATE, "LoadSharing": LOAD_SHARING}
     costs = [replace(term, weight=weights.get(term.label, term.weight)) for term in costs]
-    return plain.replace(steps=steps, costs=costs, displacement=landed - plain.start)
+    must = held(robot, constraints)
+    ends = {"displacement": landed - plain.start, "constraints": must}
+    return plain.replace(steps=steps, costs=beside(must, costs), **ends)
 
 
 def solve_jump(

@@ -34,7 +34,7 @@ from octo.solver.clocks import as_long_as
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
-from octo.starts import first_multipliers, first_nodes, starts_of
+from octo.starts import first_multipliers, first_nodes, first_slacks, starts_of
 
 # (n, n) of a step, or of each part of a unit with each other, about: derivatives of FD, E and C,
 # and the factors
@@ -245,6 +245,7 @@ def _solve(
     lam, how = first_multipliers(starts, compiled), (options, int(request.threads), backend)
     spent = time.perf_counter() - began
     continuation = Continuation(compiled, nodes, lam, *how, request.monitor(), spent)
+    continuation.slacks = first_slacks(starts, compiled)
     try:
         members = continuation.run(schedules, numbers)
     finally:

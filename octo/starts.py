@@ -20,6 +20,7 @@ from octo.problem.phased import Compiled
 from octo.problem.phases import Described, Phases, times_of
 from octo.problem.problem import Array, Problem
 from octo.result.solution import Solution, solution_of
+from octo.solver.bounds import Slacks, joined
 
 # rad and m, of the actuated coordinates: a perfectly symmetric start keeps the solution planar
 NOISE = 0.02
@@ -147,6 +148,34 @@ def first_multipliers(
         if isinstance(start, Solution) and start.multipliers.shape == found.shape[1:]:
             found[k], warm = start.multipliers, True
     return found if warm else None
+
+
+def first_slacks(starts: Sequence[Solution | Array | None], compiled: Compiled) -> Slacks | None:
+    """Those of warm starts with as many rows, over the steps of the problem; None where a member
+    has none."""
+    steps, rows = compiled.row_bounds[0].shape[1:]
+    found = []
+    for start in starts:
+        known = start.slacks if isinstance(start, Solution) else {}
+        if not known or known["s"].shape[1] != rows:
+            return None
+        before = len(known["s"])
+        scale = before / steps  # E is a mean over the steps
+        lower, upper, equal = (
+            scale * _over(known[name], steps)[None] for name in ("lower", "upper", "equal")
+        )
+        s = _over(known["s"], steps)[None]
+        found.append(Slacks(s, lower, upper, equal, scale * known["mu"]))
+    return joined(found)
+
+
+def _over(values: Array, steps: int) -> Array:
+    """What is known of each step (M, k), at the middles of others (steps, k)."""
+    if len(values) == steps:
+        return values.copy()
+    middles, own = (np.arange(count) + 0.5 for count in (steps, len(values)))
+    at, known = middles / steps, own / len(values)
+    return np.stack([np.interp(at, known, column) for column in values.T], axis=1)
 
 
 def starts_of(

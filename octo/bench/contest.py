@@ -104,7 +104,10 @@ class Contest:
         key = (solver, number)
         if key not in self.ready:
             self.ready[key] = OTHERS[solver](self.problems[number - 1], options=self.options)
-        run = self.ready[key].solve(start, None if before is None else before.multipliers, seed)
+        warm = (
+            (None, seed) if before is None else (before.multipliers, seed, before.row_multipliers)
+        )
+        run = self.ready[key].solve(start, *warm)
         return Entry(solver, seed, number, run.solution, run.said, run.compiled, run.settings)
 
     def _octo(self, number: int, seed: int, start: Array, before: Solution | None) -> Solution:

@@ -9,12 +9,12 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import casadi as ca
 import numpy as np
 
-from octo.checks import numbers, steps_in
+from octo.checks import numbers, one_of, steps_in
 from octo.dynamics.laws import ContactLaw, Coulomb, Smooth, Viscous
 from octo.errors import (
     ProblemError,
@@ -29,6 +29,8 @@ from octo.model.describe import lost_shapes
 from octo.model.load import load
 from octo.model.quantities import Array
 from octo.model.terrain import Plane, Terrain
+from octo.problem.constraints import Constraint
+from octo.problem.hard import MU, Kind, limits
 
 WHOLE = 1e-6  # seconds/dt may be that far from a whole number
 POSE_FILES = (".json", ".npy", ".txt")
@@ -128,6 +130,32 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_law_argument(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ("--friction", None, "viscous", LAW, "MU|LAW"))
+
+
+def add_limits_arguments(parser: argparse.ArgumentParser) -> None:
+    """Whether the limits of the robot must hold."""
+    held = "soft: what the terms make of torques, joints, speeds and friction; hard: these hold"
+    mu = f"friction of the ground, of --limits hard (default {MU:g})"
+    add_options(parser, ("--limits", None, "soft", held, "soft|hard"), ("--mu", positive, None, mu))
+
+
+def check_limits(arguments: argparse.Namespace) -> None:
+    """Refuse words about limits that do not go together.
+
+    Raises
+    ------
+    OctoError: names the option.
+    """
+    one_of("limits", arguments.limits, get_args(Kind))
+    if arguments.mu is not None and arguments.limits != "hard":
+        raise UsageError("--mu is of limits that hold: it goes with --limits hard")
+
+
+def limits_of(robot: Character, arguments: argparse.Namespace) -> list[Constraint]:
+    """What must hold."""
+    if arguments.limits != "hard":
+        return []
+    return limits(robot, mu=MU if arguments.mu is None else arguments.mu)
 
 
 def add_solver_arguments(

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import whole
-from octo.cli.arguments import LIMITS, add_options, number, positive, robot_of
+from octo.cli.arguments import (
+    LIMITS,
+    add_options,
+    check_limits,
+    limits_of,
+    number,
+    positive,
+    robot_of,
+)
 from octo.cli.output import OutputFolder, Writer, records_of, say_left_out
 from octo.cli.solve import (
     add_goal_arguments,
@@ -26,6 +34,7 @@ from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.cycle import TIME_STEP, Cycle
+from octo.problem.hard import beside
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
@@ -61,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
+    check_limits(arguments)
     cycle, goal, steps = cycle_of(arguments), None, None
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
@@ -135,7 +145,9 @@ def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespac
     """The problem of a cycle, of natural terms."""
     own = {"dt": arguments.dt or 0.0, "basis": arguments.basis, "cycle": cycle}
     problem = Problem(robot, costs=[Effort()], **own, **surroundings(robot, arguments))
-    return problem.replace(costs=presets.natural(length=problem.length))
+    held = limits_of(robot, arguments)
+    costs = beside(held, presets.natural(length=problem.length))
+    return problem.replace(costs=costs, constraints=held)
 
 
 def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:

@@ -11,19 +11,23 @@ from dataclasses import replace
 from octo.cli.arguments import (
     add_base_arguments,
     add_law_argument,
+    add_limits_arguments,
     add_options,
     add_solver_arguments,
+    check_limits,
+    limits_of,
     number,
     robot_of,
     solver_options,
     whole,
 )
 from octo.cli.output import folder_of
-from octo.cli.solve import FILES, surroundings, write
+from octo.cli.solve import FILES, say_written, surroundings, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of
 from octo.problem.cycle import Cycle, usual_periods
+from octo.problem.hard import beside
 from octo.problem.joint_costs import Effort
 from octo.problem.presets import natural
 from octo.problem.problem import Problem
@@ -58,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--sideways", number, 0.0, "m/s, to the left"),
         ("--steps", whole(1), 0, "of what is solved for (default: steps of 0.025 s or less)"),
     )
+    add_limits_arguments(parser)
     add_solver_arguments(parser, seeds=5)
     where = "folder of the four files (default ./octo-ROBOT-cycle)"
     add_options(parser, ("--out", None, None, where, "DIR"))
@@ -83,6 +88,7 @@ def period(word: str) -> Period:
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
+    check_limits(arguments)
     folder = folder_of(arguments.out, arguments.robot, "cycle", FILES)
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
@@ -103,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         lambda cycle: cycle.tile(PLOTTED),
     )
     print(solution)
-    print(f"written to {folder.path}")
+    say_written(folder, solution)
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged else 1
@@ -127,7 +133,9 @@ def described(robot: Character, arguments: argparse.Namespace) -> Problem:
         legs, periods = f"legs of {problem.length:.2g} m", f"periods of {low:.2g} to {high:.2g} s"
         print(f"octo: {legs} at {speed:g} m/s: {periods}", file=sys.stderr)
         cycle = replace(cycle, period=(low, high))
-    return problem.replace(cycle=cycle, steps=arguments.steps, costs=natural(length=problem.length))
+    held = limits_of(robot, arguments)
+    costs = beside(held, natural(length=problem.length))
+    return problem.replace(cycle=cycle, steps=arguments.steps, costs=costs, constraints=held)
 
 
 def _mirrored(robot: Character, arguments: argparse.Namespace) -> bool:

@@ -114,6 +114,7 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     """The arguments; a command or an option that does not exist is refused with its nearest
     names."""
     top, commands = parser()
+    words = solve.with_place(words)
     if words and not words[0].startswith("-") and words[0] not in commands:
         raise UnknownNameError("command", words[0], commands)
     for word in words:  # argparse takes the two dashes for the end of all options

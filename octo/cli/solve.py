@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from octo.cli.arguments import (
+    add_limits_arguments,
     add_options,
     add_robot_arguments,
     add_solver_arguments,
+    check_limits,
     law_of,
+    limits_of,
     number,
     pose_of,
     positive,
@@ -30,13 +33,15 @@ from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
+from octo.problem.hard import beside
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solver.status import Status
 
 SECONDS = 10.0  # of motion, where none are asked for
-COMPOSED = ("walk", "stride", "turn")  # goals that natural terms reach with a stride that repeats
+# goals that natural terms reach with a stride that repeats
+COMPOSED = ("walk", "stride", "turn", "to")
 FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
@@ -67,7 +72,7 @@ def add_goal_arguments(
     )
     add_options(
         parser,
-        ("--goal", None, "walk", "walk, stride (sideways), turn, jump or stand"),
+        ("--goal", None, "walk", "walk, stride (sideways), turn, to X,Y,YAW, jump or stand"),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
         ("--distance", number, 0.5, "m, of a jump"),
         ("--height", number, 0.2, "m, of the centre of mass gained by a jump"),
@@ -75,6 +80,7 @@ def add_goal_arguments(
         ("--basis", None, "nodes", "nodes or hermite (segments of 10 steps; default nodes)"),
         ("--costs", None, costs, terms),
     )
+    add_limits_arguments(parser)
     starts = None if seeds else "3 of each period of a stride, 1 of other problems"
     add_solver_arguments(parser, device, seeds, starts)
 
@@ -105,15 +111,47 @@ def run(arguments: argparse.Namespace) -> int:
     print(solution)
     if goal.met(solution):
         print(f"  {goal.verdict(solution)}")
-    print(f"written to {folder.path}")
+    say_written(folder, solution)
     if solution.status is Status.INTERRUPTED:
         return 130
     return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
 
 
 def goal_of(arguments: argparse.Namespace) -> Goal:
-    names = ("goal", "speed", "distance", "height", "costs")
-    return Goal(*(getattr(arguments, name) for name in names))
+    names = {"speed": "speed", "distance": "distance", "height": "height", "preset": "costs"}
+    kind, *place = str(arguments.goal).split(" ", 1)
+    given: dict[str, Any] = {"kind": kind}
+    if place or kind == "to":
+        given["place"] = place_of(" ".join(place))
+    return Goal(**given, **{field: getattr(arguments, name) for field, name in names.items()})
+
+
+def place_of(word: str) -> tuple[float, ...]:
+    """m, m and rad of ``--goal to X,Y,YAW``."""
+    try:
+        found = tuple(number(part) for part in word.split(","))
+    except argparse.ArgumentTypeError:
+        found = ()
+    if len(found) != 3:
+        raise UsageError(
+            f"--goal to is followed by {word!r}, must be X,Y,YAW: m ahead, m to the left, rad to "
+            "the left"
+        )
+    return found
+
+
+def with_place(words: Sequence[str]) -> list[str]:
+    """The words of a command with those of ``--goal to X,Y,YAW`` as one: a number may begin with a
+    minus."""
+    made = [""]
+    for word in words:
+        if (made[-1], word) == ("--goal", "to"):
+            made[-1] = "--goal=to"
+        elif made[-1] == "--goal=to" and not word.startswith("--"):
+            made[-1] += f" {word}"
+        else:
+            made.append(word)
+    return made[1:]
 
 
 def costs_of(arguments: argparse.Namespace) -> str:
@@ -130,6 +168,7 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
     ------
     UsageError: one line that names the option and what it goes with.
     """
+    check_limits(arguments)
     if composed:
         for name in ("passes", "start"):
             if getattr(arguments, name) is not None:
@@ -158,10 +197,15 @@ def from_rest_to_rest(
     if arguments.seeds is not None:
         given["starts"] = arguments.seeds
     seconds = SECONDS if arguments.seconds is None else arguments.seconds
-    where = surroundings(robot, arguments)
+    where = surroundings(robot, arguments) | {"constraints": limits_of(robot, arguments)}
     prepared = time.perf_counter() - began
-    find = getattr(motions, goal.kind)
-    solution: Solution = find(robot, goal.speed, seconds, progress=True, **where, **given)
+    solution: Solution
+    if goal.kind == "to":
+        way: dict[str, Any] = {"seconds": arguments.seconds, "speed": goal.speed}
+        solution = motions.go_to(robot, goal.place, progress=True, **way, **where, **given)
+    else:
+        find = getattr(motions, goal.kind)
+        solution = find(robot, goal.speed, seconds, progress=True, **where, **given)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
@@ -184,8 +228,8 @@ def as_one_problem(
 
 
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
-    """N of --seconds and --dt; None for a jump that takes what it needs."""
-    if arguments.seconds is None and goal.kind == "jump":
+    """N of --seconds and --dt; None for a jump, or a place, that takes what it needs."""
+    if arguments.seconds is None and goal.kind in ("jump", "to"):
         return None
     return steps_of(SECONDS if arguments.seconds is None else arguments.seconds, arguments.dt)
 
@@ -204,6 +248,7 @@ def described(
 ) -> Problem:
     """The one problem of a goal."""
     dt, where = arguments.dt, surroundings(robot, arguments)
+    held = limits_of(robot, arguments)
     if goal.kind == "jump":
         from octo.jump import jump_problem
 
@@ -212,13 +257,19 @@ def described(
                 f"a jump is solved in the nodes basis: basis is {arguments.basis!r}, must be "
                 "'nodes'"
             )
-        seconds = None if steps is None else steps * dt
-        return jump_problem(robot, goal.height, goal.distance, seconds=seconds, dt=dt, **where)
+        where |= {"seconds": None if steps is None else steps * dt, "constraints": held}
+        return jump_problem(robot, goal.height, goal.distance, dt=dt, **where)
+    if goal.kind == "to":
+        raise UsageError(
+            "--goal to is reached in strides: it goes with octo solve, --costs natural and --basis "
+            "nodes"
+        )
     assert steps is not None
     if goal.preset == "natural" and where["pose"] is None:
         where["pose"] = "balanced"
     problem = Problem(robot, steps=steps, dt=dt, costs=[Effort()], basis=arguments.basis, **where)
-    problem = problem.replace(costs=goal.costs(problem.length, dt * np.arange(1, steps + 1)))
+    costs = beside(held, goal.costs(problem.length, dt * np.arange(1, steps + 1)))
+    problem = problem.replace(costs=costs, constraints=held)
     if goal.preset == "natural" and goal.kind == "stand":
         return problem.replace(displacement=np.zeros(robot.nx))  # at rest where it began
     return problem
@@ -249,6 +300,12 @@ def write(
         "motion.html": lambda path: write_page(solution, path),
     }
     say_left_out(folder.write(writers))
+
+
+def say_written(folder: OutputFolder, solution: Solution) -> None:
+    """Where the files are, and who says why it failed."""
+    more = "" if solution.converged else f"; why it failed: octo explain {folder.path}"
+    print(f"written to {folder.path}{more}")
 
 
 def write_plot(solution: Solution, path: Path) -> None:

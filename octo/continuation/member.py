@@ -61,6 +61,8 @@ class Member:
         self.processor_seconds += float(result.processor_seconds)
         if status.converged or number == 1:
             own = {"multipliers": result.lam[place].copy(), "setup_seconds": setup_seconds}
+            if result.slacks is not None:
+                own["slacks"] = result.slacks.plain(place)
             self.motion, self.status = found | own, status
         else:
             self.status = status if status is Status.INTERRUPTED else Status.ACCEPTABLE

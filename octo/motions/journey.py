@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +19,11 @@ from octo.model.feet import touching
 from octo.model.mirror import mirror_of
 from octo.model.terrain import Plane, Terrain
 from octo.problem import presets
-from octo.problem.closure import along_arc
+from octo.problem.closure import along_arc, arc_to
+from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost
 from octo.problem.cycle import TIME_STEP, Cycle, usual_period
+from octo.problem.hard import beside
 from octo.problem.problem import Problem
 
 PERIODS = (1.0, 1.25, 1.5)  # of the usual period of an animal of that size: what is tried
@@ -47,6 +49,42 @@ class Journey:
     terrain: Plane | Terrain | None = None
     law: ContactLaw | None = None
     pose: Array | None = None
+    constraints: Sequence[Constraint] = ()  # what must hold in every piece of it
+
+    @classmethod
+    def to(
+        cls,
+        robot: Character,
+        place: Sequence[float],
+        seconds: float | None,
+        speed: float,
+        **given: Any,
+    ) -> Journey:
+        """The motion that ends at a place (x, y, yaw), m and rad, seen from where the robot stands.
+
+        Parameters
+        ----------
+        seconds: s; None for what ``speed`` needs, m/s or rad/s of the strides.
+        """
+        turn, way = place[2], arc_to(np.array(place[:2]), place[2])
+        time = max(float(np.hypot(*way)), abs(turn)) / speed  # s, of strides all the way
+
+        def lasting(seconds: float) -> Journey:
+            x, y = (way / seconds).tolist()
+            return cls(robot, (x, y), turn / seconds, seconds, **given)
+
+        if seconds is not None:
+            return lasting(seconds)
+        slow = lasting(max(time, given["dt"]))
+        count = max(slow.periods())
+        ends = slow.ends(count)
+        least = (2 * ends + count) * slow.dt
+        return lasting(slow.dt * np.ceil(max(time + ends * slow.dt, least) / slow.dt - 1e-9))
+
+    @cached_property
+    def priced(self) -> Journey:
+        """The same with nothing that must hold: what has a limit is priced."""
+        return replace(self, constraints=()) if self.constraints else self
 
     @property
     def steps(self) -> int:
@@ -54,8 +92,8 @@ class Journey:
 
     @cached_property
     def whole(self) -> Problem:
-        """The motion as one problem that begins at rest, without a cycle: natural terms and the
-        speed."""
+        """The motion as one problem that begins at rest, without a cycle: natural terms, the speed
+        and what must hold."""
         common: dict[str, Any] = {
             "terrain": self.terrain,
             "law": self.law,
@@ -63,13 +101,15 @@ class Journey:
         }
         pose: Any = "balanced" if self.pose is None else self.pose
         problem = Problem(self.robot, steps=self.steps, dt=self.dt, pose=pose, **common)
+        held = [one.placed(problem.setting) for one in self.constraints]  # feet that stand at rest
         speed, rate = (*self.velocity, 0.0), self.rate or None
-        return problem.replace(costs=presets.natural(speed, rate, **self._body(problem)))
+        costs = presets.natural(speed, rate, **self._body(problem))
+        return problem.replace(costs=beside(held, costs), constraints=held)
 
     @cached_property
     def terms(self) -> list[Cost]:
         """Of problems whose ends say how far: natural terms alone."""
-        return presets.natural(**self._body(self.whole))
+        return beside(self.whole.constraints, presets.natural(**self._body(self.whole)))
 
     @staticmethod
     def _body(problem: Problem) -> dict[str, Any]:

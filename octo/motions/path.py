@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from octo.checks import Array
 from octo.motions.journey import BEGUN, Journey
 from octo.problem.closure import along_arc, plane_normal
+from octo.problem.hard import standing
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 
@@ -21,7 +24,7 @@ class Path:
 
     def __init__(self, journey: Journey, stride: Solution, pose: Array | None = None):
         assert stride.cycle is not None
-        self.journey, self.stride = journey, stride
+        self.journey, self.stride, self.pose = journey, stride, pose
         self.count = round(stride.cycle.period / journey.dt)  # steps of the stride
         given = {"costs": journey.terms, "parameters": ground_law(stride)}
         self.rest = journey.whole.replace(**given, **({} if pose is None else {"pose": pose}))
@@ -29,6 +32,14 @@ class Path:
         self.ends = journey.ends(self.count)  # steps in which it is entered
         self.laps = 1 + -(-self.ends // self.count)
         self.tiled = stride.tile(2 * self.laps + 2 + journey.steps // self.count)
+
+    @cached_property
+    def scout(self) -> Path:
+        """The same with limits that are priced, where some must hold: ways into the stride and out
+        of it are looked for there, in a fifth of the time."""
+        if self.journey.priced is self.journey:
+            return self
+        return Path(self.journey.priced, self.stride, self.pose)
 
     @property
     def phases(self) -> int:
@@ -65,7 +76,16 @@ class Path:
         velocity = (stride[1] - stride[0]) / self.journey.dt
         end = self._moved(self.rest.start, self.journey.steps / self.journey.faster(self.count))
         problem = self.rest.replace(
-            steps=length, x0=stride[1], pose=None, v0=velocity, x_end=end, v_end=0.0 * end
+            steps=length,
+            x0=stride[1],
+            pose=None,
+            v0=velocity,
+            x_end=end,
+            v_end=0.0 * end,
+            constraints=[
+                standing(one.placed(self.rest.setting), self.rest.start)
+                for one in self.journey.constraints
+            ],
         )
         return problem, blend(stride[1:], np.broadcast_to(end, stride[1:].shape))
 

@@ -14,13 +14,15 @@ from octo.errors import ProblemError, StaticPoseError
 from octo.motions.budget import Budget, Interrupted, going_on
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
-from octo.motions.transitions import JOINT, Pieces, joined
+from octo.motions.transitions import JOINT, SUMS, TRIED, Pieces, joined
 from octo.problem.closure import plane_normal
+from octo.problem.compiled import CompiledProblem
 from octo.problem.cycle import Cycle
+from octo.problem.problem import Problem
 from octo.ranking import best_of
 from octo.result.gait import flaws
 from octo.result.solution import Solution
-from octo.solve import solve, solve_all
+from octo.solve import evaluated, solve, solve_all
 from octo.solver.status import Status
 from octo.starts import smooth_noise
 
@@ -34,14 +36,25 @@ RISES = 0.4
 ODD = 1.25
 
 
-def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
-    """The motion of a journey; its ``starts`` has a record of each stride that was tried."""
-    counts = journey.counts()
+def from_rest_to_rest(journey: Journey, budget: Budget, scouts: bool = True) -> Solution:
+    """The motion of a journey; its ``starts`` has a record of each stride that was tried.
+
+    Where something must hold, strides are looked for with its price first, if ``scouts``, and the
+    best of them led to where it holds.
+
+    Raises
+    ------
+    ProblemError: what must hold does not where the robot stands at the end.
+    """
+    _check_end(journey)
+    if not any((*journey.velocity, journey.rate)):
+        return as_one_problem(journey, "it goes nowhere", budget)
+    counts, scout = journey.counts(), journey.priced if scouts else journey
     if not counts:
         short = f"{journey.seconds:g} s are too short for a stride between rest and rest"
         return as_one_problem(journey, short, budget)
     try:
-        cycles = [journey.cycle(count) for count in counts]
+        cycles = [scout.cycle(count) for count in counts]
     except ProblemError as error:
         if journey.robot.base != "floating":
             raise
@@ -57,38 +70,80 @@ def from_rest_to_rest(journey: Journey, budget: Budget) -> Solution:
             return replace(best, status=Status.INTERRUPTED, starts=records)
         other = standing_as(journey, _good(found))
         if other is not None:
-            motion = from_rest_to_rest(other, budget)
+            motion = from_rest_to_rest(other, budget, scouts)
             return replace(motion, starts=records + motion.starts)
-    good = _good(found)
+    good = sorted(_good(found), key=_quality)
     if not good:
         return as_one_problem(journey, "no stride converged", budget)
-    motion = _around(journey, min(good, key=_quality), budget)
-    return replace(motion, starts=records)
+    around = _around(journey, good, budget, scout is not journey)
+    if around is None:
+        motion = from_rest_to_rest(journey, budget, scouts=False)
+        return replace(motion, starts=records + motion.starts)
+    return replace(around, starts=records)
 
 
-def _around(journey: Journey, stride: Solution, budget: Budget) -> Solution:
-    """The motion around one stride, or where that is interrupted strides alone."""
+def _around(
+    journey: Journey, strides: Sequence[Solution], budget: Budget, scouted: bool
+) -> Solution | None:
+    """The motion around the first of these strides, or where that is interrupted strides alone;
+    of strides that were ``scouted`` around the first that keeps what must hold, if any."""
+    stride: Solution | None = strides[0]
     try:
+        if scouted:
+            stride = _held(journey, strides, budget)
+            if stride is None:
+                return None
+        assert stride is not None
         stride = _whole_stride(journey, stride, budget)
         return joined(_pieces(journey, stride, budget), budget)
     except Interrupted:
-        strides = stride.tile(max(1, journey.steps // (2 * stride.steps)))
-        return replace(strides, status=Status.INTERRUPTED)
+        tiled = (stride or strides[0]).tile(max(1, journey.steps // (2 * strides[0].steps)))
+        return replace(tiled, status=Status.INTERRUPTED)
+
+
+def _held(journey: Journey, strides: Sequence[Solution], budget: Budget) -> Solution | None:
+    """The first of these strides that converges where it is to hold what must, from where it is."""
+    for scouted in strides[:TRIED]:
+        stride = _whole_stride(journey.priced, scouted, budget.scouting)
+        assert stride.cycle is not None
+        count = round(stride.cycle.period / journey.dt)
+        problem = journey.cycle(count).replace(parameters=ground_law(stride))
+        if problem.steps != stride.steps:
+            problem = _unmirrored(journey, stride)
+        made = going_on(solve(problem, start=stride, **budget.near("a stride within limits")))
+        if made.converged and made.energy <= ODD * stride.energy:
+            parts = {name: getattr(stride, name) + getattr(made, name) for name in SUMS}
+            return replace(made, seed=stride.seed, passes=(*stride.passes, *made.passes), **parts)
+    return None
 
 
 def _whole_stride(journey: Journey, stride: Solution, budget: Budget) -> Solution:
     """The stride itself, or solved anew where the mirror image is a little different."""
     assert stride.cycle is not None
-    if not stride.cycle.mirrored or stride.cycle.asymmetry <= JOINT * stride.weight:
+    if not stride.cycle.mirrored:
         return stride
-    steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
-    problem = journey.whole.replace(
-        steps=0, cycle=steady, costs=journey.terms, parameters=ground_law(stride)
-    )
+    problem = _unmirrored(journey, stride)
+    if stride.cycle.asymmetry <= JOINT * stride.weight and _holds(problem, stride.tile(1)):
+        return stride
     both = going_on(solve(problem, start=stride.tile(1), **budget.near("the whole stride")))
     if not both.converged or both.energy > ODD * stride.energy:
         return stride
     return replace(both, seed=stride.seed, passes=(*stride.passes, *both.passes))
+
+
+def _unmirrored(journey: Journey, stride: Solution) -> Problem:
+    """The whole of a stride straight ahead, of which a mirrored one is half."""
+    assert stride.cycle is not None
+    steady = Cycle(speed=stride.cycle.speed, period=stride.cycle.period, mirror=False)
+    given = {"costs": journey.terms, "parameters": ground_law(stride)}
+    return journey.whole.replace(steps=0, cycle=steady, **given)
+
+
+def _holds(problem: Problem, motion: Solution) -> bool:
+    """Whether a motion keeps the constraints of a problem."""
+    if not problem.constraints:
+        return True
+    return all(own.held for own in evaluated(problem, motion.x[1:], Status.JOINED).bounds)
 
 
 def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
@@ -98,7 +153,7 @@ def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
         return pieces
     try:
         other = Pieces.of(Path(journey, stride, _mean_pose(journey, stride)), budget)
-    except StaticPoseError:
+    except (StaticPoseError, ProblemError):  # it stands nowhere, or not within its limits
         return pieces
     return min(pieces, other, key=lambda one: one.rank)
 
@@ -136,15 +191,31 @@ def _mean_pose(journey: Journey, stride: Solution) -> Array:
 def as_one_problem(journey: Journey, reason: str, budget: Budget) -> Solution:
     """One problem from rest to rest with the natural terms alone, and a line that says so."""
     LOG.warning("%s: solved as one problem, without a stride", reason)
-    way = journey.way()
-    motion = journey.whole.replace(costs=journey.terms, displacement=way)
-    ends = (motion.start, motion.start + way)
+    motion = _one(journey)
+    assert motion.end is not None
+    ends = (motion.start, motion.end)
     first, last = (np.tile(pose, (journey.steps + 1, 1)) for pose in ends)
     guesses = [blend(first, last) for _ in range(journey.starts)]
     for k, guess in enumerate(guesses):
         guess[1:, motion.dynamics.actuated] += smooth_noise(motion, journey.seed + k)
     members = solve([motion] * journey.starts, start=guesses, **budget.left("one problem"))
     return best_of([replace(made, seed=journey.seed + k) for k, made in enumerate(members)])
+
+
+def _one(journey: Journey) -> Problem:
+    """From rest to rest, and how far."""
+    return journey.whole.replace(costs=journey.terms, displacement=journey.way())
+
+
+def _check_end(journey: Journey) -> None:
+    """Refuse what does not hold where the robot stands at the end: before a stride is looked for.
+
+    Raises
+    ------
+    ProblemError: names the constraint, and what is where.
+    """
+    if journey.constraints:
+        CompiledProblem([_one(journey)])
 
 
 def _good(strides: Sequence[Solution]) -> list[Solution]:

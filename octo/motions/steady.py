@@ -1,4 +1,4 @@
-"""``octo.walk``, ``octo.stride`` and ``octo.turn``: what they are called with, checked."""
+"""``octo.walk``, ``stride``, ``turn`` and ``go_to``: what they are called with, checked."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from octo.model.terrain import Plane, Terrain
 from octo.motions.budget import Budget
 from octo.motions.journey import Journey
 from octo.motions.search import from_rest_to_rest
+from octo.problem.hard import Held, at_every_step, held
 from octo.progress import check_progress
 from octo.result.solution import Solution
 from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, settings_of
@@ -28,6 +29,7 @@ class Steady(How, total=False):
     terrain: Plane | Terrain | None
     law: ContactLaw | None
     pose: Array | None
+    constraints: Held
 
 
 @asked
@@ -46,6 +48,9 @@ def walk(
     period: s of a stride, or several to try; by default those of the robot's own length.
     starts: of the stride, for each period; ``seed`` is the first one's number.
     terrain, law, pose: as those of a :class:`~octo.problem.problem.Problem`.
+    constraints: what must hold at every step, in strides, on the way into them and out of them:
+        those of a Problem, or "hard", the limits of the robot as :func:`octo.limits` lists them. A
+        limit that is held is not priced beside it.
     passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as
         those of :func:`octo.solve`; ``time_limit`` is of the whole motion, ``passes`` are those of
         the stride.
@@ -60,7 +65,7 @@ def walk(
     OctoError: in one line that names the field; nothing was computed.
     """
     goal = Goal("walk", number("speed", speed))
-    return goal.said(_steady(robot, (goal.speed, 0.0), 0.0, seconds, **how))
+    return goal.said(_steady(robot, goal, seconds, **how))
 
 
 @asked
@@ -72,10 +77,10 @@ def stride(
 
     Parameters
     ----------
-    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    seconds, dt, period, starts, constraints: and the others, as those of :func:`walk`.
     """
     goal = Goal("stride", number("speed", speed))
-    return goal.said(_steady(robot, (0.0, goal.speed), 0.0, seconds, **how))
+    return goal.said(_steady(robot, goal, seconds, **how))
 
 
 @asked
@@ -87,15 +92,41 @@ def turn(
 
     Parameters
     ----------
-    seconds, dt, period, starts: and the others, as those of :func:`walk`.
+    seconds, dt, period, starts, constraints: and the others, as those of :func:`walk`.
     """
     goal = Goal("turn", number("rate", rate))
-    return goal.said(_steady(robot, (0.0, 0.0), goal.speed, seconds, **how))
+    return goal.said(_steady(robot, goal, seconds, **how))
 
 
-def _steady(
-    robot: Character, velocity: tuple[float, float], rate: float, seconds: float, **given: Any
+@asked
+@takes(Journey, Usual)
+def go_to(
+    robot: Character,
+    place: Sequence[float] = (1.0, 0.0, 0.0),
+    seconds: float | None = None,
+    *,
+    speed: float = 0.5,
+    **how: Unpack[Steady],
 ) -> Solution:
+    """Go to a place and stand there: from rest to rest, along one arc.
+
+    Parameters
+    ----------
+    place: (x, y, yaw), seen from where the robot stands: m ahead, m to the left, rad to the left.
+        Of yaw the shorter way round is taken: it is a heading, half a turn at most.
+    seconds: s, of the whole motion; by default what ``speed`` needs.
+    speed: m/s (of a turn rad/s), of the strides, where ``seconds`` are not given.
+    dt, period, starts, constraints: and the others, as those of :func:`walk`.
+
+    Returns
+    -------
+    The motion; its last state is fixed there.
+    """
+    goal = Goal("to", positive("speed", speed, "m/s"), place=place)
+    return goal.said(_steady(robot, goal, seconds, **how))
+
+
+def _steady(robot: Character, goal: Goal, seconds: float | None, **given: Any) -> Solution:
     """The motion of a call; what is None of its options ``given`` is left to octo.solve."""
     instance("robot", robot, Character, "a Character: what octo.load and octo.gallery give")
     time_step(given["dt"])
@@ -105,6 +136,14 @@ def _steady(
         numbers("period", given["period"])
     check_progress(given["progress"], given["callback"])
     settings_of(given["options"], given["max_iterations"], given["time_limit"], given["tolerance"])
+    given["constraints"] = held(robot, given["constraints"])
+    at_every_step(given["constraints"], "a motion from rest to rest")
     options = {k: given.pop(k) for k in How.__annotations__}
-    journey = Journey(robot, velocity, rate, positive("seconds", seconds, "s"), **given)
-    return from_rest_to_rest(journey, Budget({k: v for k, v in options.items() if v is not None}))
+    time = None if seconds is None and goal.kind == "to" else positive("seconds", seconds, "s")
+    if time is None or goal.kind == "to":
+        journey = Journey.to(robot, goal.place, time, goal.speed, **given)
+    else:
+        rate = goal.speed if goal.kind == "turn" else 0.0
+        journey = Journey(robot, goal.velocity[:2], rate, time, **given)
+    wanted = {k: v for k, v in options.items() if v is not None}
+    return from_rest_to_rest(journey, Budget(wanted, held=bool(journey.constraints)))

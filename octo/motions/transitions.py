@@ -3,7 +3,7 @@ pieces in a row, polished as one problem that begins and ends at rest."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,11 +22,15 @@ Rank = tuple[int, int, int, float]  # failed, stumbles, near ones, E: the smalle
 PHASES = 6  # of the stride, at which it may be entered and left
 CHEAP = 1.1  # of the stride's E: a clean way to leave it that costs less is not looked for further
 DEAR = 3.0  # of the stride's E: a piece that costs more is none
+# of the ways that were found with limits priced, so many are tried with limits that must hold
+TRIED = 3
 # steps, by which the leaving is tried longer: at other phases of the stride
 LONGER = range(-4, 20, 2)
 # ℓ and rad: where polishing moves the base by more, strides have given way to standing and a dash
 KEEPS = 0.2
 JOINT = 2e-7  # mg, what pieces may miss of Newton's law: the solver's own tolerance
+# of a solution: what adds up over pieces
+SUMS = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,11 @@ class Transition:
     def clean(self) -> bool:
         """Whether it converged, and without a stumble."""
         return self.rank[:2] == (0, 0)
+
+    @property
+    def start(self) -> Solution | None:
+        """What to start from where more must hold; None where it led nowhere."""
+        return self.motion if self.motion.converged else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,39 +81,67 @@ class Pieces:
 def entered(path: Path, budget: Budget) -> Transition:
     """The best way from rest into the stride."""
     few = sorted({k * path.phases // PHASES for k in range(PHASES)})
-    best = _best_phase(path, few, budget)
+    scouted = _ways_in(path.scout, few, budget.scouting)
     others = sorted(set(range(path.phases)).difference(few))
-    if not best.clean and others:  # it stumbles at all of these: the phases between them
-        best = min(best, _best_phase(path, others, budget), key=lambda one: one.rank)
-    return best
+    if others and not _best(scouted).clean:  # it stumbles at all of these: the phases between them
+        scouted += _ways_in(path.scout, others, budget.scouting)
+    return _within(path, scouted, lambda one: _ways_in(path, [one.at], budget, one.start))
 
 
-def _best_phase(path: Path, phases: Sequence[int], budget: Budget) -> Transition:
-    problems, starts = zip(*(path.enter(phase) for phase in phases), strict=True)
+def left(path: Path, phase: int, budget: Budget) -> Transition:
+    """The best way from the stride, entered at ``phase``, to rest."""
+    scouted: list[Transition] = []
+    lengths = [path.ends + more for more in LONGER]
+    for length in [one for one in lengths if one <= path.journey.steps - path.ends]:
+        scouted.append(_way_out(path.scout, phase, length, budget.scouting))
+        best = _best(scouted)
+        if best.clean and best.motion.energy < CHEAP * path.stride.energy:
+            break
+    return _within(path, scouted, lambda one: [_way_out(path, phase, one.at, budget, one.start)])
+
+
+def _within(
+    path: Path, scouted: list[Transition], held: Callable[[Transition], list[Transition]]
+) -> Transition:
+    """The best of those that were scouted; where something must hold, of a few of them ``held``."""
+    if path.scout is path:
+        return _best(scouted)
+    found: list[Transition] = []
+    for one in sorted(scouted, key=lambda one: one.rank)[:TRIED]:
+        found += held(one)
+        if _best(found).clean:
+            break
+    return _best(found)
+
+
+def _best(found: Sequence[Transition]) -> Transition:
+    return min(found, key=lambda one: one.rank)
+
+
+def _ways_in(
+    path: Path, phases: Sequence[int], budget: Budget, start: Solution | None = None
+) -> list[Transition]:
+    """From rest into the stride at some phases, from a first guess or a start."""
+    problems, guesses = zip(*(path.enter(phase) for phase in phases), strict=True)
+    starts = guesses if start is None else [start]
     members = solve_all(problems, start=starts, **budget.near("entering it"))
     found = []
     for phase, made in zip(phases, map(going_on, members), strict=True):
         after = path.tiled.normal_force[path.entry(phase) :][: path.count]
         found.append(Transition(phase, made, _rank(made, path.stride, after=after)))
-    return min(found, key=lambda one: one.rank)
+    return found
 
 
-def left(path: Path, phase: int, budget: Budget) -> Transition:
-    """The best way from the stride, entered at ``phase``, to rest."""
-    best: Transition | None = None
-    lengths = [path.ends + more for more in LONGER]
-    for length in [one for one in lengths if one <= path.journey.steps - path.ends]:
-        problem, start = path.leave(phase, length)
-        made = going_on(solve(problem, start=start, **budget.near("leaving it")))
-        node = path.exit(phase, length)
-        before = path.tiled.normal_force[node - path.count : node]
-        found = Transition(length, made, _rank(made, path.stride, before=before))
-        if best is None or found.rank < best.rank:
-            best = found
-        if best.clean and best.motion.energy < CHEAP * path.stride.energy:
-            break
-    assert best is not None
-    return best
+def _way_out(
+    path: Path, phase: int, length: int, budget: Budget, start: Solution | None = None
+) -> Transition:
+    """From the stride to rest in ``length`` steps, from a first guess or a start."""
+    problem, guess = path.leave(phase, length)
+    given = guess if start is None else start
+    made = going_on(solve(problem, start=given, **budget.near("leaving it")))
+    node = path.exit(phase, length)
+    before = path.tiled.normal_force[node - path.count : node]
+    return Transition(length, made, _rank(made, path.stride, before=before))
 
 
 def _rank(
@@ -133,7 +170,8 @@ def joined(pieces: Pieces, budget: Budget) -> Solution:
     whole = path.rest.replace(x_end=nodes[-1], v_end=np.zeros(path.journey.robot.nx))
     raw = evaluated(whole, nodes, Status.JOINED)
     polished = solve(whole, start=nodes, **budget.near("the whole motion"))
-    keeps = raw.violation <= JOINT * raw.weight and polished.status is not Status.INTERRUPTED
+    lawful = raw.violation <= JOINT * raw.weight and all(bound.held for bound in raw.bounds)
+    keeps = lawful and polished.status is not Status.INTERRUPTED
     best = raw if keeps and _worse(polished, raw, path.journey.robot.base_coordinate) else polished
     return _counted(best, pieces)
 
@@ -150,6 +188,5 @@ def _counted(motion: Solution, pieces: Pieces) -> Solution:
     """With the iterations and the time of the pieces."""
     stride = pieces.path.stride
     parts = (stride, pieces.into.motion, pieces.out.motion, motion)
-    sums = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
-    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in sums}
+    spent: dict[str, Any] = {name: sum(getattr(part, name) for part in parts) for name in SUMS}
     return replace(motion, seed=stride.seed, passes=(*stride.passes, *motion.passes), **spent)

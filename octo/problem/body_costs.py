@@ -67,6 +67,9 @@ class CenterOfMassPosition(Cost):
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.com - p["target"]
 
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        return [Row(f"{axis} of the centre of mass − target", "m") for axis in "xyz"]
+
     def asked(self, motion: Motion, setting: Setting) -> Asked | None:
         found, wanted = motion.com[motion.last], motion.row(self.target)
         way = float(np.linalg.norm(wanted - setting.com))
@@ -117,6 +120,10 @@ class BaseOrientation(Cost):
         error = _rpy(p["roll_pitch_yaw"]).T @ step.pose(self.body)[0]
         return p["axes"] * rotation_vector(error)
 
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        who = Motion.called(self.body)
+        return [Row(f"rotation of {who} about {axis} − target", "rad") for axis in "xyz"]
+
 
 @dataclass(frozen=True, eq=False)
 class Upright(Cost):
@@ -155,6 +162,9 @@ class BaseHeight(Cost):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.pose(self.body)[1][2] - p["height"]
+
+    def rows(self, setting: Setting) -> Sequence[Row]:
+        return [Row(f"height of {Motion.called(self.body)} − target", "m")]
 
 
 @dataclass(frozen=True, eq=False)

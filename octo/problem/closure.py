@@ -189,12 +189,22 @@ def along_arc(velocity: Array, turn: float, duration: float, heading: float = 0.
     heading: rad, where it begins.
     """
     along = np.asarray(velocity, dtype=float) * duration
-    if abs(turn) < 1e-9:
-        a, b = 1.0, 0.0
-    else:
-        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
     c, s = np.cos(heading), np.sin(heading)
-    return np.asarray(np.array([[c, -s], [s, c]]) @ np.array([[a, -b], [b, a]]) @ along)
+    return np.asarray(np.array([[c, -s], [s, c]]) @ _arc(turn) @ along)
+
+
+def arc_to(place: Array, turn: float) -> Array:
+    """(2,) m, the way in the body's axes that leads to a place (2,) m, seen from where it begins,
+    while the heading changes by ``turn`` rad, less than 2π in size: :func:`along_arc` backwards."""
+    return np.asarray(np.linalg.solve(_arc(turn), np.asarray(place, dtype=float)))
+
+
+def _arc(turn: float) -> Array:
+    """(2, 2) from a way in the body's axes to where it leads."""
+    a, b = 1.0, 0.0
+    if abs(turn) >= 1e-9:
+        a, b = np.sin(turn) / turn, (1.0 - np.cos(turn)) / turn
+    return np.array([[a, -b], [b, a]])
 
 
 def plane_normal(terrain: Plane | Terrain | None, values: Mapping[str, float]) -> Array:

@@ -27,7 +27,17 @@ from octo.reference.program import (
     unknowns_of,
 )
 from octo.reference.rows import complementarity, first_weight, gap, limits
-from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
+from octo.reference.run import (
+    OPTIONS,
+    QUIET,
+    WARM,
+    Run,
+    history,
+    prepare,
+    settled,
+    solution_of,
+    timed,
+)
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -105,16 +115,21 @@ class Ipopt:
         return ca.nlpsol("reference", "ipopt", source, options)
 
     def solve(
-        self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0
+        self,
+        start: Array | None = None,
+        multipliers: Array | None = None,
+        seed: int = 0,
+        row_multipliers: Array | None = None,
     ) -> Run:
-        """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma)."""
+        """From nodes x_{-1} … x_N (N+2, nx), by default as of ``nlp``, and multipliers (K, ma), of
+        the rows between bounds too (N, rows), as ``Solution.row_multipliers``."""
         compiled, o = self.blocks, self.options
         first = point_of(compiled, compiled.unknowns(start_nodes(self.problem, start)[None]))
         lower, upper = self.bounds
         p = parameter_vector(compiled)
         arguments: dict[str, Any] = {"x0": first, "p": p, "lbg": lower, "ubg": upper}
         if multipliers is not None:
-            arguments["lam_g0"] = rows_of(compiled, multipliers)
+            arguments["lam_g0"] = rows_of(compiled, multipliers, row_multipliers)
         warm = multipliers is not None
         solver = self.solvers[warm]
         made = timed(solver, self.library, o, arguments)
@@ -174,5 +189,5 @@ class Ipopt:
 def ipopt(problem: Problem, start: Array | None = None, **options: Any) -> Run:
     """Solve ``problem`` with IPOPT; see :class:`Ipopt` for ``options`` and ``settings``, its
     ``solve`` for the rest."""
-    more = {name: options.pop(name) for name in ("multipliers", "seed") if name in options}
+    more = {name: options.pop(name) for name in WARM if name in options}
     return Ipopt(problem, **options).solve(start, **more)

@@ -197,10 +197,13 @@ def unknowns_of(compiled: CompiledProblem, x: Any) -> Array:
     return unknowns
 
 
-def rows_of(compiled: CompiledProblem, multipliers: Array) -> Array:
-    """Those of g of octo's multipliers (K, ma), zero of bounded rows."""
-    own = multipliers.ravel()[live_places(compiled)]
-    return np.concatenate([own, np.zeros(len(given_rows(compiled)))])
+def rows_of(compiled: CompiledProblem, multipliers: Array, bounded: Array | None = None) -> Array:
+    """Those of g of octo's multipliers (K, ma) and of those of the bounded rows (N, rows), by
+    default zero."""
+    own, given = multipliers.ravel()[live_places(compiled)], given_rows(compiled)
+    if bounded is None or not bounded.size:
+        return np.concatenate([own, np.zeros(len(given))])
+    return np.concatenate([own, bounded.ravel()[given]])
 
 
 def multipliers_of(compiled: CompiledProblem, rows: Any) -> Array:

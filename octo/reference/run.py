@@ -30,6 +30,7 @@ _ALONE = threading.RLock()  # a compiled reference keeps the point that it evalu
 # of ca.nlpsol, whoever solves
 QUIET = {"print_time": False, "calc_lam_p": False, "error_on_fail": False}
 OPTIONS = SqpOptions(max_iterations=ITERATIONS)
+WARM = ("multipliers", "row_multipliers", "seed")  # arguments of a solve, beside its start
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,17 @@ from octo.reference.layout import rows_of_stages, stage_layout
 from octo.reference.library import Library
 from octo.reference.program import parameter_vector, start_nodes
 from octo.reference.rows import complementarity, gap, limits
-from octo.reference.run import OPTIONS, QUIET, Run, history, prepare, settled, solution_of, timed
+from octo.reference.run import (
+    OPTIONS,
+    QUIET,
+    WARM,
+    Run,
+    history,
+    prepare,
+    settled,
+    solution_of,
+    timed,
+)
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
 
@@ -98,11 +108,15 @@ class Fatrop:
         return lower.ravel(), upper.ravel()
 
     def solve(
-        self, start: Array | None = None, multipliers: Array | None = None, seed: int = 0
+        self,
+        start: Array | None = None,
+        multipliers: Array | None = None,
+        seed: int = 0,
+        row_multipliers: Array | None = None,
     ) -> Run:
         """From nodes x_{-1} … x_N (N+2, nx), by default x_0 held still; fatrop makes its own
         multipliers."""
-        del multipliers
+        del multipliers, row_multipliers
         c, o = self.compiled, self.options
         nodes = start_nodes(self.problem, start).copy()
         nodes[:2] = c.constant[0, :2]
@@ -145,5 +159,5 @@ class Fatrop:
 
 def fatrop(problem: Problem, start: Array | None = None, **options: Any) -> Run:
     """Solve ``problem`` with fatrop; see :class:`Fatrop`."""
-    more = {name: options.pop(name) for name in ("multipliers", "seed") if name in options}
+    more = {name: options.pop(name) for name in WARM if name in options}
     return Fatrop(problem, **options).solve(start, **more)

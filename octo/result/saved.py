@@ -43,7 +43,7 @@ def _packed(values: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of a file, without those of phases; what is no array is JSON in one of them."""
     arrays = {name: values[name] for name in SOLUTION_ARRAYS}
     plain = {name: value for name, value in values.items() if name not in arrays}
-    for name in ("ground", "history"):
+    for name in ("ground", "history", "slacks"):
         arrays |= {f"{name}_{key}": value for key, value in plain.pop(name).items()}
     cycle, robot = values["cycle"], values["character"]
     if cycle is not None:
@@ -92,6 +92,7 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         "device": file.word("device"),
         "ground": _ground(file),
         "history": file.group("history_"),
+        "slacks": _slacks(file, finite),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
         "bounds": tuple(_bound(record, finite) for record in file.records("bounds")),
         "residuals": tuple(_residual(record, finite) for record in file.records("residuals")),
@@ -150,6 +151,16 @@ def _variables(file: Archive, name: str, finite: bool) -> Array:
     found = file.arrays.get(name)
     shape = found.shape if found is not None and found.size == 0 else (None, None)
     return file.array(name, shape, finite=finite)
+
+
+def _slacks(file: Archive, finite: bool) -> dict[str, Array]:
+    """Of the rows between bounds (N, rows) each, and the weight (1,) of their barrier."""
+    if not any(name.startswith("slacks_") for name in file.arrays):
+        return {}
+    found = {"s": file.array("slacks_s", (None, None), finite=finite)}
+    for name in ("lower", "upper", "equal"):
+        found[name] = file.array(f"slacks_{name}", found["s"].shape, finite=finite)
+    return found | {"mu": file.array("slacks_mu", (1,))}
 
 
 def _ground(file: Archive) -> dict[str, Array]:

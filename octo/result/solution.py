@@ -59,6 +59,9 @@ class Solution(Trajectory, Shown):
     u: (N, nu) N m or N; u[i] acts from x_i to x_{i+1}.
     unknowns: (K, nc) the solver's own variables, for warm starts.
     multipliers: (K, ma) of C, for warm starts.
+    slacks: of rows between bounds, for warm starts: slacks s, multipliers of their lower and upper
+        bounds and of equalities, (N, rows) each, and the barrier's weight mu (1,); empty without
+        such rows.
     status: how the solve ended, with its sentence.
     iterations: of all passes.
     factorizations: of the KKT matrix, in all passes.
@@ -100,6 +103,7 @@ class Solution(Trajectory, Shown):
     seconds: float
     setup_seconds: float
     processor_seconds: float = 0.0
+    slacks: dict[str, Array] = field(default_factory=dict)
     seed: int = 0
     device: str = "cpu"
     stages: dict[str, float] = field(default_factory=dict)
@@ -118,7 +122,7 @@ class Solution(Trajectory, Shown):
         ------
         ProblemError: the motion is no cycle. ValueRangeError: fewer than one stride.
         """
-        return replace(super().tile(strides), multipliers=self.multipliers[:0])
+        return replace(super().tile(strides), multipliers=self.multipliers[:0], slacks={})
 
     @cached_property
     def gait(self) -> Gait | None:
@@ -134,6 +138,13 @@ class Solution(Trajectory, Shown):
         contradict each other, which costs solves.
         """
         return explained(self, self.status, self.passes)
+
+    @property
+    def row_multipliers(self) -> Array:
+        """(N, rows) of the rows between bounds: positive where an upper bound holds one back."""
+        if not self.slacks:
+            return np.zeros((len(self.u), 0))
+        return self.slacks["upper"] - self.slacks["lower"] + self.slacks["equal"]
 
     @property
     def sentence(self) -> str:

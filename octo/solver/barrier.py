@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,90 +30,32 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
-from octo.solver.bounds import Bounds, Slacks
+from octo.solver.bounds import Bounds, Moved, Slacks
 from octo.solver.elastic import Elastic
+from octo.solver.limits import PART, Limits
 
-INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
-PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
 # large, and one after the other they would shorten steps to a thousandth. Without it one of four
 # walks of a mammal under all limits stalls (with it none), a cart-pole's swing-up takes 805
 # iterations for 590 over 18 starts, and of eight cycles one stalls with and without it
 LEAST = 0.1
-# a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
-RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
-# elastic phases of a member that found no step, and the width of their prices
+# elastic phases of a member and the width of their prices
 PHASES, WIDTH = 2, 1e-2
+# one begins a solve where this part of the rows is so far from the slacks: a cart-pole's 18 swings
+# from rest, of which single rows are far, take 605 iterations, for 805 if they began with one
+MANY, FAR = 0.05, 0.5
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
+ROUNDED = 1e-9  # an equality missed by less is met: of δ z it is, where a multiplier moves by z
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
-FIRST, AGAIN = 1e-2, 1e-3  # N μ: of a start, of one with multipliers
-LAST = 0.1  # N μ of an end, in parts of the dual tolerance
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Bounds of rows, (batch, N, rows), infinite where there is none."""
-
-    lower: Array
-    upper: Array
-
-    @cached_property
-    def equal(self) -> Array:
-        """Where both are the same."""
-        return self.lower == self.upper
-
-    @cached_property
-    def low(self) -> Array:
-        """Where there is a lower one, of its own."""
-        return array_module(self.lower).isfinite(self.lower) & ~self.equal
-
-    @cached_property
-    def high(self) -> Array:
-        return array_module(self.lower).isfinite(self.upper) & ~self.equal
-
-    @cached_property
-    def used(self) -> Array:
-        return self.equal | self.low | self.high
-
-    def gaps(self, s: Array) -> tuple[Array, Array]:
-        """s − lower and upper − s; 1 where there is no bound."""
-        xp = array_module(s)
-        below = xp.where(self.low, s - self.lower, 1.0)
-        return below, xp.where(self.high, self.upper - s, 1.0)
-
-    def inside(self, rows: Array) -> Array:
-        """Slacks near ``rows`` and strictly inside (Wächter and Biegler 2006, §3.6)."""
-        xp = array_module(rows)
-        room = xp.where(self.low & self.high, self.upper - self.lower, np.inf)
-        ends = []
-        for has, bound, sign in ((self.low, self.lower, 1.0), (self.high, self.upper, -1.0)):
-            own = xp.where(has, bound, 0.0)
-            away = INSIDE * xp.minimum(xp.maximum(1.0, abs(own)), room)
-            ends.append(xp.where(has, own + sign * away, -sign * np.inf))
-        return xp.where(self.equal, xp.where(self.equal, self.lower, 0.0), xp.clip(rows, *ends))
-
-    def box(self, own: Slacks, mu: Array, gaps: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Between what slacks may be after a step from their ``own`` with these ``gaps``; mu
-        (batch, 1, 1)."""
-        xp, near = array_module(own.s), []
-        for gap, z in zip(gaps, (own.lower, own.upper), strict=True):
-            end = RELATIVE * mu / xp.maximum(z, 1e-300)
-            near.append(xp.maximum((1.0 - PART) * gap, xp.clip(end, NEAREST, FURTHEST)))
-        least = xp.where(self.low, self.lower + near[0], -np.inf)
-        most = xp.where(self.high, self.upper - near[1], np.inf)
-        bound = xp.where(self.equal, self.lower, 0.0)
-        return xp.where(self.equal, bound, least), xp.where(self.equal, bound, most)
-
-    def residual(self, rows: Array, s: Array) -> Array:
-        """r − s, zero where a row has no bound."""
-        return array_module(rows).where(self.used, rows - s, 0.0)
-
-    def select(self, members: NDArray[np.intp]) -> Limits:
-        chosen = like(members, self.lower)
-        return Limits(self.lower[chosen], self.upper[chosen])
+# N μ: of a start; of one with multipliers or behind an elastic phase (1e-2 there: go2 149 for 126)
+FIRST, AGAIN = 1e-2, 1e-3
+SAME = 1e-6  # of rows from slacks that are known: they are kept, and their μ
+# N μ of an end, in parts of the dual tolerance, and of the mean of N z where that is above LARGE
+# (Wächter and Biegler 2006, Eq. 6)
+LAST, LARGE = 0.1, 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,25 +82,53 @@ class Barrier(Bounds):
     ):
         xp, rows = array_module(at.rows), at.rows
         steps = rows.shape[1]
-        self.limits, self.last = limits, LAST * tolerance / steps
-        self._step: RowStep | None = None
+        self.limits, self._end = limits, LAST * tolerance / steps
+        self.last: Numbers = np.full(len(rows), self._end)
+        self._least: Numbers = np.zeros(len(rows))
+        self._most: Numbers = np.zeros(len(rows))
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
-        mu = np.full(len(rows), (FIRST if slacks is None else AGAIN) / steps)
-        s = limits.inside(rows)
+        self._again = np.zeros(len(rows), dtype=bool)
+        own = self._first(rows) if slacks is None else self._warm(rows, slacks)
+        self._placed: tuple[Numbers, Array] = (own.mu, _spread(own.mu, rows))
+        self._hold(own)
+        none = xp.zeros_like(rows)
+        self._step = RowStep(none, none, none, np.ones(len(rows)))
+        far = xp.where(abs(limits.residual(rows, own.s)) > FAR, 1.0 / (steps * rows.shape[2]), 0.0)
+        parts = far.reshape(len(rows), -1).sum(axis=1)
+        *products, part = hosts(*self._products(), parts)
+        self._learn(*products)
+        self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
+        self._outside = (part > MANY) & (slacks is None)
+
+    def _first(self, rows: Array, weight: float = FIRST) -> Slacks:
+        """Next to the rows, with multipliers μ/(s − bound)."""
+        xp, limits = array_module(rows), self.limits
+        mu = np.full(len(rows), weight / rows.shape[1])
+        s, own = limits.inside(rows), _spread(mu, rows)
         below, above = limits.gaps(s)
-        own = _spread(mu, rows)
         lower = xp.where(limits.low, own / below, 0.0)
         upper = xp.where(limits.high, own / above, 0.0)
-        equal = xp.zeros_like(rows)
-        if slacks is not None:  # multipliers that are there stay, those of idle bounds rise
-            parts = (slacks.lower, slacks.upper, slacks.equal)
-            known, more, equal = (like(part, rows) for part in parts)
-            lower, upper = xp.maximum(lower, known), xp.maximum(upper, more)
-        self._placed: tuple[Numbers, Array] = (mu, own)
-        self._hold(Slacks(s, lower, upper, equal, mu))
-        self._least, self._most = hosts(*self._products())
-        self._weighted = self._weights(rows)  # D, d and multipliers of the last linearisation
+        return Slacks(s, lower, upper, xp.zeros_like(rows), mu)
+
+    def _warm(self, rows: Array, slacks: Slacks) -> Slacks:
+        """Those of the end of another solve where the rows are still there; else multipliers that
+        are there stay and those of idle bounds rise."""
+        xp, limits, new = array_module(rows), self.limits, self._first(rows, AGAIN)
+        s, lower, upper, equal = (
+            like(part, rows) for part in (slacks.s, slacks.lower, slacks.upper, slacks.equal)
+        )
+        room = xp.minimum(*limits.gaps(s))
+        off = xp.where(room > 0.0, abs(limits.residual(rows, s)), np.inf)
+        self._again = host(largest(off)) <= SAME
+        same = like(self._again.reshape(-1, 1, 1), rows)
+        return Slacks(
+            xp.where(same, s, new.s),
+            xp.where(same, lower, xp.maximum(lower, new.lower)),
+            xp.where(same, upper, xp.maximum(upper, new.upper)),
+            equal,
+            np.where(self._again, slacks.mu, new.mu),
+        )
 
     def _hold(self, slacks: Slacks) -> None:
         """Take over slacks, and what is often asked of them."""
@@ -181,7 +150,9 @@ class Barrier(Bounds):
         self.limits = self.limits.select(members)
         self._hold(self.slacks.select(members))
         self._least, self._most = self._least[members], self._most[members]
-        self._phases = self._phases[members]
+        self.last = self.last[members]
+        self._phases, self._outside = self._phases[members], self._outside[members]
+        self._again = self._again[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -192,15 +163,23 @@ class Barrier(Bounds):
             self._placed = self.slacks.mu, _spread(self.slacks.mu, self.slacks.s)
         return self._placed[1]
 
-    def _products(self) -> tuple[Array, Array]:
-        """(batch,) the least and the most (s − bound) z, ±inf where there is no bound."""
+    def _products(self) -> tuple[Array, Array, Array]:
+        """(batch,) the least and the most (s − bound) z, ±inf where there is no bound, and the mean
+        of N z."""
         xp, own, limits = array_module(self.slacks.s), self.slacks, self.limits
         low, high = (gap * z for gap, z in zip(self.gaps, (own.lower, own.upper), strict=True))
         ends = []
         for one_of, none in ((xp.minimum, np.inf), (xp.maximum, -np.inf)):
             both = one_of(xp.where(limits.low, low, none), xp.where(limits.high, high, none))
             ends.append(both.reshape(len(both), -1))
-        return ends[0].min(axis=1), ends[1].max(axis=1)
+        total = (own.lower + own.upper).reshape(len(own.s), -1).sum(axis=1)
+        mean = total * (own.s.shape[1] / limits.sides)
+        return ends[0].min(axis=1), ends[1].max(axis=1), mean
+
+    def _learn(self, least: Numbers, most: Numbers, mean: Numbers) -> None:
+        """Take over what is known on the host."""
+        self._least, self._most = least, most
+        self.last = self._end * np.maximum(1.0, mean / LARGE)
 
     def _off(self) -> Numbers:
         """(batch,) the largest |(s − bound) z − μ|."""
@@ -232,7 +211,8 @@ class Barrier(Bounds):
         xp, batch = array_module(s), len(s)
         below, above = self.limits.gaps(s)
         logs = (xp.log(below) + xp.log(above)).reshape(batch, -1).sum(axis=1)
-        residuals = (at.C, self.limits.residual(at.rows, s))
+        off = self.limits.residual(at.rows, s)
+        residuals = (at.C, xp.where(self.limits.equal & (abs(off) < ROUNDED), 0.0, off))
         sizes = [abs(part).reshape(batch, -1) for part in residuals]
         total = sum(size.sum(axis=1) for size in sizes)
         square = sum((size**2).sum(axis=1) for size in sizes)
@@ -277,6 +257,12 @@ class Barrier(Bounds):
         gradient = model.b + problem.row_forces(model, multipliers - shift)
         dual = host(largest(gradient + blocks(model).constraints_transposed_times(lam)))
         error, self._lowered = np.maximum(dual, at.largest), np.zeros(len(dual), dtype=bool)
+        if some(self._again):  # of a warm start, to that weight whose problem is as far from solved
+            most = np.minimum(AGAIN, error / ERRORS) / steps
+            mu = np.where(self._again, np.maximum(self.slacks.mu, most), self.slacks.mu)
+            self._lowered = mu > self.slacks.mu
+            self._hold(replace(self.slacks, mu=mu))
+            self._again = np.zeros_like(self._again)
         while True:
             mu = self.slacks.mu
             small = np.maximum(error, steps * self._off()) <= ERRORS * steps * mu
@@ -319,24 +305,15 @@ class Barrier(Bounds):
         self._step = RowStep(lower, upper, equal, _longest(*far[:2]))
         return np.maximum(_longest(*far[2:]), LEAST), slope + rest
 
-    def moved(
-        self,
-        at: Evaluation,
-        after: Evaluation,
-        length: Numbers,
-        accepted: Mask,
-        lost: Mask,
-        still: Mask,
-    ) -> Evaluation:
+    def moved(self, at: Evaluation, after: Evaluation, by: Moved) -> Evaluation:
         """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
-        assert step is not None
-        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (accepted, lost))
-        s = xp.where(taken, self._after(at, after, length), own.s)
-        if some(lost):
+        taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (by.accepted, by.lost))
+        s = xp.where(taken, self._after(at, after, by.length), own.s)
+        if some(by.lost):
             s = xp.where(anew, limits.inside(after.rows), s)
-        mu, whole = self._mu, ~still
-        first, second = _spread(step.length * whole, s), _spread(length * whole, s)
+        mu, whole = self._mu, ~by.still
+        first, second = _spread(step.length * whole, s), _spread(by.length * whole, s)
 
         def kept(old: Array, change: Array, gap: Array, has: Array) -> Array:
             new = old + xp.where(taken, first * change, 0.0)
@@ -348,20 +325,26 @@ class Barrier(Bounds):
         upper = kept(own.upper, step.upper, above, limits.high)
         equal = own.equal + xp.where(taken, second * step.equal, 0.0)
         self._hold(Slacks(s, lower, upper, equal, own.mu))
-        after, (self._least, self._most) = self._seen(after, s, *self._products())
+        after, known = self._seen(after, s, *self._products())
+        self._learn(*known)
         return after
 
-    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
-        self._phases[member] += 1
-        if self._phases[member] > PHASES:
-            return None
+    @property
+    def outside(self) -> Mask:
+        return self._outside
+
+    def eased(self, members: Mask) -> Mask:
+        self._phases = self._phases + members
+        return members & (self._phases <= PHASES)
+
+    def elastic(self, problem: BlockNLP) -> Bounds:
         return Elastic(*problem.row_bounds, WIDTH)
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:
-        first = FIRST / at.rows.shape[1]
+        first = AGAIN / at.rows.shape[1]
         self.slacks = replace(self.slacks, mu=np.where(members, first, self.slacks.mu))
         none = np.zeros(len(members), dtype=bool)
-        return self.moved(at, at, np.ones(len(members)), none, members, none)
+        return self.moved(at, at, Moved(np.ones(len(members)), none, members, none))
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """Not where a correction helps: blamed again and again, at every third iteration, units

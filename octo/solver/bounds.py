@@ -35,6 +35,13 @@ class Slacks:
         s, lower, upper, equal = (part[chosen] for part in parts)
         return Slacks(s, lower, upper, equal, self.mu[members])
 
+    def plain(self, member: int) -> dict[str, Array]:
+        """Those of one member, (N, rows) each and μ (1,), by name."""
+        own = {
+            name: getattr(self, name)[member].copy() for name in ("s", "lower", "upper", "equal")
+        }
+        return own | {"mu": self.mu[member : member + 1].copy()}
+
     def later(self, steps: int) -> Slacks:
         """As many steps later along the horizon, where nothing is known of the last ones."""
         parts = (self.s, self.lower, self.upper, self.equal)
@@ -46,6 +53,18 @@ class Slacks:
     def on_host(self) -> Slacks:
         """The same in NumPy arrays."""
         return Slacks(*map(host, (self.s, self.lower, self.upper, self.equal, self.mu)))
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What a line search did with each member, (batch,): the length of its step; whether one was
+    accepted, or none was found at all (lost); and whether it was a step for the constraints alone,
+    with which multipliers stay (still)."""
+
+    length: Numbers
+    accepted: Mask
+    lost: Mask
+    still: Mask
 
 
 def joined(parts: Sequence[Slacks | None]) -> Slacks | None:
@@ -111,26 +130,25 @@ class Bounds:
         del problem, at, model, delta
         return 1.0, slope
 
-    def moved(
-        self,
-        at: Evaluation,
-        after: Evaluation,
-        length: Numbers,
-        accepted: Mask,
-        lost: Mask,
-        still: Mask,
-    ) -> Evaluation:
-        """Learn that ``accepted`` (batch,) bool members took a step of ``length`` (batch,) from
-        ``at``, with multipliers that stay where it was a ``still`` one, and that ``lost`` ones
-        found none: ``after`` it, as seen."""
-        del at, length, accepted, lost, still
+    def moved(self, at: Evaluation, after: Evaluation, by: Moved) -> Evaluation:
+        """Learn how members came from ``at`` to ``after``, which is returned as seen."""
+        del at, by
         return self.seen(after)
 
-    def elastic(self, problem: BlockNLP, member: int) -> Bounds | None:
-        """The price of the bounds of ``member``, alone in ``problem``, for a phase that leads it
-        near them; None where that was done often enough."""
-        del problem, member
-        return None
+    @property
+    def outside(self) -> Mask:
+        """(batch,) where rows are so far outside that an elastic phase is to begin with."""
+        return np.zeros(0, dtype=bool)
+
+    def eased(self, members: Mask) -> Mask:
+        """(batch,) of ``members`` those that an elastic phase is to lead near their bounds, which
+        is counted: not where that was done often enough."""
+        return np.zeros_like(members)
+
+    def elastic(self, problem: BlockNLP) -> Bounds:
+        """The price of the bounds of ``problem`` in such a phase."""
+        del problem
+        return self
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:
         """Begin anew with some members (batch,) bool of ``at``: the iterate as seen."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, array_module, host
+from octo.arrays import Array, array_module, host, like
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.solver.bounds import Bounds
@@ -60,4 +60,5 @@ class Elastic(Bounds):
         return at.summarised(summary, host(summary), host(objective))
 
     def take(self, members: NDArray[np.intp]) -> None:
-        self.lower, self.upper = self.lower[members], self.upper[members]
+        chosen = like(members, self.lower)
+        self.lower, self.upper = self.lower[chosen], self.upper[chosen]

@@ -19,7 +19,7 @@ from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask, Step
 from octo.solver.backend import CPU, Backend
-from octo.solver.bounds import Bounds
+from octo.solver.bounds import Bounds, Moved
 from octo.solver.factors import Attempt, Factors
 from octo.solver.filter import FilterAcceptance
 from octo.solver.heuristics import (
@@ -159,7 +159,7 @@ class LineSearch:
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         lost = ~(found.accepted | converged)
         after, lam, failed = self._restore(found.at, lam, lost)
-        after = self.bounds.moved(at, after, length, found.accepted, lost, polish)
+        after = self.bounds.moved(at, after, Moved(length, found.accepted, lost, polish))
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(
