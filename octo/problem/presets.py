@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -108,9 +109,7 @@ def natural(
     pose: (nx,) how the body stands; by default the start.
     """
     if length is None:
-        return _sized(
-            lambda length, times: natural(speed, yaw_rate, length=length, feet=feet, pose=pose)
-        )
+        return _sized(partial(_natural, speed, yaw_rate, feet, pose))
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
     terms: list[Cost] = [
@@ -165,10 +164,7 @@ def robot(
         none where ``length`` is given.
     """
     if length is None:
-        at = times
-        return _sized(
-            lambda ell, own: robot(speed, yaw_rate, length=ell, times=own if at is None else at)
-        )
+        return _sized(partial(_robot, speed, yaw_rate, times))
     velocity, yaw_rate = along(speed), number("yaw_rate", yaw_rate)
     length = _reasonable(length)
     fast = GRAVITY * length  # m²/s²
@@ -203,10 +199,24 @@ def robot(
 def _sized(make: Callable[[float, Array], list[Cost]]) -> list[Cost]:
     """The terms that ``make`` makes, as soon as a Problem says its length and its times."""
 
-    def one(k: int) -> Callable[[float, Array], Cost]:
-        return lambda length, times: make(length, times)[k]
+    own = enumerate(make(1.0, np.ones(1)))
+    return [SizedCost(name=term.label, make=partial(_one, make, k)) for k, term in own]
 
-    return [SizedCost(name=term.label, make=one(k)) for k, term in enumerate(make(1.0, np.ones(1)))]
+
+# Not lambdas: a problem with such terms is pickled, as another process or a copy of it needs.
+def _one(make: Callable[[float, Array], list[Cost]], k: int, length: float, times: Array) -> Cost:
+    return make(length, times)[k]
+
+
+def _natural(
+    speed: Any, yaw_rate: Any, feet: Any, pose: Any, length: float, times: Array
+) -> list[Cost]:
+    del times
+    return natural(speed, yaw_rate, length=length, feet=feet, pose=pose)
+
+
+def _robot(speed: Any, yaw_rate: Any, given: Any, length: float, times: Array) -> list[Cost]:
+    return robot(speed, yaw_rate, length=length, times=times if given is None else given)
 
 
 @dataclass(frozen=True, eq=False)
