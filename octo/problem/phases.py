@@ -31,8 +31,8 @@ def phases(problems: Sequence[Problem]) -> Phases:
 
     Phases may differ in dt, steps, terms, constraints, ground, contact law and parameters. E is the
     mean of the phases' E over time: each counts with its share of the whole duration, but for
-    ``octo.Duration``, which counts as it is. A phase with a ``duration`` finds its own; the shares
-    that E has meanwhile are those that the search began with.
+    ``octo.Duration``, which counts as it is. A phase with a ``duration`` finds its own; its share
+    stays that of the dt it was given.
 
     Parameters
     ----------
@@ -59,7 +59,9 @@ def phases(problems: Sequence[Problem]) -> Phases:
         if k:
             _check_robot(problems[0], problem, k)
     first = problems[0]
-    return Phases(_linked([first, *(_sized(problem, first) for problem in problems[1:])]))
+    durations = np.array([one.steps * one.dt for one in problems])
+    own = _linked([first, *(_sized(problem, first) for problem in problems[1:])])
+    return Phases(own, durations / durations.sum())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,9 +71,11 @@ class Phases:
     Attributes
     ----------
     problems: the phases; all but the first have x_{-1} and x_0 among their unknowns.
+    shares: (phases,) what E of each counts with.
     """
 
     problems: tuple[Problem, ...]
+    shares: Array
 
     def __repr__(self) -> str:
         who = self.problems[0].character
@@ -86,22 +90,23 @@ class Phases:
             lines.append(listed(what, names))
         return "\n".join(lines)
 
-    @classmethod
-    def linked(cls, problems: Sequence[Problem]) -> Phases:
-        """Of phases that were made for one another, with other numbers."""
-        return cls(_linked(problems))
+    def with_numbers(self, problems: Sequence[Problem]) -> Phases:
+        """The same phases with other numbers; E of each counts as before."""
+        return Phases(_linked(problems), self.shares)
 
     def with_parameters(self, parameters: Sequence[dict[str, float]]) -> Phases:
         """The same with other run-time parameters of the dynamics in each phase; nothing is
         compiled anew. parameters: of each phase, by name; the others stay."""
         pairs = zip(self.problems, parameters, strict=True)
-        return Phases(_linked([one.replace(parameters=own) if own else one for one, own in pairs]))
+        return self.with_numbers(
+            [one.replace(parameters=own) if own else one for one, own in pairs]
+        )
 
     def without_end(self) -> Phases:
         """The same with a free last state."""
         *others, last = self.problems
         free = last.replace(x_end=None, v_end=None, displacement=None)
-        return Phases(_linked([*others, free]))
+        return self.with_numbers([*others, free])
 
     @property
     def steps(self) -> int:
@@ -121,12 +126,6 @@ class Phases:
     def times(self) -> Array:
         """(N+1,) s, of x_0 … x_N."""
         return np.append(0.0, np.cumsum(self.intervals))
-
-    @property
-    def shares(self) -> Array:
-        """(phases,) of the duration: what each phase's E counts with."""
-        durations = np.array([one.steps * one.dt for one in self.problems])
-        return np.asarray(durations / durations.sum())
 
     # -- as of one problem: what all phases share, or the first one has ----------------------------
 

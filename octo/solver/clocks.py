@@ -10,7 +10,7 @@ import numpy as np
 from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.data import Data, lowered
-from octo.problem.phases import Described, Phases
+from octo.problem.phases import Described
 from octo.problem.problem import Problem
 
 AT_END = 1e-6  # relative, within which a duration that was found at the end of its range may be
@@ -106,7 +106,7 @@ def with_times(described: Described, dt: Array) -> Described:
         return with_dt(described, float(dt[0]))
     pairs = zip(described.problems, dt.tolist(), strict=True)
     made = (one if one.duration is None else with_dt(one, own) for one, own in pairs)
-    return Phases.linked([*made])
+    return described.with_numbers([*made])
 
 
 def as_long_as(described: Described, intervals: Array | None) -> Described:

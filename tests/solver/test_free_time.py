@@ -117,6 +117,21 @@ def test_phases_find_durations_of_their_own() -> None:
     np.testing.assert_allclose(first + second, best.sum(), rtol=1e-5)
 
 
+def test_a_solution_of_phases_with_free_durations_is_the_end_of_the_way() -> None:
+    """Begun anew from it, E is the same: what each phase counts with is not what was found."""
+    effort = [octo.Duration(weight=0.5), octo.Effort(weight=1.0, reference=1.0)]
+    parts = [
+        from_rest_to_rest(20, 1.0, 100.0, costs=effort).replace(dt=dt, **dict.fromkeys(free))
+        for dt, free in ((0.05, ("x_end", "v_end")), (0.1, ("x0",)))
+    ]
+    phases = octo.phases(parts)
+    motion = octo.solve(phases)
+    again = octo.solve(phases, start=motion)
+    assert motion.converged and again.converged and again.iterations <= 5
+    np.testing.assert_allclose(again.energy, motion.energy, rtol=1e-6)
+    np.testing.assert_allclose(again.times, motion.times, rtol=1e-3)
+
+
 def fastest_by_ipopt(limit: float, steps: int, start: Array, guess: float) -> float:
     """T (s) of the swing-up, written anew with T as a variable."""
     nlp = ca.Opti()
