@@ -235,6 +235,6 @@ def _of_one_period(problem: Problem, solution: Solution) -> Problem:
     cycle = problem.cycle
     if cycle is None or not isinstance(cycle.period, tuple):
         return problem
-    found = solution.dt * solution.steps * (2.0 if cycle.mirrored else 1.0)
+    found = solution.dt * solution.steps * cycle.rounds
     period = min(cycle.periods, key=lambda one: abs(one - found))
     return problem.replace(cycle=replace(cycle, period=period))

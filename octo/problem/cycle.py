@@ -98,6 +98,11 @@ class Cycle:
         return self.mirror is not False
 
     @property
+    def rounds(self) -> int:
+        """How often a stride goes through the steps that are solved for: twice where mirrored."""
+        return 2 if self.mirrored else 1
+
+    @property
     def duration(self) -> float:
         """s, of what is solved for: the period, half of it where mirrored; of a range its geometric
         middle."""
@@ -106,7 +111,7 @@ class Cycle:
             if isinstance(self.period, tuple)
             else self.period
         )
-        return float(period) / (2.0 if self.mirrored else 1.0)
+        return float(period) / self.rounds
 
     @property
     def periods(self) -> tuple[float, ...]:
@@ -119,7 +124,7 @@ class Cycle:
     def velocity(self) -> float:
         """m/s along the heading."""
         if self.shift is not None:
-            return self.shift / (self.duration * (2.0 if self.mirrored else 1.0))
+            return self.shift / (self.duration * self.rounds)
         return 0.0 if self.speed is None else self.speed
 
     def sampling(self, steps: int, dt: float) -> tuple[int, float]:
@@ -136,13 +141,13 @@ class Cycle:
                 "has a dt of its own"
             )
         if dt <= 0.0:
-            longest = max(self.periods) / (2.0 if self.mirrored else 1.0)
+            longest = max(self.periods) / self.rounds
             steps = steps or max(8, round(longest / TIME_STEP))
             return steps, self.duration / steps
         exact = self.duration / dt
         wanted = steps or max(1, round(exact))
         if abs(exact - wanted) > WHOLE * max(exact, 1.0):
-            near = wanted * dt * (2.0 if self.mirrored else 1.0)
+            near = wanted * dt * self.rounds
             raise ProblemError(
                 f"cycle.period is {self.period:g} s, {half}{exact:.6g} steps of {dt:g} s, must be "
                 f"{'the ' + str(steps) if steps else 'a whole number of'} steps: for example a "

@@ -56,15 +56,15 @@ class DurationRange(Constraint):
     Parameters
     ----------
     lower, upper: s.
-    times: that the steps are gone through: two of a mirrored cycle, whose steps are half a stride.
+    rounds: that a motion makes through the steps: those of its cycle, if it is one.
     """
 
     lower: float = 0.0
     upper: float = np.inf
-    times: float = 1.0
+    rounds: int = 1
 
     def references(self, setting: Setting) -> Mapping[str, Any]:
-        return {"steps": np.array([self.times * setting.steps / self.upper])}
+        return {"steps": np.array([self.rounds * setting.steps / self.upper])}
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return step.dt * p["steps"]
@@ -108,9 +108,10 @@ def within(
     constraints: Sequence[Constraint],
     costs: Sequence[Cost],
     duration: tuple[float, float] | None,
-    mirrored: bool,
+    rounds: int,
 ) -> tuple[Constraint, ...]:
-    """The constraints with that of a free duration, or without one where it is fixed.
+    """The constraints with that of a free duration, or without one where it is fixed; ``rounds`` as
+    of a :class:`DurationRange`.
 
     Raises
     ------
@@ -125,4 +126,4 @@ def within(
                 f"{term.label}.at is in seconds and duration is free: say steps, for they keep "
                 "their place"
             )
-    return *kept, DurationRange(*duration, 2.0 if mirrored else 1.0, at="last")
+    return *kept, DurationRange(*duration, rounds, at="last")

@@ -112,10 +112,10 @@ class Problem(Shown):
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)
-        mirrored = self.cycle is not None and self.cycle.mirrored
+        rounds = 1 if self.cycle is None else self.cycle.rounds
         users = isinstance(self.model, Dynamics) and not isinstance(self.model, RobotDynamics)
         if self.duration is not None:
-            low, high = range_of(self.duration, self.steps * (2 if mirrored else 1), not users)
+            low, high = range_of(self.duration, self.steps * rounds, not users)
             object.__setattr__(self, "duration", (low, high))
             if self.dt == 0:
                 object.__setattr__(self, "dt", float(np.sqrt(low * high)) / self.steps)
@@ -125,7 +125,7 @@ class Problem(Shown):
             time_step(self.dt)
         check_surroundings(self.terrain, self.law, self.model)
         object.__setattr__(self, "costs", costs_of(self.costs))
-        hard = within(constraints_of(self.constraints), self.costs, self.duration, mirrored)
+        hard = within(constraints_of(self.constraints), self.costs, self.duration, rounds)
         object.__setattr__(self, "constraints", hard)
         object.__setattr__(
             self,

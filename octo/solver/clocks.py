@@ -10,7 +10,7 @@ import numpy as np
 from octo.checks import Array
 from octo.problem.compiled import CompiledProblem
 from octo.problem.data import Data, lowered
-from octo.problem.phases import Described
+from octo.problem.phases import Described, Phases
 from octo.problem.problem import Problem
 
 AT_END = 1e-6  # relative, within which a duration that was found at the end of its range may be
@@ -84,19 +84,14 @@ def with_dt(problem: Problem, dt: float) -> Problem:
         if "start" in problem.__dict__:  # of a phase it is that of the first one
             changed.__dict__["start"] = problem.start
         return changed
-    period = dt * int(problem.steps) * _times_through(problem)
+    period = dt * int(problem.steps) * problem.cycle.rounds
     return problem.replace(cycle=replace(problem.cycle, period=period))
-
-
-def _times_through(problem: Problem) -> float:
-    """How often a whole motion goes through the steps."""
-    return 2.0 if problem.cycle is not None and problem.cycle.mirrored else 1.0
 
 
 def _ends(problem: Problem) -> tuple[float, float]:
     """(shortest, longest) s of a step of a free duration."""
     assert problem.duration is not None
-    count = int(problem.steps) * _times_through(problem)
+    count = int(problem.steps) * (1 if problem.cycle is None else problem.cycle.rounds)
     return problem.duration[0] / count, problem.duration[1] / count
 
 
@@ -118,12 +113,14 @@ def as_long_as(described: Described, intervals: Array | None) -> Described:
     """
     if described.duration is None:
         return described
-    phases = [described] if isinstance(described, Problem) else list(described.problems)
+    phases = (described,) if isinstance(described, Problem) else described.problems
     own = wanted = np.array([one.dt for one in phases])
     if intervals is not None and isinstance(described, Problem):
         wanted = np.array([intervals.sum() / int(described.steps)])
-    elif intervals is not None and len(intervals) == described.steps:
-        wanted = intervals[np.cumsum([0, *(one.steps for one in phases[:-1])])]
+    elif isinstance(described, Phases) and (
+        intervals is not None and len(intervals) == described.steps
+    ):
+        wanted = intervals[list(described.first_steps[:-1])]
     pairs = zip(phases, own, strict=True)
     ends = [(dt, dt) if one.duration is None else _ends(one) for one, dt in pairs]
     low, high = np.transpose(ends)

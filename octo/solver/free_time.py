@@ -13,6 +13,7 @@ gradient for d²L/dτ dv): no law and no term has to know about it. They are rig
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -77,9 +78,9 @@ class FreeTime:
         self.weight, self.threads = inner.weight, inner.threads
         self.problems: tuple[Described, ...] = tuple(inner.problems)
         # the units with copies of each τ; a last unit that is no unknown at all has none
-        ends = np.cumsum([0, *(part.steps for part in parts_of(inner))])
-        self.units = [slice(a, b) for a, b in zip(ends.tolist(), ends[1:].tolist(), strict=False)]
-        if isinstance(inner, CompiledProblem):
+        if isinstance(inner, PhasedProblem):
+            self.units = [slice(a, b) for a, b in pairwise(inner.first_steps)]
+        else:
             self.units = [slice(0, inner.K - int(inner.plan.carries_rows))]
         self.free = [k for k, clock in enumerate(clocks) if clock is not None]
 
@@ -191,17 +192,25 @@ class FreeTime:
         H = np.zeros((self.batch, self.K, 3, self.nc, self.nc))
         H[..., :-1, :-1] = model.H
         H[:, :, 0, -1, -1] = 1.0
-        for k, own_cross, rows, sides in zip(self.free, cross, along, around, strict=True):
-            values = [self._lagrangian(each, own) for each in (sides[0], inside, sides[1])]
-            bend = ((values[2] - values[1]) - (values[1] - values[0])) / STEP**2
+        middle = self._lagrangian(inside, own)
+        beside = [[self._lagrangian(each, own) for each in sides] for sides in around]
+        for k, own_cross, rows, (before, after) in zip(
+            self.free, cross, along, beside, strict=True
+        ):
+            bend = ((after - middle) - (middle - before)) / STEP**2
             if self._weights is not None:
                 weighted = self._weights[0] * rows
                 own_cross = own_cross + self.inner.row_forces(model, weighted)
                 bend = bend + (weighted * rows).sum(axis=(1, 2))
             self._bend(k, bend, own_cross, H)
-        for k in self.free:
-            if k + 1 in self.free:
-                self._bend_together(at, tau, own, k, dict(zip(self.free, around, strict=True)), H)
+        for j, (k, behind) in enumerate(pairwise(self.free)):
+            if behind == k + 1:  # its first steps look back at phase k
+                values = [*self._corners(at, tau, own, k), 2.0 * middle]
+                values += [-each for sides in beside[j : j + 2] for each in sides]
+                twist = np.stack(values).sum(axis=0) / (2.0 * STEP**2)
+                if self._weights is not None:
+                    twist = twist + (self._weights[0] * along[j] * along[j + 1]).sum(axis=(1, 2))
+                H[:, self.units[k].stop, 1, -1, -1] = twist
         b, A = self._with_tau(model.b, list(slopes)), self._rows(model.A, around)
         return TimedModel(H, A, b, at.C, model.R, np.stack(along))
 
@@ -209,8 +218,8 @@ class FreeTime:
         """As :meth:`CompiledProblem.row_products`."""
         products = self.inner.row_products(model, np.ascontiguousarray(delta[..., :-1]))
         assert isinstance(model, TimedModel) and model.along is not None
-        for k, rows in zip(self.free, model.along, strict=True):
-            products = products + rows * self._tau(delta)[k][:, None, None]
+        for tau, rows in zip(self._tau(delta)[self.free], model.along, strict=True):
+            products = products + rows * tau[:, None, None]
         return products
 
     def row_forces(self, model: Model, weights: Array) -> Array:
@@ -275,6 +284,12 @@ class FreeTime:
             slope = slope + (d * rows).sum(axis=(1, 2))
         return slope, rows
 
+    def _corners(self, at: Evaluation, tau: Array, lam: Array | None, k: int) -> list[Array]:
+        """(batch,) E + lamᵀC + yᵀr where τ of phase k and of the one behind it are both a step
+        more, and both a step less."""
+        sides = (((k, step), (k + 1, step)) for step in (STEP, -STEP))
+        return [self._lagrangian(self._at(at, tau, *moved), lam) for moved in sides]
+
     # -- where it stands in the blocks -------------------------------------------------------------
 
     def _with_tau(self, values: Array, along: list[Array]) -> Array:
@@ -298,28 +313,6 @@ class FreeTime:
                 H[:, first, lag, -1, :-1] = cross[:, first - lag]
             if end - 1 + lag < self.K:
                 H[:, end - 1 + lag, lag, :-1, -1] = cross[:, end - 1 + lag]
-
-    def _bend_together(
-        self,
-        at: Evaluation,
-        tau: Array,
-        lam: Array | None,
-        k: int,
-        around: dict[int, Around],
-        H: Array,
-    ) -> None:
-        """d²L/dτ dτ' of phase k and the one behind it, whose first steps look back at it."""
-        both = [(k, STEP), (k + 1, STEP)]
-        corners = self._at(at, tau, *both), self._at(at, tau, *((p, -h) for p, h in both))
-        sides = (*around[k], *around[k + 1])
-        signed = [(1.0, each) for each in corners] + [(-1.0, each) for each in sides]
-        signed.append((2.0, self._inside(at)))
-        values = np.stack([sign * self._lagrangian(each, lam) for sign, each in signed])
-        value = values.sum(axis=0) / (2.0 * STEP**2)
-        if self._weights is not None:
-            before, after = (self._along(around[p])[1] for p in (k, k + 1))
-            value = value + (self._weights[0] * before * after).sum(axis=(1, 2))
-        H[:, self.units[k].stop, 1, -1, -1] = value
 
     def _rows(self, A: Array, around: list[Around]) -> Array:
         """(batch, K, 3, ma, nc) with dC/dτ, and the rows that tie the copies of τ."""
