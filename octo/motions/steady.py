@@ -139,11 +139,12 @@ def _steady(robot: Character, goal: Goal, seconds: float | None, **given: Any) -
     given["constraints"] = held(robot, given["constraints"])
     at_every_step(given["constraints"], "a motion from rest to rest")
     options = {k: given.pop(k) for k in How.__annotations__}
-    time = None if seconds is None and goal.kind == "to" else positive("seconds", seconds, "s")
-    if time is None or goal.kind == "to":
+    if goal.kind == "to":
+        time = None if seconds is None else positive("seconds", seconds, "s")
         journey = Journey.to(robot, goal.place, time, goal.speed, **given)
     else:
         rate = goal.speed if goal.kind == "turn" else 0.0
+        time = positive("seconds", seconds, "s")
         journey = Journey(robot, goal.velocity[:2], rate, time, **given)
     wanted = {k: v for k, v in options.items() if v is not None}
     return from_rest_to_rest(journey, Budget(wanted, held=bool(journey.constraints)))

@@ -8,7 +8,7 @@ import numpy as np
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Coulomb
 from octo.model.quantities import Array
-from octo.problem.at import shares
+from octo.problem.at import always, shares
 from octo.problem.limits import FrictionCones, TorqueLimits
 from octo.problem.problem import Problem
 
@@ -36,9 +36,7 @@ def held_by_the_ground(problem: Problem) -> tuple[Problem, float]:
     outside a cone of 0.3, where 8 % are without. Another law, or a cone of some steps, keeps them.
     """
     held = [
-        term
-        for term in problem.constraints
-        if isinstance(term, FrictionCones) and isinstance(term.at, str) and term.at == "all"
+        term for term in problem.constraints if isinstance(term, FrictionCones) and always(term.at)
     ]
     law = problem.dynamics.law if isinstance(problem.dynamics, RobotDynamics) else None
     if not held or not isinstance(getattr(law, "friction", None), Coulomb):

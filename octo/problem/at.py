@@ -49,6 +49,11 @@ class At:
 Steps = Literal["all", "last"] | Sequence[int] | Sequence[bool] | NDArray[Any] | At
 
 
+def always(at: Any) -> bool:
+    """Whether a term acts at all steps because it says no others."""
+    return isinstance(at, str) and at == "all"
+
+
 def check_at(field: str, at: Any) -> None:
     """Refuse what says no steps, whatever their number.
 

@@ -22,7 +22,7 @@ import numpy as np
 from octo.checks import Array, instance
 from octo.errors import ProblemError
 from octo.problem.asked import Asked, Motion
-from octo.problem.at import Steps, check_at
+from octo.problem.at import Steps, always, check_at
 from octo.problem.constraints import Constraint, Equality
 from octo.problem.losses import Loss
 from octo.problem.terms import Term
@@ -143,7 +143,7 @@ class SizedCost(Cost):
             made,
             weight=weight,
             name=made.name if self.name == made.label else self.name,
-            at=made.at if isinstance(self.at, str) and self.at == "all" else self.at,
+            at=made.at if always(self.at) else self.at,
             loss=made.loss if self.loss is None else self.loss,
             curvature=made.curvature if self.curvature == "gauss_newton" else self.curvature,
         )

@@ -12,6 +12,7 @@ import numpy as np
 from octo.checks import Array, asked, instance, number, one_of, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.character import Character
+from octo.problem.at import always
 from octo.problem.constraints import Constraint
 from octo.problem.contact_costs import FrictionCone
 from octo.problem.costs import Cost
@@ -104,7 +105,7 @@ def at_every_step(constraints: Sequence[Constraint], motion: str) -> None:
     ProblemError: names the first of them.
     """
     for one in constraints:
-        if not isinstance(one.at, str) or one.at != "all":
+        if not always(one.at):
             raise ProblemError(
                 f"{one.label}.at is {said(one.at)}, must be 'all': {motion} is found in several "
                 "pieces; describe it as one octo.Problem for what holds at some steps"

@@ -7,10 +7,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from octo.result.trajectory import VECTORS, Trajectory
+from octo.result.trajectory import ROWS, Trajectory
 
 T = TypeVar("T", bound=Trajectory)
-ROWS = ("u", "contact_depth", *VECTORS)  # one a step
 
 
 def even(motion: T) -> T:

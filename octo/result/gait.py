@@ -17,8 +17,8 @@ from octo.checks import Array
 from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
-from octo.result.even import ROWS, even
-from octo.result.trajectory import Trajectory
+from octo.result.even import even
+from octo.result.trajectory import ROWS, Trajectory
 
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
 TAPS = 2.5  # 1/s, touchdowns of a foot: more is tapping

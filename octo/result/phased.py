@@ -15,10 +15,9 @@ from octo.problem.continued import BEFORE
 from octo.problem.evaluation import Evaluation
 from octo.problem.phased import Compiled, PhasedProblem
 from octo.result.bounds import Bound, bounds_kept
-from octo.result.even import ROWS
 from octo.result.measure import ground, measured
 from octo.result.residuals import Residual
-from octo.result.trajectory import Trajectory
+from octo.result.trajectory import ROWS, Trajectory
 
 
 def motion_of(problem: Compiled, at: Evaluation, member: int) -> dict[str, Any]:

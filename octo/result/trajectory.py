@@ -19,6 +19,7 @@ from octo.result.residuals import Residual
 from octo.result.stride import Stride
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
+ROWS = ("u", "contact_depth", *VECTORS)  # one a step
 # rad or m, that a coordinate may change in a step: one that changes by more may have gone round the
 # other way, or through the ground, at no cost, for a residual sees nothing between two nodes
 LEAP = 1.0
@@ -218,8 +219,7 @@ class Trajectory:
             how = "solve a Problem with cycle=octo.Cycle(…)"
             raise ProblemError(f"this motion is no cycle, it cannot be tiled: {how}")
         pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
-        names = ("u", "contact_depth", *VECTORS)
-        made: dict[str, list[Array]] = {name: [getattr(self, name)] for name in names}
+        made: dict[str, list[Array]] = {name: [getattr(self, name)] for name in ROWS}
         made["x"] = [self.x[2:]]
         for _ in range(pieces - 1):
             last = {name: blocks[-1] for name, blocks in made.items()}
