@@ -23,25 +23,17 @@ from octo.checks import Array
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
-from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.long import MOST, brisk, check_length
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
+from octo.emit import HEAD, function_in_lanes, function_of_numbers
 from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.terrain import ADDRESS, Ground, World
 from octo.world import query
 from octo.world.jet import SIZES
 
-HEAD = """#ifndef __CUDACC_RTC__
-#include <math.h>
-#include <stddef.h>
-#elif !defined(NAN)
-#define NAN __longlong_as_double(0x7ff8000000000000LL)
-#define INFINITY __longlong_as_double(0x7ff0000000000000LL)
-#endif
-"""
 HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.codegen import lanes_text, numbers_table
-from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
+from octo.emit import function_of_numbers
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
