@@ -16,7 +16,7 @@ import casadi as ca
 
 from octo.dynamics import symbolic
 from octo.dynamics.forms import about, axial, g_form, moved, q_form, raised, rows, wrench
-from octo.dynamics.laws import ContactLaw, View
+from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout, section
 from octo.model.terrain import Ground, World, looked
 from octo.model.terrain import normal as normal_of

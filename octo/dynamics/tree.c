@@ -117,6 +117,10 @@ static void octo_kin(const real *x, real *kin) {
   for (int b = 0; b < NB; ++b) octo_pose(b, x, turn, kin);
 }
 
+#ifndef NG
+#define NG 0 /* contacts that a world is asked about */
+#endif
+
 #if NG > 0
 /* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
 #define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
