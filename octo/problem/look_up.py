@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array
-from octo.model.terrain import world_at
 from octo.emit import HEAD
+from octo.model.terrain import world_at
 from octo.problem.code_stage import CodeStage
 from octo.world import query
 from octo.world.jet import SIZES
