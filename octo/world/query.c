@@ -47,7 +47,8 @@ static void octo_world_consider(const double *world, int shape, const double *po
   if (near->count < OCTO_WORLD_NEAR) ++near->count;
   const double farthest = near->value[0] + near->reach; /* φ outside a box is at least a fraction of the distance from it */
   while (near->value[near->count - 1] > farthest) --near->count;
-  near->limit = farthest > 0.0 ? farthest * farthest / (OCTO_WORLD_FRACTION * OCTO_WORLD_FRACTION) : 0.0;
+  const double limit = farthest > 0.0 ? farthest / OCTO_WORLD_FRACTION : 0.0;
+  near->limit = fmin(limit * limit, OCTO_WORLD_FAR);
 }
 
 /* The squares of the distances from the boxes of a node's children. */
@@ -118,15 +119,17 @@ static int octo_world_felt(const octo_world_near *near, double scale) {
   return count;
 }
 
-/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN at no point. */
+/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN where the point is not finite, or
+ * farther from all shapes than numbers reach. */
 static void octo_world(const double *world, const double *point, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
-  if (!(place - place == 0.0)) {
+  octo_world_near near;
+  near.count = 0;
+  if (place - place == 0.0) octo_world_find(world, point, &near);
+  if (near.count == 0) {
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;
   }
-  octo_world_near near;
-  octo_world_find(world, point, &near);
   const int felt = octo_world_felt(&near, world[OCTO_WORLD_SCALE]);
   if (felt == 1) {
     octo_world_of_shape(world, near.shape[0], point, order, jet);

@@ -17,7 +17,7 @@ from octo.world.layout import FAR, WIDTH
 
 CHILD = 6  # of a node's rows: where each child is
 # a node without children, whose boxes are farther away than anything
-EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR), np.zeros((1, WIDTH))])
+EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR**0.5), np.zeros((1, WIDTH))])
 
 
 def build(boxes: Array, shapes: Sequence[int]) -> Array:
