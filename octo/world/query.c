@@ -47,7 +47,8 @@ static void octo_world_consider(const double *world, int shape, const double *po
   if (near->count < OCTO_WORLD_NEAR) ++near->count;
   const double farthest = near->value[0] + near->reach; /* φ outside a box is at least a fraction of the distance from it */
   while (near->value[near->count - 1] > farthest) --near->count;
-  near->limit = farthest > 0.0 ? farthest * farthest / (OCTO_WORLD_FRACTION * OCTO_WORLD_FRACTION) : 0.0;
+  const double limit = farthest > 0.0 ? farthest / OCTO_WORLD_FRACTION : 0.0;
+  near->limit = fmin(limit * limit, OCTO_WORLD_FAR);
 }
 
 /* The squares of the distances from the boxes of a node's children. */
@@ -141,15 +142,16 @@ static void octo_world_made(const double *world, const double *point, const octo
 }
 
 /* The same where nothing is known yet, and φ is less than ``beyond`` m; elsewhere the first number is a lower bound of φ that is not
- * less either, and the others are 0. NaN at no point. */
+ * less either, and the others are 0. NaN where the point is not finite, or farther from all shapes than numbers reach. */
 static void octo_world_within(const double *world, const double *point, double beyond, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
-  if (!(place - place == 0.0)) {
+  octo_world_near near;
+  near.count = 0;
+  if (place - place == 0.0) octo_world_find(world, point, &near);
+  if (near.count == 0) {
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;
   }
-  octo_world_near near;
-  octo_world_find(world, point, &near);
   const double least = near.value[0] - 4.0 / 3.0 * world[OCTO_WORLD_SCALE];
   if (least < beyond) {
     octo_world_made(world, point, &near, order, jet);

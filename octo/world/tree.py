@@ -17,7 +17,7 @@ from octo.world.layout import FAR, WIDTH
 
 CHILD = 6  # of a node's rows: where each child is
 # a node without children, whose boxes are farther away than anything
-EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR), np.zeros((1, WIDTH))])
+EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR**0.5), np.zeros((1, WIDTH))])
 
 
 def build(boxes: Array, shapes: Sequence[int]) -> Array:
@@ -25,7 +25,9 @@ def build(boxes: Array, shapes: Sequence[int]) -> Array:
     first."""
     nodes: list[Array] = []
     # which boxes are to be placed, and the child that they become
-    waiting: list[tuple[Array, tuple[int, int] | None]] = [(np.arange(len(boxes)), None)]
+    waiting: list[tuple[Array, tuple[int, int] | None]] = []
+    if len(boxes):
+        waiting.append((np.arange(len(boxes)), None))
     while waiting:
         within, child = waiting.pop()
         if child is not None:

@@ -45,7 +45,7 @@ class World:
             )
         names: dict[str, int] = {}
         for k, shape in enumerate(self.shapes):
-            if not isinstance(shape, Shape):
+            if not isinstance(shape, Shape) or getattr(shape, "kind", None) not in KINDS:
                 raise ProblemError(f"shapes[{k}] is {said(shape)}, must be one of octo.shapes")
             if shape.name is not None and names.setdefault(shape.name, k) != k:
                 raise ProblemError(
