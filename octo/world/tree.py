@@ -23,26 +23,20 @@ EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR**0.5), np.zeros((1, WI
 def build(boxes: Array, shapes: Sequence[int]) -> Array:
     """Nodes (count, 7, WIDTH) over the boxes (n, 2, 3) m of shapes of these numbers, the root
     first."""
-    nodes: list[Array] = []
-    # which boxes are to be placed, and the child that they become
-    waiting: list[tuple[Array, tuple[int, int] | None]] = []
-    if len(boxes):
-        waiting.append((np.arange(len(boxes)), None))
+    nodes = [EMPTY.copy()]
+    waiting = [(0, np.arange(len(boxes)))] if len(boxes) else []  # nodes, and what is below them
     while waiting:
-        within, child = waiting.pop()
-        if child is not None:
-            node, slot = child
-            _write(nodes[node], slot, _around(boxes[within]))
-            alone = len(within) == 1
-            nodes[node][CHILD, slot] = -1.0 - shapes[within[0]] if alone else len(nodes)
-            if alone:
-                continue
-        nodes.append(EMPTY.copy())
-        size = 1  # of full children: with the fewest levels
+        place, within = waiting.pop()
+        size = 1  # of a full child: with the fewest levels
         while WIDTH * size < len(within):
             size *= WIDTH
-        parts = _parts(boxes, within, size)
-        waiting += [(part, (len(nodes) - 1, slot)) for slot, part in enumerate(parts)]
+        for slot, part in enumerate(_parts(boxes, within, size)):
+            child = -1 - shapes[part[0]] if len(part) == 1 else len(nodes)
+            _write(nodes[place], slot, _around(boxes[part]))
+            nodes[place][CHILD, slot] = child
+            if child > 0:
+                nodes.append(EMPTY.copy())
+                waiting.append((child, part))
     return np.array(nodes)
 
 
