@@ -20,7 +20,6 @@ from octo.checks import Array
 from octo.errors import MissingExtraError, RobotFileError
 from octo.files import reason
 from octo.world.bricks import near_surface
-from octo.world.lattice import jets
 from octo.world.spline import Indices
 
 LOG = logging.getLogger("octo")
@@ -28,9 +27,7 @@ EXTRA = "mesh"
 VERSION = 1  # of how grids are made: what was kept by another one is made anew
 MARGIN = 10.0  # cells around a mesh: the band of samples, and three more
 POINTS = 200_000  # at a time
-# of the mesh's surface, where φ should be 0: what is off by more than this is worth a warning
-OFF, SHARE = 0.25, 0.01  # cells, of all faces
-SHOWN = 20_000  # faces that this is measured at
+THIN, SHARE = 1.5, 0.01  # cells of a wall, and of the surface that such walls are worth a warning
 
 
 def _library(name: str, what: str) -> ModuleType:
@@ -44,22 +41,26 @@ def read(path: Path) -> tuple[Array, Indices]:
     """Vertices (n, 3) and faces (m, 3) of a file: STL, OBJ, PLY, GLB and what else trimesh reads;
     the parts of a scene in their places."""
     trimesh = _library("trimesh", f"the mesh file {str(path)!r}")
+    if not path.is_file():
+        raise RobotFileError(f"mesh file {str(path)!r} is not there")
     try:
         mesh = trimesh.load_mesh(path, process=False)
-        return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
+        vertices = np.array(mesh.vertices, dtype=float)
+        faces = np.array(mesh.faces, dtype=np.int64)
     except OSError as error:
         raise RobotFileError(f"mesh file {str(path)!r} cannot be read: {reason(error)}") from error
     except Exception as error:  # each of its readers raises its own kinds
         why = f"{type(error).__name__}: {error}"
         raise RobotFileError(f"mesh file {str(path)!r} is no mesh: {why}") from error
+    if not len(faces):
+        raise RobotFileError(f"mesh file {str(path)!r} is no mesh: it has no triangles")
+    return vertices, faces
 
 
-def wound_alike(vertices: Array, faces: Indices) -> Indices:
+def wound_alike(faces: Indices) -> Indices:
     """The faces, those turned around that are wound against their neighbours."""
-    trimesh = _library("trimesh", "a mesh whose faces are wound both ways")
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    trimesh.repair.fix_winding(mesh)
-    return np.array(mesh.faces, dtype=np.int64)
+    igl = _library("igl", "a mesh whose faces are wound both ways")
+    return np.array(igl.bfs_orient(faces)[0], dtype=np.int64)
 
 
 def volume(vertices: Array, faces: Indices) -> float:
@@ -84,6 +85,18 @@ class Part:
         kind = getattr(igl, f"SIGNED_DISTANCE_TYPE_{by}")
         found = igl.signed_distance(points, self.vertices, self.faces, sign_type=kind)[0]
         return np.asarray(found)
+
+    def thin(self, width: float) -> Array:
+        """m²: the surface of walls thinner than ``width`` m, and all of it (2,)."""
+        igl = _library("igl", "a mesh as a shape")
+        a, b, c = self.vertices[self.faces.T]
+        normals = np.cross(b - a, c - a)
+        areas = np.linalg.norm(normals, axis=1)
+        normals /= np.maximum(areas, 1e-300)[:, None]
+        within = (a + b + c) / 3.0 - 0.5 * width * normals
+        nearest = igl.point_mesh_squared_distance(within, self.vertices, self.faces)[1]
+        opposite = np.einsum("ij,ij->i", normals[nearest], normals) < -0.5
+        return 0.5 * np.array([areas[opposite].sum(), areas.sum()])
 
     def least(self, points: Array) -> Array:
         """(k,) m: no point of it is nearer, from its box; 0 inside."""
@@ -188,19 +201,17 @@ def grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:
 
 def _grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:
     line = Line(f"distances to {label}, {len(faces)} faces")
-    distance = distances(*parts_of(vertices, faces))
+    solid, cavities = parts_of(vertices, faces)
     low, high = vertices.min(axis=0) - MARGIN * cell, vertices.max(axis=0) + MARGIN * cell
-    made = near_surface(distance, low, high, cell, line)
+    made = near_surface(distances(solid, cavities), low, high, cell, line)
     own = made.numbers()
     samples = " × ".join(str(n) for n in made.size)
     line.end(f"{samples} samples, cell {cell:g} m, {1e-6 * own.nbytes:.0f} MB")
-    shown = faces[:: len(faces) // SHOWN + 1]
-    off = np.abs(jets(own, vertices[shown].mean(axis=1), 0)[:, 0]) / cell
-    lost = float(np.mean(off > OFF))
-    if lost > SHARE:
+    thin, area = np.sum([part.thin(THIN * cell) for part in solid], axis=0)
+    if thin > SHARE * area:
         LOG.warning(
-            "%s: φ is off by more than %g cells (of %g m) at %.0f %% of its faces, by %.2g at most:"
-            " what is thinner than two cells is rounded away, a smaller cell keeps it",
-            *(label, OFF, cell, 100.0 * lost, off.max()),
+            "%s: %.0f %% of its surface are walls thinner than %g cells of %g m, which are thinned "
+            "or lost; a smaller cell keeps them",
+            *(label, 100.0 * thin / area, THIN, cell),
         )
     return own

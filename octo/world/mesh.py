@@ -110,7 +110,7 @@ class Mesh(Shape):
         if len(border):
             raise ModelError(self._open(vertices, border))
         if len(against):
-            faces = build.wound_alike(vertices, faces)
+            faces = build.wound_alike(faces)
             against = _borders(faces, len(vertices))[1]
         if len(against):
             place = _place(self.scale * vertices[against[0]].mean(axis=0))
