@@ -67,7 +67,7 @@ class World:
         records = np.empty((len(self.shapes), layout.RECORD))
         parts = [np.empty(layout.HEAD), records, endless, nodes, *(s.own for s in self.shapes)]
         at = np.cumsum([0, *(np.size(part) for part in parts)])
-        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:4]
+        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:5]
         for k, shape in enumerate(self.shapes):
             records[k, layout.KIND], records[k, layout.OWN] = KINDS.index(shape.kind), at[4 + k]
             _place(records[k], shape)
@@ -161,9 +161,8 @@ class World:
         _place(data[record : record + layout.RECORD], shape)
         box = shape.bounds()
         if np.isfinite(box).all():
-            size = layout.NODE * (2 * int(data[layout.BOUNDED]) - 1)
-            first = int(data[layout.TREE])
-            tree.refit(data[first : first + size].reshape(-1, layout.NODE), k, box)
+            first, last = int(data[layout.TREE]), int(data[layout.NUMBERS])
+            tree.refit(data[first:last].reshape(-1, tree.CHILD + 1, layout.WIDTH), k, box)
         made.__dict__["data"] = _kept(data)  # where a cached_property looks first
         return made
 
