@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import logging
 import sys
 import time
@@ -32,7 +33,7 @@ THIN, SHARE = 1.5, 0.01  # cells of a wall, and of the surface that such walls a
 
 def _library(name: str, what: str) -> ModuleType:
     try:
-        return __import__(name)
+        return importlib.import_module(name)
     except ImportError:
         raise MissingExtraError(what, EXTRA) from None
 

@@ -129,6 +129,10 @@ static void octo_world(const double *world, const double *point, int order, doub
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;
   }
+  if (world[OCTO_WORLD_COUNT] == 1.0) { /* one map, as often */
+    octo_world_of_shape(world, 0, point, order, jet);
+    return;
+  }
   octo_world_near near;
   octo_world_find(world, point, &near);
   const int felt = octo_world_felt(&near, world[OCTO_WORLD_SCALE]);
