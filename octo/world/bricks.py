@@ -37,7 +37,7 @@ def near_surface(
 
     ``distance`` must not change by more than the way between two points.
     """
-    count = np.maximum(np.ceil((high - low) / (BRICK * cell)).astype(np.int64), 1) + 1
+    count = np.maximum(np.ceil((high - low) / (BRICK * cell) - 1e-6).astype(np.int64), 1) + 1
     size = BRICK * (count - 1) + 1  # then each brick has a coarse sample
     axes = [low[k] + RATIO * cell * np.arange(2 * count[k] - 1) for k in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -24,6 +24,7 @@ from tests.world.maps import RISE, RUN, STEPS, cube, sphere, stairs
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("igl")
+pytest.importorskip("manifold3d")
 CELL = 0.02  # m
 
 
@@ -107,7 +108,27 @@ def test_parts_that_overlap_are_a_union_without_faces_inside() -> None:
     made = World([mesh((np.concatenate([one, two]), np.concatenate([faces, faces + 8])))])
     points = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.15, 0.0, 0.25], [0.15, 0.0, 0.15]])
     depth = made.distance(points)  # at 5 cells of depth only every fourth sample is kept
-    assert np.abs(depth - [-0.1, -0.1, 0.05, -0.05]).max() < 0.5 * CELL
+    assert np.abs(depth - [-0.2, -0.2, 0.05, -0.05]).max() < 0.5 * CELL
+
+
+def test_boxes_side_by_side_are_solid_between(tmp_path: Path) -> None:
+    """Stairs of boxes, as a file with three vertices a face: their sides lie on each other."""
+    boxes = []
+    for k in range(4):
+        block = trimesh.creation.box((RUN, 1.0, (k + 1) * RISE))
+        block.apply_translation(((k + 0.5) * RUN, 0.5, (k + 1) * RISE / 2.0))
+        boxes.append(block)
+    file = tmp_path / "steps.stl"
+    trimesh.util.concatenate(boxes).export(file)
+    made = World([shapes.Mesh.from_file(file, cell=CELL)])
+    whole = World([mesh(stairs(4, 1.0))])
+    points = np.random.default_rng(2).uniform([0.0, 0.2, 0.0], [4.0 * RUN, 0.8, 0.7], (20_000, 3))
+    true = whole.distance(points)
+    off = np.abs(made.distance(points) - true) / CELL
+    assert off[np.abs(true) < 2.0 * CELL].max() < 0.01
+    seam = [[RUN, 0.5, 0.5 * RISE]]
+    assert whole.distance(seam) == pytest.approx(-0.075, abs=CELL)
+    assert made.distance(seam) == pytest.approx(-0.075, abs=CELL)
 
 
 def test_a_part_within_another_that_looks_inwards_is_a_cavity() -> None:
@@ -246,6 +267,14 @@ def test_what_is_no_mesh_in_metres_is_refused(
 ) -> None:
     with pytest.raises(ValueRangeError, match=words):
         mesh(cube(size), **other)
+
+
+def test_a_mesh_without_an_inside_is_refused() -> None:
+    vertices, faces = cube()
+    with pytest.raises(ModelError, match="all of its faces are lines or points"):
+        mesh((vertices, faces[:, [0, 0, 1]]))
+    with pytest.raises(ModelError, match="the faces on both sides are one"):
+        mesh((vertices * [1.0, 1.0, 0.0], faces))
 
 
 def test_faces_are_of_its_vertices() -> None:
