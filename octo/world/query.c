@@ -145,6 +145,10 @@ static void octo_world_made(const double *world, const double *point, const octo
  * less either, and the others are 0. NaN where the point is not finite, or farther from all shapes than numbers reach. */
 static void octo_world_within(const double *world, const double *point, double beyond, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
+  if (place - place == 0.0 && world[OCTO_WORLD_COUNT] == 1.0 && beyond == INFINITY) { /* one map, as often */
+    octo_world_of_shape(world, 0, point, order, jet);
+    return;
+  }
   octo_world_near near;
   near.count = 0;
   if (place - place == 0.0) octo_world_find(world, point, &near);
