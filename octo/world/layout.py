@@ -16,11 +16,12 @@ KIND, OWN, TURNED, POSITION, ROTATION, RECORD = 0, 1, 2, 3, 6, 15
 WIDTH = 8  # children of a node of the tree, at most: a vector of an AVX-512 processor, two of AVX
 MOST = 2**20  # shapes: the tree has at most 7 levels,
 STACK = 64  # and a walk leaves WIDTH − 1 nodes or shapes behind on each
+FAR = 1e300  # m², of the square of a distance: farther than anything
 NEAR = 32  # shapes in the smooth minimum at one point, at most: the nearest
 
 NAMES = (
     "COUNT BOUNDED SCALE RECORDS ENDLESS TREE KIND OWN TURNED POSITION ROTATION RECORD WIDTH "
-    "STACK NEAR"
+    "STACK FAR NEAR"
 )
 
 

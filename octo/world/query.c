@@ -5,6 +5,7 @@
 /* The shapes within reach of the nearest one, by distance: those that the minimum feels, and perhaps a few more. */
 typedef struct {
   double reach, value[OCTO_WORLD_NEAR]; /* m */
+  double limit; /* m²: the square of the largest distance from a box at which its shapes may still matter */
   int shape[OCTO_WORLD_NEAR], count;
 } octo_world_near;
 
@@ -44,7 +45,10 @@ static void octo_world_consider(const double *world, int shape, const double *po
   near->value[k] = value;
   near->shape[k] = shape;
   if (near->count < OCTO_WORLD_NEAR) ++near->count;
-  while (near->value[near->count - 1] > near->value[0] + near->reach) --near->count;
+  const double farthest = near->value[0] + near->reach; /* φ outside a box is at least a fraction of the distance from it */
+  while (near->value[near->count - 1] > farthest) --near->count;
+  const double limit = farthest > 0.0 ? farthest / OCTO_WORLD_FRACTION : 0.0;
+  near->limit = fmin(limit * limit, OCTO_WORLD_FAR);
 }
 
 /* The squares of the distances from the boxes of a node's children. */
@@ -61,13 +65,6 @@ static void octo_world_beyond(const double *node, const double *point, double *s
   }
 }
 
-/* The largest such square at which a shape may still matter: φ outside a box is at least a fraction of the distance from it. */
-static double octo_world_limit(const octo_world_near *near) {
-  if (near->count == 0) return INFINITY;
-  const double limit = fmax(near->value[0] + near->reach, 0.0) / OCTO_WORLD_FRACTION;
-  return limit * limit;
-}
-
 /* The shapes near a point; how many were looked at. Nearer boxes come first. */
 static int octo_world_find(const double *world, const double *point, octo_world_near *near) {
   const double *endless = world + (int)world[OCTO_WORLD_ENDLESS], *tree = world + (int)world[OCTO_WORLD_TREE];
@@ -76,6 +73,7 @@ static int octo_world_find(const double *world, const double *point, octo_world_
   double away[OCTO_WORLD_STACK], squares[OCTO_WORLD_WIDTH];
   near->reach = OCTO_WORLD_REACH * world[OCTO_WORLD_SCALE];
   near->count = 0;
+  near->limit = OCTO_WORLD_FAR;
   for (int k = 0; k < others; ++k) octo_world_consider(world, (int)endless[k], point, near);
   if (bounded > 0) {
     stack[top] = 0;
@@ -83,18 +81,17 @@ static int octo_world_find(const double *world, const double *point, octo_world_
   }
   while (top > 0) {
     const int place = stack[--top];
-    if (away[top] > octo_world_limit(near)) continue;
+    if (away[top] > near->limit) continue;
     if (place < 0) {
       octo_world_consider(world, -1 - place, point, near);
       ++looked;
       continue;
     }
     const double *node = tree + 7 * OCTO_WORLD_WIDTH * place, *child = node + 6 * OCTO_WORLD_WIDTH;
-    const double limit = octo_world_limit(near);
     const int bottom = top;
     octo_world_beyond(node, point, squares);
     for (int k = 0; k < OCTO_WORLD_WIDTH; ++k) {
-      if (squares[k] > limit || child[k] == 0.0) continue;
+      if (squares[k] > near->limit) continue;
       int at = top++;
       for (; at > bottom && away[at - 1] < squares[k]; --at) {
         away[at] = away[at - 1];
@@ -122,19 +119,25 @@ static int octo_world_felt(const octo_world_near *near, double scale) {
   return count;
 }
 
-/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN at no point. */
+/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN where the point is not finite, or
+ * farther from all shapes than numbers reach. */
 static void octo_world(const double *world, const double *point, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
-  if (!(place - place == 0.0)) {
+  octo_world_near near;
+  near.count = 0;
+  if (place - place == 0.0) {
+    if (world[OCTO_WORLD_COUNT] == 1.0) { /* a map, often: nothing is to be found */
+      near.count = 1;
+      near.shape[0] = 0;
+      near.value[0] = 0.0;
+    } else {
+      octo_world_find(world, point, &near);
+    }
+  }
+  if (near.count == 0) {
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;
   }
-  if (world[OCTO_WORLD_COUNT] == 1.0) { /* one map, as often */
-    octo_world_of_shape(world, 0, point, order, jet);
-    return;
-  }
-  octo_world_near near;
-  octo_world_find(world, point, &near);
   const int felt = octo_world_felt(&near, world[OCTO_WORLD_SCALE]);
   if (felt == 1) {
     octo_world_of_shape(world, near.shape[0], point, order, jet);

@@ -3,7 +3,7 @@
 A node has up to WIDTH children: the coordinates of their boxes' lowest corners, x of all, y of all,
 z of all, of their highest corners in the same way, so that a processor compares a point with all
 boxes at once, and where each child is: the number of a node, −1 − the number of a shape, or 0, no
-child. Children have nearly as many shapes each, so that n shapes have ⌈log n / log WIDTH⌉ levels.
+child. Children are full but for the last ones, so that n shapes have ⌈log n / log WIDTH⌉ levels.
 """
 
 from __future__ import annotations
@@ -13,29 +13,30 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo.checks import Array
-from octo.world.layout import WIDTH
+from octo.world.layout import FAR, WIDTH
 
 CHILD = 6  # of a node's rows: where each child is
+# a node without children, whose boxes are farther away than anything
+EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR**0.5), np.zeros((1, WIDTH))])
 
 
 def build(boxes: Array, shapes: Sequence[int]) -> Array:
     """Nodes (count, 7, WIDTH) over the boxes (n, 2, 3) m of shapes of these numbers, the root
     first."""
-    nodes: list[Array] = []
-    # which boxes are to be placed, and the child that they become
-    waiting: list[tuple[Array, tuple[int, int] | None]] = [(np.arange(len(boxes)), None)]
+    nodes = [EMPTY.copy()]
+    waiting = [(0, np.arange(len(boxes)))] if len(boxes) else []  # nodes, and what is below them
     while waiting:
-        within, child = waiting.pop()
-        if child is not None:
-            node, slot = child
-            _write(nodes[node], slot, _around(boxes[within]))
-            alone = len(within) == 1
-            nodes[node][CHILD, slot] = -1.0 - shapes[within[0]] if alone else len(nodes)
-            if alone:
-                continue
-        nodes.append(np.zeros((CHILD + 1, WIDTH)))
-        parts = [part for part in _parts(boxes, within, WIDTH) if len(part)]
-        waiting += [(part, (len(nodes) - 1, slot)) for slot, part in enumerate(parts)]
+        place, within = waiting.pop()
+        size = 1  # of a full child: with the fewest levels
+        while WIDTH * size < len(within):
+            size *= WIDTH
+        for slot, part in enumerate(_parts(boxes, within, size)):
+            child = -1 - shapes[part[0]] if len(part) == 1 else len(nodes)
+            _write(nodes[place], slot, _around(boxes[part]))
+            nodes[place][CHILD, slot] = child
+            if child > 0:
+                nodes.append(EMPTY.copy())
+                waiting.append((child, part))
     return np.array(nodes)
 
 
@@ -49,14 +50,15 @@ def refit(nodes: Array, shape: int, box: Array) -> None:
         sought, fitted = float(node), _around(there[:, :CHILD].reshape(-1, 2, 3))
 
 
-def _parts(boxes: Array, within: Array, count: int) -> list[Array]:
-    """Boxes in ``count`` groups of nearly the same size, halved along the longest axis."""
-    if count == 1 or len(within) <= 1:
+def _parts(boxes: Array, within: Array, size: int) -> list[Array]:
+    """Boxes in groups of ``size`` and one of the rest, cut again and again across the longest
+    axis."""
+    if len(within) <= size:
         return [within]
     centers = boxes[within].mean(axis=1)
     order = within[np.argsort(centers[:, np.argmax(np.ptp(centers, axis=0))], kind="stable")]
-    half = (len(within) + 1) // 2
-    return [part for one in (order[:half], order[half:]) for part in _parts(boxes, one, count // 2)]
+    first = size * ((len(within) + 2 * size - 1) // (2 * size))
+    return [part for one in (order[:first], order[first:]) for part in _parts(boxes, one, size)]
 
 
 def _write(node: Array, slot: int, box: Array) -> None:

@@ -125,7 +125,7 @@ def test_boxes_side_by_side_are_solid_between(tmp_path: Path) -> None:
     points = np.random.default_rng(2).uniform([0.0, 0.2, 0.0], [4.0 * RUN, 0.8, 0.7], (20_000, 3))
     true = whole.distance(points)
     off = np.abs(made.distance(points) - true) / CELL
-    assert off[np.abs(true) < 2.0 * CELL].max() < 0.01
+    assert off[np.abs(true) < 2.0 * CELL].max() < 0.05
     seam = [[RUN, 0.5, 0.5 * RISE]]
     assert whole.distance(seam) == pytest.approx(-0.075, abs=CELL)
     assert made.distance(seam) == pytest.approx(-0.075, abs=CELL)
