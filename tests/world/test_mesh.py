@@ -277,6 +277,12 @@ def test_a_mesh_without_an_inside_is_refused() -> None:
         mesh((vertices * [1.0, 1.0, 0.0], faces))
 
 
+def test_a_grid_that_does_not_fit_into_memory_is_refused() -> None:
+    assert mesh(cube(100.0), cell=None).cell > 0.05  # what is not given fits
+    with pytest.raises(ProblemError, match="distances to a Mesh at a cell of 0.001 m need .* GB"):
+        mesh(cube(100.0), cell=0.001)
+
+
 def test_faces_are_of_its_vertices() -> None:
     vertices, faces = cube()
     with pytest.raises(ProblemError, match="must be whole numbers from 0 to 7, its vertices"):
