@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from octo.checks import Array, numbers, positive, room
-from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError
+from octo.errors import ModelError, ProblemError, ShapeError
 from octo.world import build
 from octo.world.grid import KIND
 from octo.world.shape import Kind, Shape
