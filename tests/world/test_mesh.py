@@ -255,11 +255,6 @@ def test_a_surface_with_one_side_is_refused() -> None:
         (0.003, {}, "0.003 × 0.003 × 0.003 m, smaller than 5 cm: .*scale=1000 makes it 3 m long"),
         (0.4, {"cell": 0.0}, "cell of a Mesh is 0.0 m, must be positive"),
         (0.4, {"scale": float("nan")}, "scale of a Mesh is nan, must be positive"),
-        (
-            100.0,
-            {"cell": 0.005},
-            "cell of a Mesh is 0.005 m, must be at least 0.0.* m for its size",
-        ),
     ],
 )
 def test_what_is_no_mesh_in_metres_is_refused(
