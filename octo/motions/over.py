@@ -36,6 +36,7 @@ LOG = logging.getLogger("octo")
 FOLLOWED = 0.08  # ℓ, that the ground may move under a foot from one stage to the next
 STAGES = 40  # at most
 ITERATIONS = 150  # of a stage: it need not converge, the next one begins elsewhere
+BLEND = 0.2  # ℓ, of shapes that still rise: corners are round until the world stands
 SMOOTH = 0.15  # s, over which the base is lifted
 NEAR = 0.03  # ℓ, of a contact over the ground that stands on it
 DEEPEST = 2.0  # ℓ, that level ground sinks before it is taken away
@@ -88,7 +89,7 @@ def _problem(journey: Journey, world: World, flat: Solution) -> Problem:
     own = replace(journey, terrain=world)
     problem = own.whole.replace(parameters=ground_law(flat))
     try:
-        return problem.replace(displacement=own.way())
+        return problem.replace(costs=own.terms, displacement=own.way())
     except StaticPoseError:
         return problem
 
@@ -120,7 +121,7 @@ class Rise:
             return self.world
         shapes: list[Shape] = [self._sunk(shape, part) for shape in self.world.shapes]
         sea = Ground(height=self.level - part**2 * DEEPEST * self.length)
-        return World([*shapes, sea], self.world.blend)
+        return World([*shapes, sea], max(self.world.blend, BLEND * self.length))
 
     def _sunk(self, shape: Shape, part: float) -> Shape:
         top = float(shape.bounds()[1, 2])
