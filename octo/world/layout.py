@@ -8,9 +8,9 @@ and the shapes' own numbers.
 
 from __future__ import annotations
 
-# the head: how many shapes, how many of them have an end, T of the smooth minimum (m), by how much φ
-# changes on a metre at most, and where the records, the shapes without an end, the tree and the own
-# numbers begin
+# the head: how many shapes, how many of them have an end, T of the smooth minimum (m), by how much
+# φ changes on a metre at most, and where the records, the shapes without an end, the tree and the
+# own numbers begin
 COUNT, BOUNDED, SCALE, STEEPEST, RECORDS, ENDLESS, TREE, NUMBERS, HEAD = range(9)
 # a record: the rotation is row by row, and none where the shape is not turned
 KIND, OWN, TURNED, POSITION, ROTATION, RECORD = 0, 1, 2, 3, 6, 15
