@@ -164,7 +164,7 @@ class VelocityCommand:
         controller.reference("Position", "target")[:, :2] = target
 
     def _follow_the_ground(
-        self, controller: Controller, velocity: Array, target: Array, base: tuple[Array, float]
+        self, controller: Controller, velocity: Array, target: Array, base: tuple[Any, float]
     ) -> None:
         """Heights are those of the ground under the command's places (N, 2); ``base``: its heading
         there (N,) rad, and how high it is now, m."""
@@ -176,7 +176,7 @@ class VelocityCommand:
 
     @staticmethod
     def _follow_the_world(
-        controller: Controller, world: World, target: Array, base: tuple[Array, float]
+        controller: Controller, world: World, target: Array, base: tuple[Any, float]
     ) -> None:
         """On a world, they are the mean over a body's length along the heading."""
         problem = controller.problem

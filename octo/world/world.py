@@ -17,7 +17,6 @@ from octo.world.jet import SIZES
 from octo.world.shape import FRACTION, Shape
 from octo.world.shapes import KINDS
 
-
 REACHED = 1e-6  # m, over a surface that a falling point has come to
 FALLEN = 1e4  # m, that it falls at most
 
