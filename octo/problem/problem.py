@@ -37,6 +37,7 @@ from octo.problem.ends import STATES, check_ends, check_free
 from octo.problem.joint_costs import PoseTarget
 from octo.problem.lists import constraints_of, costs_of, sized
 from octo.problem.starts import check_above, static_start
+from octo.problem.step_limit import checked_step_limit
 from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.problem.terms import Term
@@ -76,6 +77,9 @@ class Problem(Shown):
         "DurationRange" is added to the constraints; ``octo.Duration`` prices time. By default
         steps·dt.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
+    step_limit: of dynamics that you wrote, the largest change a step, a number or (nx,): a motion
+        that :func:`octo.solve` finds and that leaps further is solved on with an octo.StepLimit of
+        it. "auto" is 1, None allows all; an octo.StepLimit among the constraints takes its place.
 
     Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what
         they were made from.
@@ -103,6 +107,7 @@ class Problem(Shown):
     parameters: Mapping[str, float] = field(default_factory=dict)
     constraints: Sequence[Constraint | Cost] = ()
     duration: tuple[float, float] | None = None
+    step_limit: float | Array | Literal["auto"] | None = "auto"
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, (Character, Dynamics)):
@@ -124,6 +129,8 @@ class Problem(Shown):
         else:
             time_step(self.dt)
         check_surroundings(self.terrain, self.law, self.model)
+        limit = checked_step_limit(self.step_limit, self.dynamics.nx, users)
+        object.__setattr__(self, "step_limit", limit)
         object.__setattr__(self, "costs", costs_of(self.costs))
         hard = within(constraints_of(self.constraints), self.costs, self.duration, rounds)
         object.__setattr__(self, "constraints", hard)

@@ -84,6 +84,11 @@ class Monitor:
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
         return self.stopped
 
+    def say(self, sentence: str) -> None:
+        """What is not of an iteration."""
+        if self.progress is not None:
+            self.progress(sentence)
+
     def end(self) -> None:
         if self.progress is not None and self.last is not None:
             self.progress(self.last, final=True)
