@@ -91,11 +91,11 @@ class Conflict:
 
 def _where(row: Bound) -> str:
     """A constraint with the bound that is worst kept, in a sentence."""
-    when = f"{row.row} at {row.time:.4g} s"
+    what = f"{row.row}{row.when}"
     if row.side == "exactly" and row.bound == 0.0:  # the distance to a target
-        return f"{row.name} ({when})"
+        return f"{row.name} ({what})"
     allowed = f"{row.side} {row.bound:.4g} {row.unit}".rstrip()
-    return f"{row.name} ({when}, {allowed})"
+    return f"{row.name} ({what}, {allowed})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
