@@ -20,6 +20,7 @@ from octo.errors import (
     ValueRangeError,
 )
 from octo.world import build
+from octo.world.shape import FRACTION
 from octo.world.spline import Indices
 from octo.world.surface import surface_of
 from tests.world.maps import RISE, RUN, STEPS, cube, sphere, stairs
@@ -99,6 +100,15 @@ def test_the_error_of_stairs(flight: World) -> None:
     assert off[edge > 2.0].max() < 0.05
     assert off[edge > 4.0].max() < 0.015
     assert off.max() < 0.2
+
+
+@pytest.mark.parametrize("given", [cube(), stairs(3, 1.0)])
+def test_outside_its_box_it_is_as_far_as_the_tree_expects(given: tuple[Array, Indices]) -> None:
+    made = mesh(given)
+    low, high = made.bounds()
+    points = np.random.default_rng(3).uniform(low - 1.0, high + 1.0, (50_000, 3))
+    beyond = np.linalg.norm(np.maximum(np.maximum(low - points, points - high), 0.0), axis=1)
+    assert (World([made]).distance(points) >= FRACTION * beyond)[beyond > 0.0].all()
 
 
 def test_the_stairs_of_a_building_fit() -> None:
