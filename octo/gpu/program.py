@@ -32,7 +32,10 @@ DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 BARRIER = 40  # numbers of each bounded row that an interior point has at the same time
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
-DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
+DYNAMICS = (
+    *("octo_work_size", "octo_kin_of_nodes", "octo_looks"),
+    *("octo_value", "octo_jacobian", "octo_curvature"),
+)
 
 
 class Program(Kernels):
@@ -43,6 +46,7 @@ class Program(Kernels):
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
+        text = codegen.asked_of_world(functions, dynamics) + text
         pieces, stages = Pieces.of(functions), functions.calls.stages_text
         own = (pieces.functions, pieces.rows, pieces.columns)
         costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
@@ -55,7 +59,10 @@ class Program(Kernels):
         self.kept = codegen.kept_slopes(functions, dynamics, places)
         if self.kept is not None:
             model += [self.kept.tables(), self.kept.turned_tables(), source("row_products.cu")]
-        parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
+        steps = [text, *common, source("dynamics.cu")]
+        if dynamics.looks:
+            steps.append(source("looks.cu"))
+        parts = [steps, [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self._dynamics = device.module(self.texts[0])
