@@ -12,7 +12,10 @@ typedef struct {
 /* How many numbers a jet has. */
 static int octo_world_size(int order) { return order == 0 ? 1 : order == 1 ? 4 : order == 2 ? 10 : 20; }
 
-/* The jet of one shape in world axes. */
+/* The jet of one shape in world axes. On a GPU it is compiled once, and not for each of its calls. */
+#ifdef __CUDACC_RTC__
+__attribute__((noinline))
+#endif
 static void octo_world_of_shape(const double *world, int shape, const double *point, int order, double *jet) {
   const double *record = world + (int)world[OCTO_WORLD_RECORDS] + OCTO_WORLD_RECORD * shape;
   const double *own = world + (int)record[OCTO_WORLD_OWN];
