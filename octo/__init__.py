@@ -40,6 +40,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.export_mjcf": "export_mjcf",
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
+    "octo.model.scene": "Scene",
     "octo.model.terrain": "Plane Terrain",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
@@ -71,6 +72,7 @@ _MODULES = {
     "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "mpc": "octo.mpc",
+    "objects": "octo.model.objects",
     "plant": "octo.plant",
     "reference": "octo.reference",
 }
@@ -129,6 +131,7 @@ if TYPE_CHECKING:
     from octo.jump import jump as jump
     from octo.model import gallery as gallery
     from octo.model import kinematics as kinematics
+    from octo.model import objects as objects
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
     from octo.model.element import Element as Element
@@ -136,6 +139,7 @@ if TYPE_CHECKING:
     from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
+    from octo.model.scene import Scene as Scene
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.motions import go_to as go_to

@@ -133,7 +133,7 @@ def summary(character: Tree) -> Text:
 def default_height(character: Tree) -> float | None:
     """m, of the base's origin over the lowest point of a contact in the default pose; None without
     contacts."""
-    if not character.terrain_contacts:
+    if not character.own_contacts:
         return None
     pose = character.start_pose
     lowest = terrain_bottoms(character, pose).min()

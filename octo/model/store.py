@@ -15,6 +15,7 @@ from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.character import Character
 from octo.model.element import Element, SpringDamper
+from octo.model.solid import Solid
 
 SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
 SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
@@ -111,6 +112,13 @@ def from_plain(plain: dict[str, Any]) -> Character:
     contacts = tuple(_make(ContactSphere, contact) for contact in _list("contacts", plain))
     pairs = tuple((whole("pair", a, 0), whole("pair", b, 0)) for a, b in _list("pairs", plain))
     size = (sum(len(body.joints) for body in bodies),)
+    solids = tuple(
+        _make(Solid, solid, size=tuple(solid.get("size", ())))
+        for solid in (_list("solids", plain) if "solids" in plain else ())
+    )
+    touches = tuple(
+        (whole("touch", a, 0), whole("touch", b, 0)) for a, b in plain.get("touches", ())
+    )
     elements, lost = _elements(plain)
     pose, poses = plain.get("default_pose"), plain.get("poses") or {}
     return _make(
@@ -123,6 +131,9 @@ def from_plain(plain: dict[str, Any]) -> Character:
         poses={str(name): numbers(f"pose {name}", values, size) for name, values in poses.items()},
         dropped=tuple(str(sentence) for sentence in [*plain.get("dropped", ()), *lost]),
         elements=elements,
+        solids=solids,
+        touches=touches,
+        objects=tuple(str(name) for name in plain.get("objects", ())),
     )
 
 
