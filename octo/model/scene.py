@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -153,21 +154,19 @@ def _named(character: Character) -> Iterator[tuple[str, Sequence[Any]]]:
 def _defaults(whole: Character) -> list[tuple[int, int]]:
     """The ends of the robot's limbs and every object; every two objects."""
     robot = [b for b in range(len(whole.bodies)) if not whole.of_objects[b]]
-    carriers = {whole.bodies[b].parent for b in robot}
+    mine = [b for b in robot if any(item.body == b for item in whole.solids)]
+    carriers = {whole.bodies[b].parent for b in robot} | set(mine)
     limbs = [k for k in whole.own_contacts if whole.contacts[k].body not in carriers]
     solid = [s for s, item in enumerate(whole.solids) if whole.of_objects[item.body]]
     made = [(k, s) for k in limbs for s in solid]
-    roots = _roots(whole)
-    mine = [b for b in robot if any(item.body == b for item in whole.solids)]
+    roots, groups = _roots(whole), [mine]
     members: dict[int, list[int]] = {}
     for b in np.flatnonzero(whole.of_objects).tolist():
         members.setdefault(roots[b], []).append(b)
-    groups = [*members.values(), *([mine] if mine else [])]
-    for g, one in enumerate(groups):
-        for other in groups[g + 1 :]:
-            for a in one:
-                for b in other:
-                    made += _both(whole, a, b)
+    groups += members.values()
+    for one, other in itertools.combinations(groups, 2):
+        for a, b in itertools.product(one, other):
+            made += _both(whole, a, b)
     return list(dict.fromkeys(made))
 
 

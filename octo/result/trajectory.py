@@ -141,9 +141,12 @@ class Trajectory:
     @property
     def own_contacts(self) -> NDArray[np.bool_]:
         """(c,) whether a contact is the robot's, and not that of one of a scene's objects."""
-        if self.character is None:
-            return np.ones(self.contact_force.shape[1], dtype=bool)
-        return np.isin(self.character.terrain_contacts, self.character.own_contacts)
+        own, robot = np.ones(self.contact_force.shape[1], dtype=bool), self.character
+        if robot is not None:
+            own[
+                [c for c, k in enumerate(robot.terrain_contacts) if k not in robot.own_contacts]
+            ] = 0
+        return own
 
     @property
     def loaded(self) -> NDArray[np.bool_]:
