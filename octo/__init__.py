@@ -63,6 +63,7 @@ _NAMES = {  # by the module that defines them
     "octo.solver.options": "SqpOptions",
     "octo.solver.status": "Status",
     "octo.viewer": "view",
+    "octo.world.world": "World",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 _MODULES = {
@@ -75,6 +76,7 @@ _MODULES = {
     "objects": "octo.model.objects",
     "plant": "octo.plant",
     "reference": "octo.reference",
+    "shapes": "octo.world.shapes",
 }
 
 __all__ = sorted([*_HOME, *_MODULES])
@@ -171,6 +173,8 @@ if TYPE_CHECKING:
     from octo.solver.options import SqpOptions as SqpOptions
     from octo.solver.status import Status as Status
     from octo.viewer import view as view
+    from octo.world import shapes as shapes
+    from octo.world.world import World as World
 
 
 def __getattr__(name: str) -> Any:

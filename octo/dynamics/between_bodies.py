@@ -32,14 +32,13 @@ from octo.dynamics.parameters import Layout
 from octo.dynamics.stages import OPTIONS, PREFIX
 from octo.dynamics.symbolic import pose_of
 from octo.model.character import Character
-from octo.model.solid import NUMBERS, distance
+from octo.model.solid import NUMBERS, Solid, surface
 from octo.model.terrain import Terrain
 
-SOLID = 16  # numbers of a solid: its pose in the body's frame, its sizes
-PLACED = tuple(f"solid{k}" for k in range(SOLID))  # the same, its pose in the world
+# of a solid as ground: its pose in the world, then its numbers
+PLACED = tuple(f"solid{k}" for k in range(NUMBERS))
 # inputs that are p or of a table, the same for all lanes
-SHARED = {f"mutual_{kind}": (4, 5, 6) for kind in NUMBERS}
-SHARED |= {f"reach_{kind}": (2, 3, 4) for kind in NUMBERS}
+SHARED = {"mutual": (4, 5, 6), "reach": (2, 3, 4)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +83,7 @@ def mutuals_of(
     table: dict[str, list[int]] = {name: [] for name in names}
     spheres: list[Array] = []
     solids: list[Array] = []
-    kinds: list[str] = []
+    kinds: dict[str, Solid] = {}
     table["start"].append(0)
     ends, reaches = slots.mutual_ends(character), slots.mutual_reaches(character)
     found = zip(character.touches, ends, reaches, strict=True)
@@ -92,11 +91,10 @@ def mutuals_of(
         if links[bodies[0]] < 0 and links[bodies[1]] < 0:
             continue
         sphere, solid = character.contacts[c], character.solids[s]
-        if solid.kind not in kinds:
-            kinds.append(solid.kind)
+        kinds.setdefault(solid.kind, solid)
         table["body"] += bodies
         table["link"] += [links[b] for b in bodies]
-        table["kind"].append(kinds.index(solid.kind))
+        table["kind"].append(list(kinds).index(solid.kind))
         table["dof"] += dofs
         table["moves"] += [
             sum((j in character.path[b]) << side for side, b in enumerate(bodies)) for j in dofs
@@ -106,19 +104,20 @@ def mutuals_of(
         solids.append(solid.numbers)
     sizes = {"NMUTUAL": len(spheres), "NMUTUALREACH": int(max(np.diff(table["start"]), default=0))}
     made: list[ca.Function] = []
-    for kind in kinds:
-        made.append(reach(layout, law, kind))
-        made += [mutual(order, layout, law, kind) for order in (0, 1, 2)]
+    for one in kinds.values():
+        made.append(reach(layout, law, one))
+        made += [mutual(order, layout, law, one) for order in (0, 1, 2)]
     numbers = {"sphere": np.array(spheres), "solid": np.array(solids)}
     return Mutuals(tuple(made), tuple(kinds), sizes, table, numbers)
 
 
-def _surface(kind: str) -> Terrain:
-    """A solid as ground, its pose and sizes among the ground's parameters."""
+def _surface(solid: Solid) -> Terrain:
+    """A solid as ground, its pose and numbers among the ground's parameters."""
 
     def phi(point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         rotation, position = pose_of(ca.vertcat(*(p[name] for name in PLACED[:12])))
-        return distance(kind, point, rotation, position, ca.vertcat(*(p[n] for n in PLACED[12:])))
+        own = ca.vertcat(*(p[name] for name in PLACED[12:]))
+        return surface(solid, point, rotation, position, own)
 
     return Terrain(phi, dict.fromkeys(PLACED, 0.0))
 
@@ -141,31 +140,31 @@ def _parameters(layout: Layout, p: ca.SX, body: ca.SX, solid: ca.SX) -> ca.SX:
     return ca.vertcat(*kept, ca.vec((R @ R_own).T), R @ t_own + t, solid[12:])
 
 
-def reach(layout: Layout, law: ContactLaw, kind: str) -> ca.Function:
+def reach(layout: Layout, law: ContactLaw, like: Solid) -> ca.Function:
     """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3)
     of the sphere, next pose of B (12), radius, solid (16), p."""
     center, pose, radius = ca.SX.sym("center", 3), ca.SX.sym("pose", 12), ca.SX.sym("radius")
-    solid, p = ca.SX.sym("solid", SOLID), ca.SX.sym("p", layout.size)
-    gap = stages.gap(_grounded(layout), law, _surface(kind))
+    solid, p = ca.SX.sym("solid", NUMBERS), ca.SX.sym("p", layout.size)
+    gap = stages.gap(_grounded(layout), law, _surface(like))
     depth = gap(center, radius, _parameters(layout, p, pose, solid))
     inputs = [center, pose, radius, solid, p]
-    return ca.Function(f"{PREFIX}reach_{kind}", inputs, [ca.densify(depth)], OPTIONS)
+    return ca.Function(f"{PREFIX}reach_{like.kind}", inputs, [ca.densify(depth)], OPTIONS)
 
 
-def mutual(order: int, layout: Layout, law: ContactLaw, kind: str) -> ca.Function:
+def mutual(order: int, layout: Layout, law: ContactLaw, like: Solid) -> ca.Function:
     """The contact of a sphere of A with a solid of B.
 
     Inputs: next and present pose of A, of B (12 each), sphere (4: place, radius), solid (16), p,
     V (12) of A and of B. Outputs: w; P, B; K, T, L, of A, about the world's origin.
     """
     flat = [ca.SX.sym(name, 12) for name in ("A", "A_now", "B", "B_now")]
-    sphere, solid = ca.SX.sym("sphere", 4), ca.SX.sym("solid", SOLID)
+    sphere, solid = ca.SX.sym("sphere", 4), ca.SX.sym("solid", NUMBERS)
     p, V = ca.SX.sym("p", layout.size), ca.SX.sym("V", 12)
     (R1, t1), (R, t), (R_old, t_old) = (pose_of(f) for f in flat[1:])
     turn = R @ R_old.T  # of T_B T_B_now⁻¹
     shift = t - turn @ t_old
     before = ca.vertcat(ca.vec((turn @ R1).T), turn @ t1 + shift)
-    ground = stages.contact(order, _grounded(layout), law, _surface(kind))
+    ground = stages.contact(order, _grounded(layout), law, _surface(like))
     V_B = V[6:]
     found = ground(flat[0], before, sphere, _parameters(layout, p, flat[2], solid), V[:6] - V_B)
     out = list(found) if order else [found]
@@ -182,7 +181,7 @@ def mutual(order: int, layout: Layout, law: ContactLaw, kind: str) -> ca.Functio
         out[5] = rows(moved.T @ L @ moved)
     inputs = [*flat, sphere, solid, p, V]
     dense = [ca.densify(block) for block in out]
-    return ca.Function(f"{PREFIX}mutual_{kind}{order}", inputs, dense, OPTIONS)
+    return ca.Function(f"{PREFIX}mutual_{like.kind}{order}", inputs, dense, OPTIONS)
 
 
 def _adjoint(turn: ca.SX, shift: ca.SX) -> ca.SX:

@@ -25,7 +25,7 @@ from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.scene import Scene
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 
 Controls = Array | Callable[[float, Array, Array], Array]
 
@@ -251,7 +251,7 @@ def simulate(
     seconds: float | None = None,
     steps: int | None = None,
     dt: float = 0.025,
-    terrain: Plane | Terrain | None = None,
+    terrain: Ground | None = None,
     law: ContactLaw | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Motion:

@@ -117,6 +117,39 @@ static void octo_kin(const real *x, real *kin) {
   for (int b = 0; b < NB; ++b) octo_pose(b, x, turn, kin);
 }
 
+#ifndef NG
+#define NG 0 /* contacts that a world is asked about */
+#endif
+
+#if NG > 0
+/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
+#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g. */
+static inline void octo_look_at(const double *p, int g, int order, real *kin) {
+  static const int sizes[4] = {1, 4, 10, JET};
+  const double *world = (const double *)(size_t)p[WORLD];
+  real center[3], *jet = LOOKED(kin, g);
+  octo_place(kin + 12 * octo_ground_body[g], octo_ground_sphere + 4 * g, center);
+#ifdef STEPS
+  for (int k = 0; k < STEPS; ++k) {
+    double at[3] = {center[0][k], center[1][k], center[2][k]}, own[JET];
+    octo_world(world, at, order, own);
+    for (int e = 0; e < sizes[order]; ++e) jet[e][k] = own[e];
+  }
+#else
+  octo_world(world, center, order, jet);
+  (void)sizes;
+#endif
+}
+
+static void octo_look(const double *p, int order, real *kin) {
+  for (int g = 0; g < NG; ++g) octo_look_at(p, g, order, kin);
+}
+#else
+#define octo_look(p, order, kin)
+#endif
+
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
 
 /* η = ad_V ξ_j at the next node. */
@@ -146,12 +179,21 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   const double *sphere = octo_contact_sphere + 4 * c;
   real center[3], gap;
   octo_place(in->kin[0] + at, sphere, center);
+#if NG > 0
+  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+  const ARGUMENT *place[4] = {center, sphere + 3, in->p, jet};
+#else
   const ARGUMENT *place[3] = {center, sphere + 3, in->p};
+#endif
   real *depth[1] = {&gap};
   STAGE(octo_gap, place, depth);
   k->active = NOT(gap <= 0.0);
   if (!ANY(k->active)) return;
+#if NG > 0
+  const ARGUMENT *arg[6] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V, jet};
+#else
   const ARGUMENT *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V};
+#endif
   real *res[6] = {k->W, k->B[0], k->B[1], k->T[0], k->T[1], k->L};
   if (in->order == 0) STAGE(octo_contact0, arg, res);
   else if (in->order == 1) STAGE(octo_contact1, arg, res);

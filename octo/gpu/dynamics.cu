@@ -7,7 +7,8 @@ extern "C" __global__ void octo_work_size(int *size) {
   if (threadIdx.x == 0) size[0] = WORK, size[1] = KIN;
 }
 
-/* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. */
+/* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. A world is looked up by a
+ * kernel of its own. */
 extern "C" __global__ void __launch_bounds__(WARP, 8)
 octo_kin_of_nodes(const double *nodes, double *kin) {
 #if KIN > 0
@@ -25,6 +26,17 @@ octo_kin_of_nodes(const double *nodes, double *kin) {
   EACH(k, KIN) kin[node * KIN + k] = own[k];
 #endif
 }
+
+#if NG > 0
+/* The jets of each contact of each node, in kin; over count = batch nodes NG. */
+extern "C" __global__ void __launch_bounds__(FLAT, 4)
+octo_looks(int count, int nodes, const double *p, double *kin) {
+  for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) {
+    int node = e / NG;
+    octo_look_at(p + (size_t)(node / nodes) * NP, e % NG, 3, kin + (size_t)node * KIN);
+  }
+}
+#endif
 
 template <int order>
 static __device__ __forceinline__ void octo_step_of_block(int steps, const double *nodes, const double *kin, const double *p, const double *lam,

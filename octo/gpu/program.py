@@ -32,7 +32,10 @@ DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 BARRIER = 40  # numbers of each bounded row that an interior point has at the same time
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
-DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
+DYNAMICS = (
+    *("octo_work_size", "octo_kin_of_nodes", "octo_looks"),
+    *("octo_value", "octo_jacobian", "octo_curvature"),
+)
 
 
 class Program(Kernels):

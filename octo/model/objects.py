@@ -18,6 +18,7 @@ from octo.model.chart import angles_of, least_singular_chart
 from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 from octo.model.solid import Solid
+from octo.world.shapes import Box, Capsule, Cylinder, Sphere
 
 ROUNDING = 0.1  # of the shortest edge: how much edges and corners are rounded by default …
 MOST_ROUNDING = 0.01  # m, … at most
@@ -53,7 +54,7 @@ def box(
     radius = _rounding(name, rounding, min(x, y, z))
     signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
     corners = signs * (0.5 * edges - radius)
-    solid = Solid(name, 0, "box", (*(0.5 * edges).tolist(), radius))
+    solid = Solid(name, 0, Box(edges, radius))
     return _free(name, mass, inertia, corners, radius, solid, position, rotation)
 
 
@@ -77,7 +78,7 @@ def ball(
     """
     mass, radius = positive(f"{name}: mass", mass, "kg"), positive(f"{name}: radius", radius, "m")
     inertia = (2.0 / 3.0 if hollow else 0.4) * mass * radius**2 * np.eye(3)
-    solid = Solid(name, 0, "sphere", (radius,))
+    solid = Solid(name, 0, Sphere(radius))
     return _free(name, mass, inertia, np.zeros((1, 3)), radius, solid, position, UNTURNED)
 
 
@@ -113,7 +114,7 @@ def cylinder(
     turns = 2.0 * np.pi * np.arange(RIM) / RIM
     ring = (radius - rim) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     ends = [np.column_stack([ring, np.full(RIM, s * (0.5 * length - rim))]) for s in (-1.0, 1.0)]
-    solid = Solid(name, 0, "cylinder", (radius, 0.5 * length, rim))
+    solid = Solid(name, 0, Cylinder(radius, length, rim))
     return _free(name, mass, inertia, np.concatenate(ends), rim, solid, position, rotation)
 
 
@@ -146,7 +147,7 @@ def capsule(
     across = tube * (3.0 * radius**2 + length**2) / 12.0
     across += cap * (0.4 * radius**2 + 0.25 * length**2 + 0.375 * radius * length)
     ends = np.array([[0.0, 0.0, -0.5 * length], [0.0, 0.0, 0.5 * length]])
-    solid = Solid(name, 0, "capsule", (radius, 0.5 * length))
+    solid = Solid(name, 0, Capsule(radius, length))
     inertia = np.diag([across, across, along])
     return _free(name, mass, inertia, ends, radius, solid, position, rotation)
 
@@ -199,7 +200,7 @@ def door(
     turn = turned(name, rotation)
     body = Body(name, -1, (hinge,), place, turn, mass, middle, inertia)
     rounding = _rounding(name, None, min(x, y, z))
-    solid = Solid(name, 0, "box", (*(0.5 * edges).tolist(), rounding), middle)
+    solid = Solid(name, 0, Box(edges, rounding, position=middle))
     pose = np.zeros(1)
     return Character(name, (body,), base="fixed", default_pose=pose, solids=(solid,))
 

@@ -9,7 +9,7 @@ from octo.checks import Array, asked, instance, number, numbers, positive, takes
 from octo.dynamics.laws import ContactLaw
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 from octo.motions.budget import Budget
 from octo.motions.journey import Journey
 from octo.motions.search import from_rest_to_rest
@@ -26,7 +26,7 @@ class Steady(How, total=False):
     period: float | Sequence[float] | None
     starts: int
     seed: int
-    terrain: Plane | Terrain | None
+    terrain: Ground | None
     law: ContactLaw | None
     pose: Array | None
     constraints: Held

@@ -26,7 +26,7 @@ from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
 from octo.model.scene import Scene
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 from octo.problem import scales
 from octo.problem.basis import Basis, Hermite, basis_named
 from octo.problem.closure import Closure, closure_of
@@ -92,7 +92,7 @@ class Problem(Shown):
     dt: float = 0.0
     costs: Sequence[Cost]
     basis: str | Basis = "nodes"
-    terrain: Plane | Terrain | None = None
+    terrain: Ground | None = None
     law: ContactLaw | None = None
     x0: Array | None = None
     pose: Array | Literal["balanced"] | None = None

@@ -54,11 +54,11 @@ class Program:
         if not isinstance(dynamics, RobotDynamics):
             raise ProblemError("user-written dynamics have no contacts")
         x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
-        p = ca.SX.sym("p", dynamics.layout.size)
-        view = dynamics.layout.view(p)
-        states = symbolic.contact_states(
-            dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
-        )
+        robot, terrain = dynamics.character, dynamics.terrain
+        size = dynamics.layout.size + symbolic.looked_size(robot, terrain)
+        p = ca.SX.sym("p", size)  # as Dynamics.seen
+        seen = symbolic.views(robot, terrain, dynamics.layout, p)
+        states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
         depth = ca.vertcat(ca.SX(0, 1), *(s.depth for s in states))
         outputs = [
             ca.horzcat(ca.SX(3, 0), *(getattr(s, name) for s in states))
