@@ -57,7 +57,8 @@ def crowd():
         octo.objects.box((0.2, 0.25, 0.15), 0.8, (0.05, 0.08, 0.26)),
         octo.objects.door((0.4, 0.1, 0.5), 3.0, (-0.1, 0.1, 0.0)),
     ]
-    return Scene(robot, objects).character
+    pairs = [("foot", "ball"), ("ball", "box"), ("front", "box"), ("foot", "door"), ("box", "door")]
+    return Scene(robot, objects, contacts=pairs).character
 
 
 def nodes_of(character, start, seed=0):

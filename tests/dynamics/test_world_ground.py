@@ -25,10 +25,7 @@ def ball(point, p):
 
 
 GROUNDS = {
-    "slope": (
-        SLOPE,
-        octo.World([octo.shapes.Ground(slope=0.2, direction=0.7, height=0.1)]),
-    ),
+    "slope": (SLOPE, octo.World([octo.shapes.Ground(slope=0.2, direction=0.7, height=0.1)])),
     "ball": (octo.Terrain(ball), octo.World([octo.shapes.Sphere(RADIUS, position=PLACE)])),
 }
 LAWS = {"smooth": Smooth(onset=0.02), "coulomb": Smooth(friction=Coulomb()), "soft": Compliant()}
