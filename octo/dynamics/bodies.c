@@ -9,12 +9,10 @@
 
 #if NMUTUAL > 0
 
-typedef struct { octo_touch_blocks side[2]; } octo_mutual_state; /* what A and B see of themselves */
-
 typedef struct { real xi[6], now[6], eta[6], right[2][2][6], bend[2][2][6], own[2][6]; int moves; } octo_mutual_reach_of;
 
 typedef struct {
-  octo_mutual_state of[NMUTUAL];
+  octo_touch_blocks of[NMUTUAL];                 /* what A sees of itself */
   octo_mutual_reach_of reach[SOME(NMUTUALREACH)]; /* of the contact at hand, a degree of freedom each */
 } octo_mutuals;
 
@@ -32,24 +30,30 @@ static inline void octo_bracket(const real *w, const real *v, double sign, real 
   }
 }
 
-/* What B sees of itself: −w; P − W, B; Kᵀ, T, Lᵀ. */
-static inline void octo_mutual_other(const octo_touch_blocks *a, int order, octo_touch_blocks *b) {
-  for (int r = 0; r < 6; ++r) b->W[r] = -a->W[r];
+/* Entry (row, column) of W. */
+static inline real octo_bracket_at(const real *w, int row, int column) {
+  if ((row >= 3 && column >= 3) || row % 3 == column % 3) return ZERO;
+  const real *v = row < 3 && column < 3 ? w : w + 3;
+  row %= 3, column %= 3;
+  return column == (row + 1) % 3 ? v[3 - row - column] : -v[3 - row - column];
+}
+
+/* What A (side 0) sees of itself, added to its link, or what B sees: −w; P − W, B; Kᵀ, T, Lᵀ. */
+static inline void octo_mutual_add(const octo_touch_blocks *a, int side, int order, octo_link_blocks *to) {
+  EACH(e, 6) to->W[e] += side == 0 ? a->W[e] : -a->W[e];
   if (order < 1) return;
-  for (int c = 0; c < 6; ++c) {
-    real unit[6] = {ZERO, ZERO, ZERO, ZERO, ZERO, ZERO}, column[6];
-    unit[c] += 1.0;
-    for (int r = 0; r < 6; ++r) column[r] = a->B[0][6 * r + c];
-    octo_bracket(a->W, unit, -1.0, column);
-    for (int r = 0; r < 6; ++r) b->B[0][6 * r + c] = column[r];
+  EACH(e, 36) {
+    real own = a->B[0][e];
+    if (side == 1) own -= octo_bracket_at(a->W, e / 6, e % 6);
+    to->B[0][e] += own;
+    to->B[1][e] += a->B[1][e];
   }
-  for (int e = 0; e < 36; ++e) b->B[1][e] = a->B[1][e];
   if (order < 2) return;
-  for (int e = 0; e < 36; ++e) {
-    int t = 6 * (e % 6) + e / 6;
-    b->T[0][e] = a->T[0][t];
-    b->T[1][e] = a->T[1][e];
-    b->L[e] = a->L[t];
+  EACH(e, 36) {
+    int turned = side == 0 ? e : 6 * (e % 6) + e / 6;
+    to->T[0][e] += a->T[0][turned];
+    to->T[1][e] += a->T[1][e];
+    to->L[0][e] += a->L[turned];
   }
 }
 
@@ -64,24 +68,22 @@ static inline void octo_mutual_cut(octo_mask active, int order, octo_touch_block
 }
 
 /* The contact m; V: of every degree of freedom, read in order 2. One that is out of reach is skipped, a NaN is not. */
-static inline void octo_mutual(const octo_input *in, int m, const real (*V)[6], octo_mutual_state *k) {
+static inline void octo_mutual(const octo_input *in, int m, const real (*V)[6], octo_touch_blocks *k) {
   const int *body = octo_mutual_body + 2 * m, *link = octo_mutual_link + 2 * m;
   const double *sphere = octo_mutual_sphere + 4 * m, *solid = octo_mutual_solid + 16 * m;
   const real *a = in->kin[0] + 12 * body[0], *b = in->kin[0] + 12 * body[1];
-  octo_touch_blocks *own = &k->side[0];
   real center[3], gap, both[12], *depth[1] = {&gap};
   octo_place(a, sphere, center);
   const ARGUMENT *place[5] = {center, b, sphere + 3, solid, in->p};
   octo_mutual_reach(octo_mutual_kind[m], place, depth);
-  k->side[0].active = k->side[1].active = NOT(gap <= 0.0);
-  if (!ANY(own->active)) return;
+  k->active = NOT(gap <= 0.0);
+  if (!ANY(k->active)) return;
   for (int side = 0; side < 2; ++side)
     for (int c = 0; c < 6; ++c) both[6 * side + c] = in->order == 2 && link[side] >= 0 ? V[octo_link_last[link[side]]][c] : ZERO;
   const ARGUMENT *arg[8] = {a, in->kin[1] + 12 * body[0], b, in->kin[1] + 12 * body[1], sphere, solid, in->p, both};
-  real *res[6] = {own->W, own->B[0], own->B[1], own->T[0], own->T[1], own->L};
+  real *res[6] = {k->W, k->B[0], k->B[1], k->T[0], k->T[1], k->L};
   octo_mutual_stage(octo_mutual_kind[m], in->order, arg, res);
-  octo_mutual_cut(own->active, in->order, own);
-  octo_mutual_other(own, in->order, &k->side[1]);
+  octo_mutual_cut(k->active, in->order, k);
 }
 
 #if NMUTUALREACH > 0
@@ -101,8 +103,7 @@ static inline real octo_six(const real *a, const real *b) {
 }
 
 /* The twists of degree of freedom j, and what stands on the right of those of the other body: ``[0]`` where that is A. */
-static void octo_mutual_products(const octo_input *in, int j, int moves, const real (*V)[6], const octo_mutual_state *k, octo_mutual_reach_of *q) {
-  const octo_touch_blocks *a = &k->side[0];
+static void octo_mutual_products(const octo_input *in, int j, int moves, const real (*V)[6], const octo_touch_blocks *a, octo_mutual_reach_of *q) {
   q->moves = moves;
   for (int c = 0; c < 6; ++c) {
     q->xi[c] = in->kin[0][12 * NB + 6 * j + c];
@@ -146,9 +147,9 @@ static int octo_write_mutuals(const octo_input *in, octo_mutuals *s, const real 
   int touching = 0;
 #if NMUTUALREACH > 0
   for (int m = 0; m < NMUTUAL && in->order > 0; ++m) {
-    const octo_mutual_state *k = &s->of[m];
+    const octo_touch_blocks *k = &s->of[m];
     const int start = octo_mutual_start[m], count = octo_mutual_start[m + 1] - start, *dof = octo_mutual_dof + start;
-    if (!ANY(k->side[0].active)) continue;
+    if (!ANY(k->active)) continue;
     touching = 1;
     BARRIER;
     EACH(n, count) octo_mutual_products(in, dof[n], octo_mutual_moves[start + n], V, k, &s->reach[n]);

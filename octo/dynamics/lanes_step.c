@@ -85,10 +85,8 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
 #endif
 #if NMUTUAL > 0
   for (int m = 0; m < 2 * NMUTUAL; ++m) {
-    const octo_touch_blocks *k = &s->mutuals.of[m / 2].side[m % 2];
-    if (octo_mutual_link[m] != l || !ANY(k->active)) continue;
-    octo_add(order == 0 ? 6 : 78, k->W, to->W);
-    if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
+    const octo_touch_blocks *k = &s->mutuals.of[m / 2];
+    if (octo_mutual_link[m] == l && ANY(k->active)) octo_mutual_add(k, m % 2, order, to);
   }
 #endif
   for (int child = NLINK - 1; child > l; --child)

@@ -173,17 +173,6 @@ static inline void octo_add_contacts(octo_work *s, int total, int from, int to) 
 #endif
 }
 
-#if NMUTUAL > 0
-/* The same of contacts between bodies, of both bodies. */
-static inline void octo_add_mutuals(octo_work *s, int total, int from, int to) {
-  SPAN(e, count, total)
-    for (int m = 0; m < 2 * NMUTUAL; ++m) {
-      const octo_touch_blocks *k = &s->mutuals.of[m / 2].side[m % 2];
-      if (octo_mutual_link[m] >= 0 && k->active) octo_add(count, k->W + from + e, s->link[octo_mutual_link[m]].W + to + e);
-    }
-}
-#endif
-
 /* Contacts into their links, then links into their parents, leaves first: every thread keeps its own entries. */
 static void octo_composites(int order, octo_work *s) {
   octo_add_contacts(s, order == 0 ? 6 : 78, 0, 0);
@@ -192,10 +181,10 @@ static void octo_composites(int order, octo_work *s) {
     octo_add_contacts(s, 36, 150, 222); /* L */
   }
 #if NMUTUAL > 0
-  octo_add_mutuals(s, order == 0 ? 6 : 78, 0, 0);
-  if (order == 2) {
-    octo_add_mutuals(s, 72, 78, 114);
-    octo_add_mutuals(s, 36, 150, 222);
+  BARRIER; /* entries of their own threads again */
+  for (int m = 0; m < 2 * NMUTUAL; ++m) {
+    const octo_touch_blocks *k = &s->mutuals.of[m / 2];
+    if (octo_mutual_link[m] >= 0 && k->active) octo_mutual_add(k, m % 2, order, &s->link[octo_mutual_link[m]]);
   }
 #endif
   BARRIER; /* the entries of W, T and L belong to other threads below */

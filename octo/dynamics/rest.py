@@ -11,7 +11,7 @@ from octo.model.character import Array, Character
 from octo.model.kinematics import body_poses
 from octo.model.quantities import GRAVITY
 
-NEAR = 0.02  # m, that an object may be from where it rests; another one is in the air, or slides
+NEAR = 0.05  # m, that an object may be from where it rests; another one is in the air, or slides
 FIRST, LONGEST, GROWTH = 0.005, 1.0, 1.5  # s, of the steps from rest
 STEPS = 60
 LOADED = 1e-4  # of mg: what counts as a load on the robot
@@ -22,7 +22,7 @@ def at_rest(dynamics: RobotDynamics, p: Array, x: Array) -> Array:
     """x (nx,) with each object where its contacts carry it, and the robot where it stands with
     them.
 
-    Only what is within 2 cm of such a place is moved; an object that stands on nothing stays where
+    Only what is within 5 cm of such a place is moved; an object that stands on nothing stays where
     it was put, and falls from there when the motion begins.
 
     Parameters

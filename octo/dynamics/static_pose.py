@@ -31,7 +31,8 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept. By default the
         character's default pose or zero; where that leans or falls, the joints are moved a little
         so that the centre of mass comes over the feet; after that every limited joint starts at the
-        middle of its range. Objects of a scene are moved by millimetres, to where they rest.
+        middle of its range. Objects of a scene are moved to where they rest, if that is within
+        5 cm.
 
     Raises
     ------
