@@ -93,6 +93,13 @@ class _Ground:
         return [*self.own[:1], center] if self.own else []
 
 
+def reach(layout: Layout, law: ContactLaw) -> ca.Function:
+    """How far from the ground (m) a contact is still active. Input: p."""
+    p = ca.SX.sym("p", layout.size)
+    found = ca.densify(ca.SX(law.reach(section(layout.view(p), "contact."))))
+    return ca.Function(f"{PREFIX}reach", [p], [found], OPTIONS)
+
+
 def gap(layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:
     """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3),
     radius, p."""

@@ -22,9 +22,7 @@ from octo.world.shape import Kind, Shape, check_rounding, closed_form, keep_leng
 
 # m²: within 1e-9 m of a centre or an axis, where a distance has no slope, derivatives stay finite
 ROUND = 1e-18
-INNER = (
-    1e-48  # of (q/rounding)⁴: below, a point is in the innermost part, where φ is that of a face
-)
+INNER = 1e-48  # of (q/rounding)⁴, which nothing is divided by where it is less
 SEAM = 0.25  # of a capsule's radius: half the length over which its side becomes its cap
 
 
@@ -33,15 +31,20 @@ def _length(*parts: ca.SX) -> ca.SX:
 
 
 def _rounded(q: Sequence[ca.SX], rounding: ca.SX) -> ca.SX:
-    """φ of what is within all q_k = ``rounding``, whose edges are rounded."""
+    """φ of what is within all q_k = ``rounding``, whose edges are rounded.
+
+    Where no two q are positive, that is the largest one: so written, faces are flat to the last
+    digit, and the norm has a slope wherever it is asked.
+    """
     parts = [ca.fmax(one, 0.0) / rounding for one in q]
     fourth = sum((part**4 for part in parts), start=ca.SX(0.0))
-    outer = fourth > INNER
+    positive = sum((one > 0.0 for one in q), start=ca.SX(0.0))
+    edge = ca.logic_and(positive > 1.0, fourth > INNER)
     highest = q[0]
     for one in q[1:]:
         highest = ca.fmax(highest, one)
-    norm = rounding * ca.sqrt(ca.sqrt(ca.if_else(outer, fourth, 1.0)))
-    return ca.if_else(outer, norm, highest) - rounding
+    norm = rounding * ca.sqrt(ca.sqrt(ca.if_else(edge, fourth, 1.0)))
+    return ca.if_else(edge, norm, highest) - rounding
 
 
 def _ground(own: ca.SX, point: ca.SX) -> ca.SX:
