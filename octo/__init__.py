@@ -41,6 +41,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
     "octo.model.scene": "Scene",
+    "octo.model.solid": "Solid",
     "octo.model.terrain": "Plane Terrain",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
@@ -142,6 +143,7 @@ if TYPE_CHECKING:
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.scene import Scene as Scene
+    from octo.model.solid import Solid as Solid
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.motions import go_to as go_to

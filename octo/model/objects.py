@@ -197,7 +197,7 @@ def door(
     middle = np.array([0.5 * x, 0.0, 0.5 * z])
     inertia = mass / 12.0 * np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
     place = numbers(f"{name}: position", position, (3,))
-    turn = turned(name, rotation)
+    turn = _turned(name, rotation)
     body = Body(name, -1, (hinge,), place, turn, mass, middle, inertia)
     rounding = _rounding(name, None, min(x, y, z))
     solid = Solid(name, 0, Box(edges, rounding, position=middle))
@@ -205,7 +205,7 @@ def door(
     return Character(name, (body,), base="fixed", default_pose=pose, solids=(solid,))
 
 
-def turned(name: str, rotation: Sequence[float] | Array) -> Array:
+def _turned(name: str, rotation: Sequence[float] | Array) -> Array:
     """(3, 3) of a rotation given so, or as a quaternion (4,) with its real part first."""
     given = numbers(f"{name}: rotation", rotation)
     if given.shape == (4,) and given.any():
@@ -238,7 +238,7 @@ def _free(
     rotation: Sequence[float] | Array,
 ) -> Character:
     """A free body with spheres of one radius at ``centers`` (k, 3) m."""
-    place, turn = numbers(f"{name}: position", position, (3,)), turned(name, rotation)
+    place, turn = numbers(f"{name}: position", position, (3,)), _turned(name, rotation)
     chart = least_singular_chart(turn)
     body = Body(name, -1, floating_base(name, chart), mass=mass, inertia=inertia)
     spheres = tuple(

@@ -13,6 +13,7 @@ from octo.errors import OctoError, UnknownNameError
 from octo.model import store
 from octo.model.feet import lowest_contacts, touching
 from octo.model.kinematics import body_poses, center_of_mass, sphere_centers
+from octo.model.quaternions import rotation_of
 from octo.model.scene import Scene
 from octo.model.solid import Solid
 from octo.model.terrain import Plane
@@ -168,7 +169,7 @@ def test_a_turned_box_stands_as_it_was_asked_to():
     for rotation in (turn, np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0.0]])):
         box = octo.objects.box((0.1, 0.2, 0.3), 1.0, (1, 2, 3), rotation)
         found, place = body_poses(box, box.start_pose)
-        expected = rotation if rotation.shape == (3, 3) else octo.objects.turned("box", rotation)
+        expected = rotation if rotation.shape == (3, 3) else rotation_of(rotation)
         np.testing.assert_allclose(found[0], expected, atol=1e-12)
         np.testing.assert_allclose(place[0], [1, 2, 3], atol=1e-12)
 
