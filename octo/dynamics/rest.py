@@ -12,10 +12,10 @@ from octo.model.kinematics import body_poses
 from octo.model.quantities import GRAVITY
 
 NEAR = 0.05  # m, that an object may be from where it rests; another one is in the air, or slides
-FIRST, LONGEST, GROWTH = 0.005, 1.0, 1.5  # s, of the steps from rest
+FIRST, LONGEST, GROWTH = 0.005, 0.2, 1.5  # s, of the steps from rest
 STEPS = 60
 LOADED = 1e-4  # of mg: what counts as a load on the robot
-STILL = 1e-9  # m and rad, that a long step changes of what rests
+STEADY = 1e-7  # m/s and rad/s: changes of the rate of what rests, or creeps down a slope
 
 
 def at_rest(dynamics: RobotDynamics, p: Array, x: Array) -> Array:
@@ -65,6 +65,7 @@ def _settled(
     Ends where a named body has gone too far."""
     robot = dynamics.character
     place, start, duration = dynamics.layout.index("dt"), x, FIRST
+    rate = np.full_like(x, np.inf)
     if not len(free):
         return x
     for _ in range(STEPS):
@@ -74,9 +75,10 @@ def _settled(
         if not left < 1e-6:
             duration *= 0.3
             continue
-        change, x = float(np.max(np.abs(moved - x))), moved
+        before, rate, x = rate, (moved - x) / duration, moved
+        steady = bool(np.max(np.abs(rate - before)) < STEADY)
         far = max(_way(robot, name, start, x) for name in names)
-        if far > NEAR or (duration >= LONGEST and change < STILL):
+        if far > NEAR or (duration >= LONGEST and steady):
             break
         duration = min(GROWTH * duration, LONGEST)
     return x
