@@ -36,7 +36,7 @@ _NAMES = {  # by the module that defines them
     "octo.jump": "jump",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
-    "octo.model.element": "Element SpringDamper",
+    "octo.model.element": "DryFriction Element SpringDamper",
     "octo.model.export_mjcf": "export_mjcf",
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
@@ -137,6 +137,7 @@ if TYPE_CHECKING:
     from octo.model import objects as objects
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
+    from octo.model.element import DryFriction as DryFriction
     from octo.model.element import Element as Element
     from octo.model.element import SpringDamper as SpringDamper
     from octo.model.export_mjcf import export_mjcf as export_mjcf

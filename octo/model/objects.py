@@ -15,6 +15,7 @@ from octo.errors import ShapeError, ValueRangeError
 from octo.model.body import Body, ContactSphere, Joint, floating_base
 from octo.model.character import Character
 from octo.model.chart import angles_of, least_singular_chart
+from octo.model.element import DryFriction, Element
 from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 from octo.model.solid import Solid
@@ -161,6 +162,7 @@ def door(
     name: str = "door",
     lower: float = -1.6,
     upper: float = 1.6,
+    friction: float = 0.0,
     damping: float = 0.0,
     stiffness: float = 0.0,
     armature: float = 0.0,
@@ -175,6 +177,7 @@ def door(
     rotation: (3, 3), or a quaternion (4,) with its real part first, of the closed door.
     name: of the door and its body.
     lower, upper: rad, how far it opens to either side.
+    friction: N m, dry, of the hinge: an octo.DryFriction at the other edge.
     damping: N m s/rad, of the hinge.
     stiffness: N m/rad, of a spring that closes it.
     armature: kg m², of what turns with the hinge.
@@ -201,8 +204,17 @@ def door(
     body = Body(name, -1, (hinge,), place, turn, mass, middle, inertia)
     rounding = _rounding(name, None, min(x, y, z))
     solid = Solid(name, 0, Box(edges, rounding, position=middle))
-    pose = np.zeros(1)
-    return Character(name, (body,), base="fixed", default_pose=pose, solids=(solid,))
+    limit, edge, elements = number(f"{name}: friction", friction), (x, 0.0, 0.0), list[Element]()
+    if limit != 0.0:
+        elements.append(DryFriction(None, tuple(place), name, edge, limit / x))
+    return Character(
+        name,
+        (body,),
+        base="fixed",
+        default_pose=np.zeros(1),
+        solids=(solid,),
+        elements=tuple(elements),
+    )
 
 
 def _turned(name: str, rotation: Sequence[float] | Array) -> Array:

@@ -14,14 +14,16 @@ from octo.checks import numbers, one_of, whole
 from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.character import Character
-from octo.model.element import Element, SpringDamper
+from octo.model.element import DryFriction, Element, SpringDamper
 from octo.model.solid import Solid
 from octo.world.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
 SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
 # elements that a file can give back: those of octo
-KINDS_OF_ELEMENTS: dict[str, type[Element]] = {"SpringDamper": SpringDamper}
+KINDS_OF_ELEMENTS: dict[str, type[Element]] = {
+    kind.__name__: kind for kind in (SpringDamper, DryFriction)
+}
 SHAPES_OF_SOLIDS: dict[str, type[Shape]] = {
     kind.__name__: kind for kind in (Sphere, Box, Capsule, Cylinder)
 }

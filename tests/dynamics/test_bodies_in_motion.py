@@ -169,6 +169,19 @@ def test_a_ball_rolls_without_slip(hollow):
     assert turn[0, 2] * radius == pytest.approx(v[-1, 0], rel=0.02)  # of its depth, 3 %
 
 
+def test_a_door_with_friction_stops_where_energy_says():
+    """½ I ω² is the work of the friction, τ times the angle; then it stands."""
+    mass, width, torque, rate = 6.0, 0.8, 3.0, 2.0
+    door = octo.objects.door((width, 0.04, 1.0), mass, friction=torque, lower=-3.0, upper=3.0)
+    hinge = mass * (width**2 + 0.04**2) / 12.0 + mass * (0.5 * width) ** 2
+    scene = octo.Scene(None, [door])
+    motion = octo.simulate(scene, np.zeros(1), np.array([rate]), seconds=3.0, dt=1e-3)
+    assert motion.converged.all()
+    angle = 0.5 * hinge * rate**2 / torque
+    assert motion.x[-1, 0] == pytest.approx(angle, rel=5e-3) and angle > 0.8
+    assert abs(motion.velocity[-1, 0]) < 1e-6
+
+
 def test_a_door_stops_where_its_damping_says():
     """I ω' = −c ω: it turns by I ω/c; a ball that hits it opens it."""
     mass, width, damping, rate = 6.0, 0.8, 2.0, 1.0
