@@ -7,6 +7,7 @@ a solid, which spheres of other bodies touch.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,15 +48,11 @@ def box(
     name: of the box and its body.
     rounding: m, radius of edges and corners; by default a tenth of the shortest edge, at most 1 cm.
     """
-    edges = numbers(f"{name}: size", size, (3,))
-    if not (edges > 0.0).all():
-        raise ValueRangeError(f"{name}: size is {edges.tolist()} m, must be positive")
-    mass, (x, y, z) = positive(f"{name}: mass", mass, "kg"), edges.tolist()
-    inertia = mass / 12.0 * np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
+    (x, y, z), inertia = _cuboid(name, size, mass)
     radius = _rounding(name, rounding, min(x, y, z))
     signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)])
-    corners = signs * (0.5 * edges - radius)
-    solid = Solid(name, 0, Box(edges, radius))
+    corners = signs * (0.5 * np.array([x, y, z]) - radius)
+    solid = Solid(name, 0, Box((x, y, z), radius))
     return _free(name, mass, inertia, corners, radius, solid, position, rotation)
 
 
@@ -182,28 +179,15 @@ def door(
     stiffness: N m/rad, of a spring that closes it.
     armature: kg m², of what turns with the hinge.
     """
-    edges = numbers(f"{name}: size", size, (3,))
-    if not (edges > 0.0).all():
-        raise ValueRangeError(f"{name}: size is {edges.tolist()} m, must be positive")
-    mass, (x, y, z) = positive(f"{name}: mass", mass, "kg"), edges.tolist()
-    hinge = Joint(
-        f"{name}_hinge",
-        "hinge",
-        np.array([0.0, 0.0, 1.0]),
-        lower=number(f"{name}: lower", lower),
-        upper=number(f"{name}: upper", upper),
-        actuated=False,
-        damping=number(f"{name}: damping", damping),
-        stiffness=number(f"{name}: stiffness", stiffness),
-        armature=number(f"{name}: armature", armature),
-    )
-    middle = np.array([0.5 * x, 0.0, 0.5 * z])
-    inertia = mass / 12.0 * np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
-    place = numbers(f"{name}: position", position, (3,))
-    turn = _turned(name, rotation)
-    body = Body(name, -1, (hinge,), place, turn, mass, middle, inertia)
-    rounding = _rounding(name, None, min(x, y, z))
-    solid = Solid(name, 0, Box(edges, rounding, position=middle))
+    (x, y, z), inertia = _cuboid(name, size, mass)
+    given = {"lower": lower, "upper": upper, "damping": damping, "stiffness": stiffness}
+    given["armature"] = armature
+    values: dict[str, Any] = {key: number(f"{name}: {key}", v) for key, v in given.items()}
+    up = np.array([0.0, 0.0, 1.0])
+    hinge = Joint(f"{name}_hinge", "hinge", up, actuated=False, **values)
+    middle, place = np.array([0.5 * x, 0.0, 0.5 * z]), numbers(f"{name}: position", position, (3,))
+    body = Body(name, -1, (hinge,), place, _turned(name, rotation), mass, middle, inertia)
+    shape = Box((x, y, z), _rounding(name, None, min(x, y, z)), position=middle)
     limit, edge, elements = number(f"{name}: friction", friction), (x, 0.0, 0.0), list[Element]()
     if limit != 0.0:
         elements.append(DryFriction(None, tuple(place), name, edge, limit / x))
@@ -212,9 +196,19 @@ def door(
         (body,),
         base="fixed",
         default_pose=np.zeros(1),
-        solids=(solid,),
+        solids=(Solid(name, 0, shape),),
         elements=tuple(elements),
     )
+
+
+def _cuboid(name: str, size: Sequence[float], mass: float) -> tuple[tuple[float, ...], Array]:
+    """Edges (3,) m and inertia (3, 3) kg m² of a solid box, checked."""
+    edges = numbers(f"{name}: size", size, (3,))
+    if not (edges > 0.0).all():
+        raise ValueRangeError(f"{name}: size is {edges.tolist()} m, must be positive")
+    x, y, z = edges.tolist()
+    squares = np.diag([y**2 + z**2, x**2 + z**2, x**2 + y**2])
+    return (x, y, z), positive(f"{name}: mass", mass, "kg") / 12.0 * squares
 
 
 def _turned(name: str, rotation: Sequence[float] | Array) -> Array:
