@@ -13,6 +13,7 @@ import numpy as np
 from octo.errors import ModelError, UnknownNameError, said
 from octo.model.character import Character
 from octo.model.element import Element
+from octo.model.kinematics import body_poses
 from octo.shown import Shown, listed
 
 
@@ -63,6 +64,7 @@ class Scene(Shown):
         whole = first
         for thing in rest:
             whole = _joined(whole, _passive(thing))
+        _check_apart(whole)
         touches = _defaults(whole) if self.contacts is None else _chosen(whole, self.contacts)
         return replace(whole, touches=tuple(dict.fromkeys([*whole.touches, *touches])))
 
@@ -73,6 +75,22 @@ class Scene(Shown):
         return "\n".join(
             [repr(whole), listed("objects", list(whole.objects)), listed("touches", touches)]
         )
+
+
+def _check_apart(whole: Character) -> None:
+    """Refuse two objects in one place: contact would shoot them apart."""
+    rotation, origin = body_poses(whole, whole.start_pose)
+    for b in np.flatnonzero(whole.of_objects).tolist():
+        middle = origin[b] + rotation[b] @ whole.bodies[b].com
+        for solid in whole.solids:
+            if solid.body != b and whole.of_objects[solid.body]:
+                place = rotation[solid.body].T @ (middle - origin[solid.body])
+                if solid.distance(place) < 0.0:
+                    raise ModelError(
+                        f"scene: objects {whole.bodies[b].name!r} and "
+                        f"{whole.bodies[solid.body].name!r} are in one place, must be beside each "
+                        "other"
+                    )
 
 
 def _passive(thing: Character) -> Character:

@@ -60,6 +60,12 @@ class Solid:
         pose = np.ravel(np.asarray(self.shape.rotation)), np.asarray(self.shape.position)
         return np.concatenate([*pose, own])
 
+    def distance(self, point: Array) -> float:
+        """Signed distance (m) of a point (3,) m of the body's frame."""
+        rotation, position = np.asarray(self.shape.rotation), np.asarray(self.shape.position)
+        local = rotation.T @ (np.asarray(point, dtype=float) - position)
+        return float(self.shape.kind.jets(self.shape.own, local[None], 0)[0, 0])
+
 
 def surface(solid: Solid, point: ca.SX, rotation: ca.SX, position: ca.SX, own: ca.SX) -> ca.SX:
     """Signed distance (m) of ``point`` (3,) m from a shape as that of ``solid``, with numbers

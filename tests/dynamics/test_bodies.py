@@ -55,7 +55,7 @@ def crowd():
     objects = [
         octo.objects.ball(0.12, 0.7, (0.05, 0.05, 0.1)),
         octo.objects.box((0.2, 0.25, 0.15), 0.8, (0.05, 0.08, 0.26)),
-        octo.objects.door((0.4, 0.1, 0.5), 3.0, (-0.1, 0.1, 0.0)),
+        octo.objects.door((0.4, 0.1, 0.5), 3.0, (-0.1, 0.16, 0.0)),
     ]
     pairs = [("foot", "ball"), ("ball", "box"), ("front", "box"), ("foot", "door"), ("box", "door")]
     return Scene(robot, objects, contacts=pairs).character

@@ -184,6 +184,7 @@ REFUSED = [
     (lambda: Scene(ROBOT, [BOX], contacts=[("hand", "box")]), "hand"),
     (lambda: Scene(ROBOT, [BOX], contacts=["box"]), "pair of names"),
     (lambda: Scene(ROBOT, [BOX], contacts=[("box_0", ROBOT.bodies[0].name)]), "cannot touch"),
+    (lambda: Scene(ROBOT, [BOX, octo.objects.ball(0.1, 1.0, (0.0, 0.03, 0.0))]), "in one place"),
     (lambda: octo.objects.box((0.1, 0.0, 0.1), 1.0), "positive"),
     (lambda: octo.objects.box((0.1, 0.1, 0.1), -1.0), "mass"),
     (lambda: octo.objects.box((0.1, 0.1, 0.1), 1.0, rounding=0.06), "rounding"),
