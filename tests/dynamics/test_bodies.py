@@ -47,17 +47,17 @@ def crowd():
     body = {body.name: k for k, body in enumerate(plain.bodies)}
     solids = (
         Solid("trunk", body["base"], Box((0.2, 0.2, 0.38), 0.02, position=(0.0, 0.0, 0.0))),
-        Solid("shin", body["shank"], Capsule(0.06, 0.15, position=(0.0, 0.0, -0.1))),
+        Solid("shin", body["shank"], Capsule(0.18, 0.1, position=(0.0, 0.0, -0.1))),
     )
     index = {contact.name: k for k, contact in enumerate(plain.contacts)}
-    touches = ((index["top"], 0), (index["front"], 1))
+    touches = ((index["top"], 0), (index["back"], 1))
     robot = dataclasses.replace(plain, elements=(spring,), solids=solids, touches=touches)
     objects = [
         octo.objects.ball(0.12, 0.7, (0.05, 0.05, 0.1)),
         octo.objects.box((0.2, 0.25, 0.15), 0.8, (0.05, 0.08, 0.26)),
-        octo.objects.door((0.4, 0.1, 0.5), 3.0, (-0.1, 0.16, 0.0)),
+        octo.objects.door((0.4, 0.1, 0.26), 3.0, (-0.1, 0.16, 0.0)),
     ]
-    pairs = [("foot", "ball"), ("ball", "box"), ("front", "box"), ("foot", "door"), ("box", "door")]
+    pairs = [("foot", "ball"), ("ball", "box"), ("foot", "door"), ("box_2", "door")]
     return Scene(robot, objects, contacts=pairs).character
 
 
