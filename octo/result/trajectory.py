@@ -140,9 +140,19 @@ class Trajectory:
         return np.sum(self.contact_force * self.contact_normal, axis=-1)
 
     @property
+    def own_contacts(self) -> NDArray[np.bool_]:
+        """(c,) whether a contact is the robot's, and not that of one of a scene's objects."""
+        own, robot = np.ones(self.contact_force.shape[1], dtype=bool), self.character
+        if robot is not None:
+            own[
+                [c for c, k in enumerate(robot.terrain_contacts) if k not in robot.own_contacts]
+            ] = 0
+        return own
+
+    @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) contacts that carry at least 1 % of the weight."""
-        return self.normal_force >= LOADED * self.weight
+        """(N, c) the robot's contacts that carry at least 1 % of the weight."""
+        return (self.normal_force >= LOADED * self.weight) & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
