@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from octo.checks import number, numbers, one_of
+from octo.dynamics.static_pose import balanced_pose
 from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.model.character import Character
 from octo.model.kinematics import body_poses
@@ -19,11 +20,12 @@ from octo.problem.body_costs import BaseAngularVelocity, CenterOfMassVelocity
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Array
+from octo.problem.scales import length
 from octo.result.solution import Solution
 
 LARGEST = 1e6  # m/s, rad/s or m
 NEAR = 0.2  # m and rad, what the error of a place is in parts of: a tenth is 2 cm, or 1.1°
-Kind = Literal["walk", "stride", "turn", "to", "jump", "stand"]
+Kind = Literal["walk", "stride", "turn", "to", "jump", "up", "stand"]
 Preset = Literal["natural", "paper", "robot"]
 
 
@@ -33,7 +35,7 @@ class Goal:
 
     Parameters
     ----------
-    kind: "walk", "stride", "turn", "to", "jump" or "stand".
+    kind: "walk", "stride", "turn", "to", "jump", "up" (get up) or "stand".
     speed: m/s (rad/s for turn, its sign the side).
     place: (3,) m, m and rad, where "to" ends: ahead, to the left and turned to the left.
     distance: m, of a jump.
@@ -91,7 +93,8 @@ class Goal:
 
         Raises
         ------
-        ProblemError: a jump, whose terms go with its steps; a place, which is no term.
+        ProblemError: a jump, whose terms go with its steps; a place, or getting up, which is no
+            term.
         """
         if self.kind == "to":
             how = "octo.go_to finds the motion, as a fixed displacement of a Problem does"
@@ -99,6 +102,9 @@ class Goal:
         if self.kind == "jump":
             how = "jump_problem of octo.jump describes one"
             raise ProblemError(f"the terms of a jump go with its steps: {how}")
+        if self.kind == "up":
+            how = "octo.get_up finds the motion, from a pose that lies"
+            raise ProblemError(f"the goal 'up' is a pose to end in and no term: {how}")
         yaw_rate = self.speed if self.kind == "turn" else 0.0
         terms = presets.paper(self.velocity)
         if self.preset == "natural":
@@ -121,6 +127,8 @@ class Goal:
         if self.kind == "to":
             what = "the base ends ahead, to the left and turned by"
             return Asked.of(name, what, self._ends(solution), self.place, "m and rad", NEAR)
+        if self.kind == "up":
+            return Asked.of(name, *_upright(solution), "m and rad", NEAR)
         moved = solution.com - solution.com[0]
         if self.kind == "jump":
             what = "the centre of mass ends ahead of its start and rises at its top by"
@@ -156,3 +164,16 @@ class Goal:
     def said(self, solution: Solution) -> Solution:
         """The solution with this goal in place of what its terms ask for."""
         return replace(solution, asked=(self.asked(solution),))
+
+
+def _upright(solution: Solution) -> tuple[str, Array, Array]:
+    """How high the base ends over the lowest contact (m) and how far it is tilted (rad), in words
+    and numbers (2,), and what both are in the balanced pose."""
+    robot = solution.character
+    assert robot is not None  # who has none has no goal
+    poses = np.stack([solution.x[-1], balanced_pose(robot)])
+    height = [length(robot, pose) for pose in poses]
+    up = body_poses(robot, poses)[0][:, robot.base_body, 2]  # (2, 3) the world's up, seen from it
+    tilt = np.arccos(np.clip(up[0] @ up[1], -1.0, 1.0))
+    what = "the base ends over the lowest contact, and tilted, by"
+    return what, np.array([height[0], tilt]), np.array([height[1], 0.0])

@@ -263,9 +263,9 @@ class Balance:
                 damping = max(1e-3, 4.0 * damping)
         return x, float(np.max(np.abs(force), initial=0.0))
 
-    def settled(self) -> Array:
+    def settled(self, falling: bool = False) -> Array:
         """Where the robot comes to rest with its joints held: implicit steps from rest, ever
-        longer, then put back.
+        longer, then put back; ``falling``: also where it tips over.
 
         Starting each step at rest damps the fall; the solution of a step is then that of V(x) + ½|x
         - x_i|²_M/dt².
@@ -284,7 +284,8 @@ class Balance:
             change = (moved - x)[self.free][self.still] / self.step_scale[self.still]
             x, duration = moved, min(1.5 * duration, 1.0)
             at_rest = duration >= 0.2 and float(np.max(np.abs(change), initial=0.0)) < 1e-4
-            if at_rest or (self.lift is not None and self.tilt(x) > MOST_TILT):
+            tips = self.lift is not None and self.tilt(x) > MOST_TILT
+            if at_rest or (tips and not falling):
                 break
         x = x.copy()
         x[kept] = self.start[kept]
