@@ -21,7 +21,10 @@ from octo.model.chart import Chart
 from octo.model.charted import base_angles, charted, in_chart
 from octo.model.feet import terrain_bottoms
 from octo.model.terrain import Ground
+from octo.motions.budget import Budget
+from octo.motions.transitions import SUMS
 from octo.problem import scales
+from octo.problem.body_costs import BaseAngularVelocity
 from octo.problem.constraints import Constraint
 from octo.problem.contact_costs import ForceRate, FrictionCone, SlipPower
 from octo.problem.costs import Cost
@@ -34,19 +37,22 @@ from octo.problem.joint_costs import (
     JointVelocity,
     TorqueLimit,
 )
-from octo.problem.limits import FrictionCones
+from octo.problem.limits import FrictionCones, StepLimit
 from octo.problem.presets import FASTEST
 from octo.problem.problem import Problem
 from octo.problem.symbols import Setting
 from octo.ranking import best_of
 from octo.result.solution import Solution
 from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, solve
+from octo.solver.status import Status
 from octo.starts import smooth_noise
 
 LYING = "lying:"  # and a seed, the pose of that name
 LOW = 0.5  # of its height when it stands: where the base of a robot that lies is at most
 DRAWS = 100  # poses that are drawn until one lies
 STEEP = 0.87  # sine of the middle angle of a chart beyond which the base has the other one
+STILL = 0.1**2  # (rad/s)², what the squared rate of a base that is to stay still is in parts of
+LEAP = 0.5  # rad and m, of a step: rotations are linearised in it, and half a turn is none
 OVER = 0.6 * np.pi  # rad, of the inner angle, from which a robot may roll over either side
 MOVES = ((0.1, 0.7), (0.3, 0.9), (0.2, 0.95))  # parts of the time in which first guesses move
 
@@ -130,6 +136,13 @@ class Rise(Problem):
     def setting(self) -> Setting:
         return replace(super().setting, x0=self.end)
 
+    @property
+    def priced(self) -> Rise:
+        """The same without constraints, their limits as terms: what a motion that keeps them is
+        found from."""
+        kept = [one for one in self.constraints if isinstance(one, StepLimit)]
+        return self.replace(costs=costs_of(self.length, self.gravity), constraints=kept)
+
 
 RESTLESS = "does not come to rest on the ground with its joints held, give another one"
 
@@ -164,6 +177,8 @@ def get_up_problems(
     standing = plain.replace(pose="balanced")
     standing, lying = _random(standing, seed or 0) if drop is None else _laid(standing, drop)
     must = _everywhere(held(robot, constraints))
+    if not any(isinstance(one, StepLimit) for one in must):
+        must = (*must, StepLimit(LEAP))
     costs = beside(must, costs_of(standing.length, standing.gravity))
     first = robot.base_coordinate
     kept = [first, first + 1, first + 3]  # x, y, and the outer angle
@@ -184,6 +199,7 @@ def costs_of(length: float, gravity: float) -> list[Cost]:
     return [
         Effort(weight=0.02),
         JointVelocity(weight=0.01 * length / gravity),
+        BaseAngularVelocity(weight=0.02 * STILL * length / gravity),
         JointAcceleration(weight=1e-3 * (length / gravity) ** 2),
         SlipPower(weight=5.0 / fast),
         ForceRate(weight=0.005),
@@ -202,13 +218,34 @@ def solve_get_up(
     start: Solution | Array | None = None,
     **options: Any,
 ) -> Solution:
-    """Solve :func:`get_up_problems`: :func:`octo.solve` from first guesses on the ground."""
+    """Solve :func:`get_up_problems`: :func:`octo.solve` from first guesses on the ground.
+
+    Where something must hold, from motions in which limits are priced: of 48 starts of a mammal
+    all of these converge, of those that begin with what must hold 20.
+    """
     whole("seeds", seeds, most=MOST_STARTS)
     whole("seed", seed, 0, LARGEST_SEED)
+    budget = Budget({name: value for name, value in options.items() if value is not None})
     batch = [problems[k % len(problems)] for k in range(seeds)]
-    guesses = list(first_guesses(problems, seeds, seed)) if start is None else start
-    members = solve(batch, start=guesses, **options)
+    guesses: Any = list(first_guesses(problems, seeds, seed)) if start is None else start
+    scouts: list[Solution] = []
+    if start is None and len(problems[0].constraints) > 1:
+        priced = {id(one): one.priced for one in problems}
+        about = [priced[id(one)] for one in batch]
+        guesses = scouts = solve(about, start=guesses, **budget.left("with limits priced"))
+    if any(scout.status is Status.INTERRUPTED for scout in scouts):
+        members, scouts = scouts, []
+    else:
+        members = solve(batch, start=guesses, **budget.left("getting up"))
+    if scouts:
+        members = [_after(*pair) for pair in zip(scouts, members, strict=True)]
     return best_of([replace(member, seed=seed + k) for k, member in enumerate(members)])
+
+
+def _after(scout: Solution, member: Solution) -> Solution:
+    """The member with what the solve that it began with took."""
+    both = {name: getattr(scout, name) + getattr(member, name) for name in SUMS}
+    return replace(member, **both)
 
 
 def seed_of(pose: str | Array) -> int | None:
