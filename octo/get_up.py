@@ -121,7 +121,7 @@ class Rise(Problem):
         return found
 
     @cached_property
-    def end(self) -> Array:  # type: ignore[override]
+    def end(self) -> Array:
         """(nx,) x_N: the static pose near where the displacement leads."""
         assert isinstance(self.dynamics, RobotDynamics) and self.displacement is not None
         return static_pose(self.dynamics, self.p, self.start + self.displacement)
@@ -141,7 +141,9 @@ class Rise(Problem):
         """The same without constraints, their limits as terms: what a motion that keeps them is
         found from."""
         kept = [one for one in self.constraints if isinstance(one, StepLimit)]
-        return self.replace(costs=costs_of(self.length, self.gravity), constraints=kept)
+        made = self.replace(costs=costs_of(self.length, self.gravity), constraints=kept)
+        assert isinstance(made, Rise)
+        return made
 
 
 RESTLESS = "does not come to rest on the ground with its joints held, give another one"
@@ -220,8 +222,8 @@ def solve_get_up(
 ) -> Solution:
     """Solve :func:`get_up_problems`: :func:`octo.solve` from first guesses on the ground.
 
-    Where something must hold, from motions in which limits are priced: of 48 starts of a mammal
-    all of these converge, of those that begin with what must hold 20.
+    Where something must hold, from motions in which limits are priced: many starts that begin with
+    all limits held stall in the first pass.
     """
     whole("seeds", seeds, most=MOST_STARTS)
     whole("seed", seed, 0, LARGEST_SEED)

@@ -104,7 +104,7 @@ def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None
 
 ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
 BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
-POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt"
+POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt; lying:SEED with --goal up"
 TERRAIN = "the ground; FUNCTION(point, p) is a signed distance in CasADi"
 LAW = (
     "a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, "

@@ -39,7 +39,8 @@ from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solver.status import Status
 
-SECONDS = 10.0  # of motion, where none are asked for
+SECONDS = 10.0  # of motion, where none are asked for …
+RISING = 3.0  # … of getting up
 # goals that natural terms reach with a stride that repeats
 COMPOSED = ("walk", "stride", "turn", "to")
 FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
@@ -72,11 +73,16 @@ def add_goal_arguments(
     )
     add_options(
         parser,
-        ("--goal", None, "walk", "walk, stride (sideways), turn, to X,Y,YAW, jump or stand"),
+        ("--goal", None, "walk", "walk, stride (sideways), turn, to X,Y,YAW, jump, up or stand"),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
         ("--distance", number, 0.5, "m, of a jump"),
         ("--height", number, 0.2, "m, of the centre of mass gained by a jump"),
-        ("--seconds", positive, None, "s, of motion (default 10; a jump takes what it needs)"),
+        (
+            "--seconds",
+            positive,
+            None,
+            "s, of motion (default 10, up 3; a jump takes what it needs)",
+        ),
         ("--basis", None, "nodes", "nodes or hermite (segments of 10 steps; default nodes)"),
         ("--costs", None, costs, terms),
     )
@@ -103,6 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
     resolve_device(arguments.device)
     if composed:
         solution = from_rest_to_rest(robot, goal, arguments, began)
+    elif goal.kind == "up":
+        solution = got_up(robot, start, arguments, began)
     else:
         problem = described(robot, goal, steps, arguments)
         solution = as_one_problem(problem, goal, start, arguments, began)
@@ -179,6 +187,8 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
     elif arguments.period is not None:
         goes = f"it goes with --costs natural and --goal {', '.join(COMPOSED)}"
         raise UsageError(f"--period is of a stride: {goes}")
+    if arguments.goal == "up" and arguments.basis != "nodes":
+        raise UsageError(f"getting up is solved in nodes: --basis is {arguments.basis!r}")
     if arguments.costs == "natural" and arguments.goal != "jump" and arguments.basis == "hermite":
         raise UsageError(
             "natural terms are solved in nodes: --basis is 'hermite', must be 'nodes', or add "
@@ -227,11 +237,36 @@ def as_one_problem(
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
 
 
+def got_up(
+    robot: Character, start: Solution | None, arguments: argparse.Namespace, began: float
+) -> Solution:
+    """From a pose that lies to one that stands."""
+    from octo.get_up import LYING, get_up_problems, solve_get_up
+
+    word = f"{LYING}0" if arguments.pose is None else str(arguments.pose)
+    pose = word if word.startswith(LYING) else pose_of(robot, word)
+    assert pose is not None
+    problems = get_up_problems(
+        robot,
+        pose,
+        RISING if arguments.seconds is None else arguments.seconds,
+        dt=arguments.dt,
+        terrain=terrain_of(arguments.terrain),
+        law=law_of(arguments.friction),
+        constraints=limits_of(robot, arguments),
+    )
+    prepared = time.perf_counter() - began
+    options = {**solver_options(arguments), "seeds": arguments.seeds or 4}
+    solution = solve_get_up(problems, start=start, progress=True, **options)
+    return replace(solution, setup_seconds=solution.setup_seconds + prepared)
+
+
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
     """N of --seconds and --dt; None for a jump, or a place, that takes what it needs."""
     if arguments.seconds is None and goal.kind in ("jump", "to"):
         return None
-    return steps_of(SECONDS if arguments.seconds is None else arguments.seconds, arguments.dt)
+    usual = RISING if goal.kind == "up" else SECONDS
+    return steps_of(usual if arguments.seconds is None else arguments.seconds, arguments.dt)
 
 
 def surroundings(robot: Character, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -259,6 +294,8 @@ def described(
             )
         where |= {"seconds": None if steps is None else steps * dt, "constraints": held}
         return jump_problem(robot, goal.height, goal.distance, dt=dt, **where)
+    if goal.kind == "up":
+        raise UsageError("--goal up goes with octo solve, and octo.get_up in Python")
     if goal.kind == "to":
         raise UsageError(
             "--goal to is reached in strides: it goes with octo solve, --costs natural and --basis "
