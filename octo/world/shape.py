@@ -150,7 +150,7 @@ class Shape:
 
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points (k, 3) m are above or below it: within its box, seen from above."""
-        given = numbers("points", points)
+        given = places(points)
         low, high = self.bounds()
         inside = (given[:, :2] >= low[:2]) & (given[:, :2] <= high[:2])
         return np.asarray(inside.all(axis=1))
@@ -164,17 +164,27 @@ class Shape:
         return made
 
 
+def places(points: ArrayLike) -> Array:
+    """Points (k, 3) m, checked."""
+    given = numbers("points", points)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise ShapeError("points", given.shape, "(k, 3)")
+    return given
+
+
 def keep_lengths(shape: Shape, *names: str) -> None:
     """Keep fields of a shape as positive numbers, in m."""
     for name in names:
-        given = getattr(shape, name)
-        if np.ndim(given) == 0:
-            kept: float | Array = positive(f"{name} of {shape.label}", given, "m")
-        else:
-            kept = fixed(numbers(f"{name} of {shape.label}", given, (3,)))
-            for k, one in enumerate(kept):
-                positive(f"{name}[{k}] of {shape.label}", float(one), "m")
+        kept = positive(f"{name} of {shape.label}", getattr(shape, name), "m")
         object.__setattr__(shape, name, kept)
+
+
+def keep_sizes(shape: Shape, name: str) -> None:
+    """Keep a field of a shape as three positive numbers, in m."""
+    kept = numbers(f"{name} of {shape.label}", getattr(shape, name), (3,))
+    for k, one in enumerate(kept):
+        positive(f"{name}[{k}] of {shape.label}", float(one), "m")
+    object.__setattr__(shape, name, fixed(kept))
 
 
 def check_rounding(shape: Shape, rounding: float, most: float) -> None:
