@@ -259,15 +259,15 @@ class Problem(Shown):
         layout = self.dynamics.layout
         values = {"dt": self.dt, **scales.parameters(self.dynamics, self.law)}
         for name, value in self.parameters.items():
-            if name not in layout.names:
-                raise UnknownNameError("parameter", name, layout.names)
+            if name not in layout.given:
+                raise UnknownNameError("parameter", name, layout.given)
             values[name] = number(f"parameter {name}", value)
         return layout.pack(**values)
 
     @property
     def values(self) -> dict[str, float]:
         """The run-time parameters of FD by name."""
-        return dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True))
+        return self.dynamics.layout.named(self.p)
 
     @cached_property
     def start(self) -> Array:

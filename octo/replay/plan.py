@@ -93,8 +93,8 @@ def ground_of(solution: Solution) -> Plane:
     plane = plane_of(solution.parameters)
     if plane is None:
         raise ProblemError(
-            "the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or "
-            "sloped ground only"
+            "the plan's terrain is user-written or a World, must be a plane: MuJoCo's plant has "
+            "level or sloped ground only"
         )
     (x, y, z), height = plane
     return Plane(float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(-y, -x)), height)
