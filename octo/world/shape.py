@@ -109,7 +109,9 @@ class Shape:
             instance(f"name of a {self.word}", self.name, str, "a text")
         place = numbers(f"position of {self.label}", self.position, (3,))
         object.__setattr__(self, "position", fixed(place))
-        object.__setattr__(self, "rotation", fixed(_rotation(self.label, self.rotation)))
+        object.__setattr__(
+            self, "rotation", fixed(rotation_matrix(f"rotation of {self.label}", self.rotation))
+        )
 
     @property
     def word(self) -> str:
@@ -203,19 +205,19 @@ def fixed(given: Numbers) -> Numbers:
     return made
 
 
-def _rotation(label: str, given: ArrayLike) -> Array:
+def rotation_matrix(field: str, given: ArrayLike) -> Array:
     """The rotation matrix (3, 3) of a matrix or a quaternion wxyz."""
-    found = numbers(f"rotation of {label}", given)
+    found = numbers(field, given)
     if found.shape == (4,):
         if not np.linalg.norm(found) > 0.0:
-            raise ValueRangeError(f"rotation of {label} is a quaternion of length 0, which is none")
+            raise ValueRangeError(f"{field} is a quaternion of length 0, which is none")
         return np.asarray(Rotation.from_quat(np.roll(found, -1)).as_matrix())
     if found.shape != (3, 3):
-        raise ShapeError(f"rotation of {label}", found.shape, "(3, 3) or (4,)")
+        raise ShapeError(field, found.shape, "(3, 3) or (4,)")
     off = np.abs(found.T @ found - np.eye(3)).max()
     if not (off <= TURNED and np.linalg.det(found) > 0.0):
         raise ValueRangeError(
-            f"rotation of {label} is no rotation: its columns must be perpendicular, of length 1 "
+            f"{field} is no rotation: its columns must be perpendicular, of length 1 "
             "and right-handed"
         )
     left, _, right = np.linalg.svd(found)
