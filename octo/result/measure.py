@@ -12,7 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import distances
+from octo.model.terrain import World, distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
@@ -118,9 +118,14 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
-    phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
-    below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
+    deepest = low[2] - 3.0
+    if isinstance(dynamics.terrain, World):  # what is solid may have an underside, or be a roof
+        top = np.column_stack([grid, np.full(len(grid), high[2])])
+        found = np.maximum(dynamics.terrain.below(top), deepest)
+        return {"x": x, "y": y, "z": found.reshape(len(x), len(y))}
+    phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
+    below, above = np.full(len(grid), deepest), np.full(len(grid), high[2] + 3.0)
     for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
         middle = 0.5 * (below + above)
         inside = phi(np.column_stack([grid, middle])) < 0.0
