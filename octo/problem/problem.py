@@ -278,7 +278,10 @@ class Problem(Shown):
             raise ProblemError(
                 "x0 is missing: user-written dynamics have no static pose to start from"
             )
-        return static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
+        found = static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
+        if self.dynamics.character.objects:  # which stay where they were put
+            check_above("start", found, self.character, self.terrain, self.values)
+        return found
 
     @cached_property
     def start_velocity(self) -> Array:
