@@ -77,6 +77,8 @@ def over(
                 motion.iterations,
             )
             if last:
+                if problem.displacement is None:
+                    LOG.warning("the robot cannot stand where it was sent: its end is left free")
                 break
     except Interrupted:
         return replace(motion, status=Status.INTERRUPTED)

@@ -15,7 +15,7 @@ import octo
 from octo import native
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb, Smooth
-from octo.errors import UnknownNameError
+from octo.errors import StaticPoseError, UnknownNameError
 from octo.gpu.problem import DeviceProblem
 from octo.model.gallery import CHARACTERS
 from octo.model.kinematics import sphere_centers
@@ -237,3 +237,12 @@ def test_nobody_says_where_a_world_is():
             call()
     assert "terrain.address" not in problem.values
     octo.simulate(problem.dynamics, START, steps=1, parameters=problem.values)
+
+
+def test_a_robot_beside_its_world_is_told_so():
+    box = octo.shapes.Box((1.0, 1.0, 1.0), position=(10.0, 0.0, -0.5))
+    with pytest.raises(StaticPoseError, match="no shape or map there"):
+        problem_on(octo.World([box])).replace(x0=None).start  # noqa: B018
+    beyond = octo.shapes.HeightField(np.zeros((9, 9)), cell=0.1, origin=(10.0, 0.0))
+    start = problem_on(octo.World([beyond])).replace(x0=None).start  # a map goes on
+    np.testing.assert_allclose(start, problem_on(octo.Plane()).replace(x0=None).start, atol=1e-6)
