@@ -223,6 +223,7 @@ REFUSED = {
         "at most half of its smallest size, 0.01 m",
     ),
     "no rounding": (lambda: shapes.Cylinder(0.1, 1.0, 0.0), ValueRangeError, "rounding"),
+    "no file": (lambda: shapes.Mesh.from_file(None), ProblemError, "path is None"),
     "no length": (lambda: shapes.Capsule(0.1, -1.0), ValueRangeError, "length of a Capsule"),
     "a steep ground": (lambda: shapes.Ground(1.6), ValueRangeError, "slope of a Ground"),
     "a place that is none": (
