@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array
-from octo.dynamics import slots, stages
+from octo.dynamics import crowd, slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.laws import ContactLaw
@@ -58,7 +58,8 @@ def robot_text(
     length = own.length + sum(function.n_instructions() for function in elements.functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
-    sizes, tables = _tables(character, elements)
+    crowds = crowd.tables_of(character, terrain)
+    sizes, tables = _tables(character, elements, crowds)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     head = [HEAD]
     if isinstance(terrain, World):
@@ -67,6 +68,8 @@ def robot_text(
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
+    if crowds.bodies:
+        common.append(source("crowd.c"))
     made = [own.text(lanes), *(_stage_text(function, lanes) for function in elements.functions)]
     if not lanes:
         return "\n".join([*head, *made, macros(sizes), *tables, *common, source("phases.c")])
@@ -78,10 +81,10 @@ def robot_text(
 
 
 def _add_looked(
-    character: Character, layout: Layout, sizes: dict[str, int], tables: list[str]
+    character: Character, layout: Layout, sizes: dict[str, float], tables: list[str]
 ) -> None:
     """Of a world, what is looked up at each node, behind the poses and twists (octo_look)."""
-    spheres = [character.contacts[k] for k in character.terrain_contacts]
+    spheres = [character.contacts[k] for k in crowd.singles_of(character)]
     sizes |= {"NG": len(spheres), "JET": SIZES[-1], "WORLD": layout.index(ADDRESS)}
     sizes["KIN"] += SIZES[-1] * len(spheres)
     live = Links(character).of
@@ -205,7 +208,7 @@ def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
     return brisk(function_in_lanes(function, shared), function.n_instructions())
 
 
-def macros(sizes: Mapping[str, int]) -> str:
+def macros(sizes: Mapping[str, float]) -> str:
     """Numbers by name, for the preprocessor."""
     return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
 
@@ -228,11 +231,14 @@ def _literal(value: float) -> str:
     return f"{np.sign(value)}e300" if np.isinf(value) else float(value).hex()
 
 
-def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
+def _tables(
+    character: Character, elements: Elements, crowds: crowd.Crowds
+) -> tuple[dict[str, float], list[str]]:
     """Sizes and constant arrays of the character."""
     links = Links(character)
-    live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
-    sizes = {
+    singles = crowd.singles_of(character)
+    live = [k for k in singles if links.of[character.contacts[k].body] >= 0]
+    sizes: dict[str, float] = {
         "NX": character.nx,
         "NB": len(character.bodies),
         "NC": len(live),
@@ -241,20 +247,24 @@ def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], l
         "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
         **elements.sizes,
+        **crowds.sizes,
     }
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
+    of = [links.of[body] for body in (*(sphere.body for sphere in spheres), *crowds.bodies)]
     tables += [
         numbers_table(
             "joint_table", [[getattr(j, name) for name in stages.JOINT] for j in character.joints]
         ),
         integers("contact_body", [sphere.body for sphere in spheres]),
-        integers("contact_link", [*(links.of[sphere.body] for sphere in spheres), *elements.links]),
+        integers("contact_link", [*of[: len(live)], *elements.links, *of[len(live) :]]),
         numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]
     if character.elements:
         tables += [integers(f"element_{name}", own) for name, own in elements.integers.items()]
         tables.append(numbers_table("element_points", elements.points))
+    tables += [integers(f"crowd_{name}", own) for name, own in crowds.integers.items()]
+    tables += [numbers_table(f"crowd_{name}", own) for name, own in crowds.numbers.items()]
     return sizes, tables + _pair_tables(character, sizes)
 
 
@@ -282,7 +292,7 @@ def _levels(character: Character) -> list[int]:
     return levels
 
 
-def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
+def _path_tables(character: Character, sizes: dict[str, float]) -> list[str]:
     """Who is whose ancestor: as runs of neighbouring descendants, and as a list of pairs."""
     paths = slots.paths(character)
     below: list[list[int]] = [[] for _ in paths]
@@ -305,7 +315,7 @@ def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     ]
 
 
-def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
+def _pair_tables(character: Character, sizes: dict[str, float]) -> list[str]:
     """The pairs' spheres, and the coordinates that move one sphere of a pair alone (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
     for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):

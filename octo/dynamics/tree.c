@@ -44,7 +44,11 @@ static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(an
 #endif
 
 #define SOME(count) ((count) > 0 ? (count) : 1)
-#define NTOUCH (NC + NEND) /* contacts, then the ends of elements */
+#ifndef NCROWD
+#define NCROWD 0
+#define NMEMBER 0
+#endif
+#define NTOUCH (NC + NEND + NCROWD) /* contacts, then the ends of elements, then crowds */
 
 typedef struct { real W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
 typedef struct { real W[6], B[2][36], T[2][36], L[36]; octo_mask active; } octo_touch_blocks; /* of a contact: no x_prev */
@@ -118,26 +122,18 @@ static void octo_kin(const real *x, real *kin) {
 }
 
 #ifndef NG
-#define NG 0 /* contacts that a world is asked about */
+#define NG 0 /* contacts that a world is asked about at each node: all but those of crowds */
+#endif
+#ifndef JET
+#define JET 1
 #endif
 
-#if NG > 0
-/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
-#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
-
-#ifndef ASKED_OF_WORLD
-#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
-#endif
-static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
-
-/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
-static inline void octo_look_at(const double *p, int g, int order, real *kin) {
-  const double *world = (const double *)(size_t)p[WORLD], *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
-  double reach, *res[1] = {&reach};
-  octo_reach(arg, res);
-  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
-  real center[3], *jet = LOOKED(kin, g);
-  octo_place(kin + 12 * octo_ground_body[g], sphere, center);
+#ifdef WORLD
+/* φ and its derivatives up to ``order`` at a point of a body, where φ is less than ``beyond``, else that it is not. */
+static inline void octo_look_beyond(const double *p, const real *pose, const double *point, double beyond, int order, real *jet) {
+  const double *world = (const double *)(size_t)p[WORLD];
+  real center[3];
+  octo_place(pose, point, center);
 #ifdef STEPS
   for (int k = 0; k < STEPS; ++k) {
     double at[3] = {center[0][k], center[1][k], center[2][k]}, own[JET];
@@ -147,6 +143,33 @@ static inline void octo_look_at(const double *p, int g, int order, real *kin) {
 #else
   octo_world_within(world, center, beyond, order, jet);
 #endif
+}
+
+/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
+#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
+
+/* The jet of contact sphere g where it stands; of a member of a crowd, g < 0, in ``own``, for it stands nowhere. */
+static inline const real *octo_looked(const double *p, const real *kin, int g, int body, const double *sphere, int order, real *own) {
+  if (g >= 0) return LOOKED(kin, g);
+  octo_look_beyond(p, kin + 12 * body, sphere, INFINITY, order, own);
+  return own;
+}
+#endif
+
+#if NG > 0
+
+#ifndef ASKED_OF_WORLD
+#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
+#endif
+static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
+static inline void octo_look_at(const double *p, int g, int order, real *kin) {
+  const double *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
+  double reach, *res[1] = {&reach};
+  octo_reach(arg, res);
+  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
+  octo_look_beyond(p, kin + 12 * octo_ground_body[g], sphere, beyond, order, LOOKED(kin, g));
 }
 
 static void octo_look(const double *p, int order, real *kin) {
@@ -178,15 +201,14 @@ static inline void octo_body(const octo_input *in, int l, const real *V, octo_li
   else STAGE(octo_body2, arg, res);
 }
 
-#if NC > 0
-/* A terrain contact on a link of virtual twist V; one that is out of reach is skipped, a NaN is not. */
-static inline void octo_contact(const octo_input *in, int c, const real *V, octo_touch_blocks *k) {
-  int at = 12 * octo_contact_body[c];
-  const double *sphere = octo_contact_sphere + 4 * c;
+#if NC + NCROWD > 0
+/* A contact sphere on a body whose link has virtual twist V, and of a world the jet at its centre; one that is out of reach is
+ * skipped, a NaN is not. */
+static inline void octo_contact_at(const octo_input *in, int body, const double *sphere, const real *jet, const real *V, octo_touch_blocks *k) {
+  int at = 12 * body;
   real center[3], gap;
   octo_place(in->kin[0] + at, sphere, center);
-#if NG > 0
-  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+#ifdef WORLD
   const ARGUMENT *place[4] = {center, sphere + 3, in->p, jet};
 #else
   const ARGUMENT *place[3] = {center, sphere + 3, in->p};
@@ -195,7 +217,7 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   STAGE(octo_gap, place, depth);
   k->active = NOT(gap <= 0.0);
   if (!ANY(k->active)) return;
-#if NG > 0
+#ifdef WORLD
   const ARGUMENT *arg[6] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V, jet};
 #else
   const ARGUMENT *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V};
@@ -204,6 +226,18 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   if (in->order == 0) STAGE(octo_contact0, arg, res);
   else if (in->order == 1) STAGE(octo_contact1, arg, res);
   else STAGE(octo_contact2, arg, res);
+}
+#endif
+
+#if NC > 0
+/* Single terrain contact c. */
+static inline void octo_contact(const octo_input *in, int c, const real *V, octo_touch_blocks *k) {
+#ifdef WORLD
+  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+#else
+  const real *jet = 0;
+#endif
+  octo_contact_at(in, octo_contact_body[c], octo_contact_sphere + 4 * c, jet, V, k);
 }
 #endif
 

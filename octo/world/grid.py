@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from octo.checks import Array, numbers, positive
 from octo.errors import ShapeError, ValueRangeError
 from octo.world import lattice, spline
+from octo.world.lattice import STEEP
 from octo.world.shape import FRACTION, Kind, Shape
 from octo.world.units import check_size
 
@@ -116,6 +117,12 @@ class DistanceGrid(Shape):
             if depths[1] > 0.0:
                 high[axis] = max(high[axis], edge[axis] + depths[1] + 2.0 * self._cell)
         return np.stack([low, high])
+
+    @property
+    def steepest(self) -> float:
+        values = np.asarray(self.values)
+        slopes = [np.abs(np.diff(values, axis=k)).max() / self.cell for k in range(3)]
+        return max(STEEP, float(np.linalg.norm(slopes)))
 
     def own_bounds(self) -> Array:
         return self._box

@@ -111,6 +111,14 @@ class HeightField(Shape):
             [heights.shape, [1.0 / (self.scale * self.cell)], corner, table.ravel()]
         )
 
+    @property
+    def steepest(self) -> float:
+        # a spline's derivative lies within the differences of its coefficients
+        sizes = self.own[:2].astype(int) + 2 * spline.BEYOND
+        table = self.own[HEAD:].reshape(sizes)
+        slopes = [self.own[2] * float(np.abs(np.diff(table, axis=k)).max()) for k in range(2)]
+        return float(np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2))
+
     def own_bounds(self) -> Array:
         # a spline lies within its coefficients
         return np.array([[-np.inf] * 3, [np.inf, np.inf, self.own[HEAD:].max()]])

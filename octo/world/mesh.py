@@ -16,7 +16,7 @@ from octo.checks import Array, numbers, positive
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError
 from octo.world import build
 from octo.world.grid import KIND
-from octo.world.lattice import RATIO
+from octo.world.lattice import RATIO, STEEP
 from octo.world.shape import Kind, Shape
 from octo.world.spline import Indices
 from octo.world.surface import edges_of, volume, wound_alike
@@ -146,6 +146,10 @@ class Mesh(Shape):
         vertices = self.scale * np.asarray(self.vertices)
         assert self.cell is not None
         return build.grid(self.label, vertices, np.asarray(self.faces), self.cell)
+
+    @property
+    def steepest(self) -> float:
+        return STEEP
 
     def own_bounds(self) -> Array:
         vertices = self.scale * np.asarray(self.vertices)

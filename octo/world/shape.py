@@ -123,6 +123,11 @@ class Shape:
         """(size,) the numbers that its kind looks φ up in."""
         raise NotImplementedError
 
+    @property
+    def steepest(self) -> float:
+        """An upper bound of |∇φ|: 1 of a distance."""
+        return 1.0
+
     def own_bounds(self) -> Array:
         """(2, 3) m: a box in its frame around all points with φ ≤ 0, infinite where they have no
         end. Outside of it φ is at least FRACTION times the distance from it."""

@@ -67,11 +67,17 @@ class World:
         records = np.empty((len(self.shapes), layout.RECORD))
         parts = [np.empty(layout.HEAD), records, endless, nodes, *(s.own for s in self.shapes)]
         at = np.cumsum([0, *(np.size(part) for part in parts)])
-        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:5]
+        parts[0][:-1] = len(self.shapes), len(bounded), PART * self.blend, *at[1:5]
+        parts[0][layout.STEEPEST] = self.steepest
         for k, shape in enumerate(self.shapes):
             records[k, layout.KIND], records[k, layout.OWN] = KINDS.index(shape.kind), at[4 + k]
             _place(records[k], shape)
         return _kept(np.concatenate([np.ravel(part) for part in parts]))
+
+    @property
+    def steepest(self) -> float:
+        """An upper bound of |∇φ|: how far φ changes, in m, over a way of 1 m at most."""
+        return max(shape.steepest for shape in self.shapes)
 
     @cached_property
     def bounds(self) -> Array:
