@@ -1,8 +1,8 @@
 /* Crowds, after tree.c: many contacts of one body, of which those near the ground are evaluated (crowd.py).
  *
  * A crowd's entries are spheres around its points and the points themselves, each sphere before what is in it: where it is out
- * of reach in every lane, the walk goes on behind that. A point is a contact sphere. In a world each lane is looked up alone, and
- * not below a sphere that is out of its reach. */
+ * of reach in every lane, the walk goes on behind that. A point is a contact sphere. In a world lanes that are at nearly one place,
+ * as neighbouring steps are, are looked up together; otherwise each alone, and none below a sphere that is out of its reach. */
 
 #if NCROWD > 0
 
@@ -25,7 +25,7 @@ typedef struct {
   int entry, end;
 #ifdef WORLD
   const double *world;
-  double reach;           /* m */
+  double reach, coarse;   /* m; the radius of the sphere that was asked last */
   int until[CROWD_LANES]; /* the entry from which on a lane takes part */
 #endif
 } octo_crowd_walk;
@@ -43,8 +43,36 @@ static inline void octo_crowd_begin(octo_crowd_walk *w, const octo_input *in, in
   w->world = (const double *)(size_t)in->p[WORLD];
   w->steepest = w->world[OCTO_WORLD_STEEPEST];
   for (int k = 0; k < CROWD_LANES; ++k) w->until[k] = w->entry;
+  w->coarse = 0.0;
 #endif
 }
+
+#ifdef WORLD
+/* In which lanes something of an entry may be in reach, from one look-up in the middle of those that take part; -1 where they are
+ * too far apart for that to say enough, 0 where it is in none. */
+static inline int octo_crowd_together(octo_crowd_walk *w, int e, const real *center, double radius) {
+  double middle[3] = {0.0, 0.0, 0.0}, apart = 0.0, phi;
+  int count = 0;
+  for (int k = 0; k < CROWD_LANES; ++k) {
+    if (e < w->until[k]) continue;
+    ++count;
+    for (int r = 0; r < 3; ++r) middle[r] += OF_LANE(center[r], k);
+  }
+  for (int r = 0; r < 3; ++r) middle[r] /= count;
+  for (int k = 0; k < CROWD_LANES; ++k) {
+    if (e < w->until[k]) continue;
+    double square = 0.0;
+    for (int r = 0; r < 3; ++r) square += (OF_LANE(center[r], k) - middle[r]) * (OF_LANE(center[r], k) - middle[r]);
+    if (!(square <= apart)) apart = square; /* a NaN stays */
+  }
+  apart = sqrt(apart);
+  if (octo_crowd_around[e] > 0.0) w->coarse = octo_crowd_around[e];
+  if (count < 2 || !(apart <= 0.5 * w->coarse)) return -1;
+  const double beyond = radius + w->steepest * apart + w->reach;
+  octo_world_within(w->world, middle, beyond, 0, &phi);
+  return !(phi >= beyond);
+}
+#endif
 
 /* In which lanes something of an entry may be in reach; a NaN is. */
 static inline octo_mask octo_crowd_near(octo_crowd_walk *w, int e) {
@@ -54,8 +82,12 @@ static inline octo_mask octo_crowd_near(octo_crowd_walk *w, int e) {
   octo_place(w->pose, sphere, center);
 #ifdef WORLD
   octo_mask near = {0};
+  const int together = octo_crowd_together(w, e, center, radius), all = together > 0 && octo_crowd_member[e] < 0;
   for (int k = 0; k < CROWD_LANES; ++k) {
     if (e < w->until[k]) continue;
+    if (all) SET_LANE(near, k);
+    if (together == 0) w->until[k] = octo_crowd_skip[e];
+    if (all || together == 0) continue;
     double at[3] = {OF_LANE(center[0], k), OF_LANE(center[1], k), OF_LANE(center[2], k)}, phi;
     octo_world_within(w->world, at, radius + w->reach, 0, &phi);
     if (phi >= radius + w->reach) w->until[k] = octo_crowd_skip[e];
