@@ -104,6 +104,7 @@ def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None
 
 ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
 BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
+CONTACTS = "few spheres of the collision shapes (default), or all vertices of their meshes"
 POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt"
 TERRAIN = "the ground; FUNCTION(point, p) is a signed distance in CasADi"
 LAW = (
@@ -115,7 +116,12 @@ LAW = (
 def add_base_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which robot starts how, on what ground."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    add_options(parser, ("--base", None, "auto", BASE), ("--pose", None, None, POSE, "NAME|FILE"))
+    add_options(
+        parser,
+        ("--base", None, "auto", BASE),
+        ("--contacts", None, "few", CONTACTS, "few|vertices"),
+        ("--pose", None, None, POSE, "NAME|FILE"),
+    )
     parser.add_argument(
         "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION", help=TERRAIN
     )
@@ -203,7 +209,7 @@ def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
 def robot_of(arguments: argparse.Namespace) -> Character:
     """The robot of the command line; a line on stderr says which of its shapes could not be
     read."""
-    robot = load(arguments.robot, arguments.base)
+    robot = load(arguments.robot, arguments.base, arguments.contacts)
     lost = lost_shapes(robot)
     if lost:
         print(f"octo: {arguments.robot}: {lost}", file=sys.stderr)

@@ -14,8 +14,9 @@ from octo.model.load import BASES
 
 SHELLS = ("bash", "zsh", "fish")
 TAKES = (  # of options, the words that they take, or that begin what they take
-    "basis nodes hermite; device auto cpu cuda; terrain plane slope:; friction viscous coulomb; "
-    "limits soft hard; plant mujoco octo; feedback base none; with ipopt fatrop; period auto"
+    "basis nodes hermite; contacts few vertices; device auto cpu cuda; terrain plane slope:; "
+    "friction viscous coulomb; limits soft hard; plant mujoco octo; feedback base none; "
+    "with ipopt fatrop; period auto"
 )
 WORDS = {f"--{name}": tuple(words) for name, *words in map(str.split, TAKES.split("; "))}
 WORDS |= {"--goal": get_args(Kind), "--costs": get_args(Preset), "--base": BASES}

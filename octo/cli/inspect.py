@@ -7,7 +7,7 @@ import json
 import os
 from typing import Any
 
-from octo.cli.arguments import BASE, add_options
+from octo.cli.arguments import BASE, CONTACTS, add_options
 from octo.cli.solve import finite
 from octo.devices import devices
 from octo.errors import UsageError
@@ -29,6 +29,7 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(
         parser,
         ("--base", None, "auto", BASE),
+        ("--contacts", None, "few", CONTACTS, "few|vertices"),
         ("--devices", bool, False, "what this machine can solve on"),
         ("--json", bool, False, "print JSON and nothing else"),
     )
@@ -53,7 +54,7 @@ def info(arguments: argparse.Namespace) -> int:
         found = opened(file)
         print(as_json(found.report()) if arguments.json else found)
     else:
-        robot = load(file, arguments.base)
+        robot = load(file, arguments.base, arguments.contacts)
         print(as_json(describe(robot)) if arguments.json else robot.summary())
     return 0
 

@@ -30,9 +30,8 @@ from octo.dynamics.symbolic import mass_matrix_of_points
 from octo.emit import HEAD, function_in_lanes, function_of_numbers
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import ADDRESS, Ground, World
+from octo.model.terrain import Ground, World
 from octo.world import query
-from octo.world.jet import SIZES
 
 HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
@@ -58,12 +57,11 @@ def robot_text(
     length = own.length + sum(function.n_instructions() for function in elements.functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
-    crowds = crowd.tables_of(character, terrain)
+    crowds = crowd.tables_of(character, layout, terrain)
     sizes, tables = _tables(character, elements, crowds)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     head = [HEAD]
     if isinstance(terrain, World):
-        _add_looked(character, layout, sizes, tables)
         head += [query.text(), function_of_numbers(stages.reach(layout, law))]
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
@@ -78,22 +76,6 @@ def robot_text(
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
     return "\n".join([*head, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
-
-
-def _add_looked(
-    character: Character, layout: Layout, sizes: dict[str, float], tables: list[str]
-) -> None:
-    """Of a world, what is looked up at each node, behind the poses and twists (octo_look)."""
-    spheres = [character.contacts[k] for k in crowd.singles_of(character)]
-    sizes |= {"NG": len(spheres), "JET": SIZES[-1], "WORLD": layout.index(ADDRESS)}
-    sizes["KIN"] += SIZES[-1] * len(spheres)
-    live = Links(character).of
-    here = [g for g, sphere in enumerate(spheres) if live[sphere.body] >= 0]
-    tables += [
-        integers("ground_body", [sphere.body for sphere in spheres]),
-        numbers_table("ground_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
-        integers("contact_ground", here),
-    ]
 
 
 class _Stages:
@@ -208,7 +190,7 @@ def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
     return brisk(function_in_lanes(function, shared), function.n_instructions())
 
 
-def macros(sizes: Mapping[str, float]) -> str:
+def macros(sizes: Mapping[str, int]) -> str:
     """Numbers by name, for the preprocessor."""
     return "\n".join(f"#define {name} {value}" for name, value in sizes.items())
 
@@ -233,12 +215,12 @@ def _literal(value: float) -> str:
 
 def _tables(
     character: Character, elements: Elements, crowds: crowd.Crowds
-) -> tuple[dict[str, float], list[str]]:
+) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
     links = Links(character)
     singles = crowd.singles_of(character)
     live = [k for k in singles if links.of[character.contacts[k].body] >= 0]
-    sizes: dict[str, float] = {
+    sizes: dict[str, int] = {
         "NX": character.nx,
         "NB": len(character.bodies),
         "NC": len(live),
@@ -249,6 +231,7 @@ def _tables(
         **elements.sizes,
         **crowds.sizes,
     }
+    sizes["KIN"] += sizes.get("NG", 0) * sizes.get("JET", 0)  # octo_look
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
     of = [links.of[body] for body in (*(sphere.body for sphere in spheres), *crowds.bodies)]
@@ -263,8 +246,8 @@ def _tables(
     if character.elements:
         tables += [integers(f"element_{name}", own) for name, own in elements.integers.items()]
         tables.append(numbers_table("element_points", elements.points))
-    tables += [integers(f"crowd_{name}", own) for name, own in crowds.integers.items()]
-    tables += [numbers_table(f"crowd_{name}", own) for name, own in crowds.numbers.items()]
+    tables += [integers(name, own) for name, own in crowds.integers.items()]
+    tables += [numbers_table(name, own) for name, own in crowds.numbers.items()]
     return sizes, tables + _pair_tables(character, sizes)
 
 
@@ -292,7 +275,7 @@ def _levels(character: Character) -> list[int]:
     return levels
 
 
-def _path_tables(character: Character, sizes: dict[str, float]) -> list[str]:
+def _path_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     """Who is whose ancestor: as runs of neighbouring descendants, and as a list of pairs."""
     paths = slots.paths(character)
     below: list[list[int]] = [[] for _ in paths]
@@ -315,7 +298,7 @@ def _path_tables(character: Character, sizes: dict[str, float]) -> list[str]:
     ]
 
 
-def _pair_tables(character: Character, sizes: dict[str, float]) -> list[str]:
+def _pair_tables(character: Character, sizes: dict[str, int]) -> list[str]:
     """The pairs' spheres, and the coordinates that move one sphere of a pair alone (pairs.c)."""
     bodies, spheres, dofs, start, split = [], [], [], [0], []
     for (a, b), (loop, count) in zip(character.pairs, slots.loops(character), strict=True):

@@ -35,7 +35,7 @@ static inline void octo_crowd_begin(octo_crowd_walk *w, const octo_input *in, in
   w->in = in, w->pose = in->kin[node] + 12 * octo_crowd_body[q];
   w->entry = octo_crowd_start[q], w->end = octo_crowd_start[q + 1];
 #ifndef WORLD
-  w->steepest = STEEPEST;
+  w->steepest = octo_crowd_steepest[0];
 #else
   const double *arg[1] = {in->p};
   double *res[1] = {&w->reach};

@@ -15,11 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from octo.checks import Array
-from octo.model.terrain import Ground, Plane, World
+from octo.dynamics.parameters import Layout
+from octo.model.terrain import ADDRESS, Ground, Plane, World
 from octo.model.tree import Tree
+from octo.world.jet import SIZES
 
 FEW = 16  # contacts of one body that are evaluated one by one
 LEAF = 4  # points below a sphere that is not divided, at most
@@ -103,41 +105,53 @@ def _around(points: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True, eq=False)
 class Crowds:
-    """The crowds of a character as tables of crowd.c: ``sizes`` are macros, the others arrays.
+    """What the C text knows of crowds, and of a world also of the single contacts: ``sizes`` are
+    macros, the others arrays.
 
     bodies: of each crowd.
     """
 
     bodies: list[int]
-    sizes: dict[str, float]
+    sizes: dict[str, int]
     integers: dict[str, list[int]]
-    numbers: dict[str, Array]
+    numbers: dict[str, ArrayLike]
 
 
-def tables_of(character: Tree, terrain: Ground) -> Crowds:
-    """Their entries, one tree after the other; no tables where there is no crowd."""
+def tables_of(character: Tree, layout: Layout, terrain: Ground) -> Crowds:
+    """The entries of all crowds, one tree after the other (crowd.c), and what a world is asked at
+    each node, behind the poses and twists (octo_look in tree.c)."""
     crowds = crowds_of(character)
-    if not crowds:
-        return Crowds([], {}, {}, {})
+    made = Crowds([character.contacts[own[0]].body for own in crowds], {}, {}, {})
+    if isinstance(terrain, World):
+        singles = [character.contacts[k] for k in singles_of(character)]
+        made.sizes.update(NG=len(singles), JET=SIZES[-1], WORLD=layout.index(ADDRESS))
+        made.integers["ground_body"] = [sphere.body for sphere in singles]
+        made.numbers["ground_sphere"] = [[*sphere.position, sphere.radius] for sphere in singles]
+        moved = [g for g, sphere in enumerate(singles) if character.path[sphere.body]]
+        made.integers["contact_ground"] = moved
+    if crowds:
+        _add(character, crowds, made)
+        made.numbers["crowd_steepest"] = [1.0 if isinstance(terrain, Plane) else STEEPEST]
+    return made
+
+
+def _add(character: Tree, crowds: list[list[int]], made: Crowds) -> None:
+    """Their entries."""
     spheres, around = [], []
     skip: list[int] = []
     member: list[int] = []
     start, first = [0], [0]
     for own in crowds:
         points = np.array([character.contacts[k].position for k in own])
-        radii = np.array([character.contacts[k].radius for k in own])
-        tree = tree_of(points, radii)
+        tree = tree_of(points, np.array([character.contacts[k].radius for k in own]))
         spheres.append(np.column_stack([tree.centers, tree.radii]))
         around.append(tree.around)
         skip += (tree.skip + start[-1]).tolist()
         member += np.where(tree.member < 0, -1, tree.member + first[-1]).tolist()
         start.append(len(skip))
         first.append(first[-1] + len(own))
-    bodies = [character.contacts[own[0]].body for own in crowds]
-    sizes: dict[str, float] = {"NCROWD": len(crowds), "NMEMBER": first[-1]}
-    if not isinstance(terrain, World):
-        sizes["STEEPEST"] = 1.0 if isinstance(terrain, Plane) else STEEPEST
-    integers = {"body": bodies, "start": start, "first": first, "skip": skip, "member": member}
-    return Crowds(
-        bodies, sizes, integers, {"sphere": np.concatenate(spheres), "around": np.concatenate(around)}
-    )
+    made.sizes.update(NCROWD=len(crowds), NMEMBER=first[-1])
+    named = {"body": made.bodies, "start": start, "first": first, "skip": skip, "member": member}
+    made.integers.update({f"crowd_{name}": own for name, own in named.items()})
+    made.numbers["crowd_sphere"] = np.concatenate(spheres)
+    made.numbers["crowd_around"] = np.concatenate(around)

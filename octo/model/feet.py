@@ -78,7 +78,8 @@ def chosen_contacts(
         return set(feet)
     if contacts is None:
         return set(character.terrain_contacts)
-    return {character.contact_index(name) for name in contacts}
+    known = {contact.name: k for k, contact in enumerate(character.contacts)}
+    return {known[n] if n in known else character.contact_index(n) for n in contacts}
 
 
 def feet_of(character: Tree, contacts: Iterable[int]) -> list[int]:

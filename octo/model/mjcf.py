@@ -13,13 +13,16 @@ from octo.model import xml_file
 from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
+from octo.model.contacts import Contacts
 from octo.model.features import left_out_features
 from octo.model.robot_file import RobotFile, import_mujoco, name_of, quiet_compiler, uncompiled
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
 
-def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
+def load_mjcf(
+    path: Path, base: Literal["auto", "floating", "fixed"] = "auto", contacts: Contacts = "few"
+) -> Character:
     """The character of an MJCF; ``base`` "auto" is the one written in the file."""
     notes: list[str] = []
     xml_file.check(path)
@@ -34,7 +37,7 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     name = path.stem if spec.modelname in ("", UNNAMED) else spec.modelname
     source = RobotFile(model, name, path.name, free, left_out=others)
     notes += left_out_features(model, others)
-    return character_of(source, notes)
+    return character_of(source, notes, contacts)
 
 
 def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:

@@ -19,6 +19,7 @@ from octo.model import urdf_elements as elements
 from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
+from octo.model.contacts import Contacts
 from octo.model.robot_file import (
     Inertial,
     Limit,
@@ -56,7 +57,9 @@ class Prepared:
     dropped: list[str] = field(default_factory=list)
 
 
-def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
+def load_urdf(
+    path: Path, base: Literal["auto", "floating", "fixed"] = "auto", contacts: Contacts = "few"
+) -> Character:
     """The character of a URDF; ``base`` "auto" is a floating one."""
     prepared = prepare(path)
     with quiet_compiler():
@@ -68,7 +71,7 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
     ]
-    return character_of(source, [*prepared.dropped, *meshes])
+    return character_of(source, [*prepared.dropped, *meshes], contacts)
 
 
 def prepare(path: Path) -> Prepared:

@@ -20,8 +20,8 @@ FAR = 1e300  # m², of the square of a distance: farther than anything
 NEAR = 32  # shapes in the smooth minimum at one point, at most: the nearest
 
 NAMES = (
-    "COUNT BOUNDED SCALE RECORDS ENDLESS TREE STEEPEST KIND OWN TURNED POSITION ROTATION RECORD WIDTH "
-    "STACK FAR NEAR"
+    "COUNT BOUNDED SCALE RECORDS ENDLESS TREE STEEPEST KIND OWN TURNED POSITION ROTATION RECORD "
+    "WIDTH STACK FAR NEAR"
 )
 
 
