@@ -36,6 +36,7 @@ from octo.model.terrain import (
 )
 from octo.world.jet import SIZES
 
+MOST_WRITTEN = 1000  # contacts in one expression: to build it takes 10 to 30 s
 Evaluation = tuple[Array, Array | None, Array | None]
 
 
@@ -243,7 +244,19 @@ class RobotDynamics(Dynamics):
 
     @cached_property
     def symbolic(self) -> ca.Function:
-        """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
+        """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it.
+
+        Raises
+        ------
+        ModelError: the robot has more than MOST_WRITTEN contacts with the terrain.
+        """
+        contacts = len(self.character.terrain_contacts)
+        if contacts > MOST_WRITTEN:
+            raise ModelError(
+                f"{self.character.name}: {contacts} contacts with the terrain, at most "
+                f"{MOST_WRITTEN} without a C compiler or for another solver: install gcc, or keep "
+                "fewer contacts"
+            )
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
 
     def bound(self, p: Array) -> Array:

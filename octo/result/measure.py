@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array
+from octo.dynamics.contact_numbers import contact_numbers, many
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
@@ -98,14 +99,16 @@ def _contacts(
     if not isinstance(dynamics, RobotDynamics) or count == 0:
         empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
         return {**empty, "contact_depth": np.zeros((steps, 0)), "contact_names": (), "ground": {}}
-    at = dynamics.seen(p, nodes[2:])
-    *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
-    out: dict[str, Any] = {
-        name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0)
-        for name, value in zip(VECTORS, values, strict=True)
-    }
+    if many(dynamics):
+        vectors, depth = contact_numbers(dynamics, p, nodes[2:], nodes[1:-1])
+    else:
+        at = dynamics.seen(p, nodes[2:])
+        *values, below = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
+        vectors = [np.asarray(v).reshape(3, steps, count).transpose(1, 2, 0) for v in values]
+        depth = np.asarray(below).T.reshape(steps, count)
+    out: dict[str, Any] = dict(zip(VECTORS, vectors, strict=True))
     robot = dynamics.character
-    out["contact_depth"] = np.asarray(depth).T.reshape(steps, count)
+    out["contact_depth"] = depth
     out["contact_names"] = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
     out["ground"] = ground(dynamics, p, out["contact_point"])
     return out
