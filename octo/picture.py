@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import STILLS, Array, ending, numbers, whole
+from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces, tile
 from octo.model.kinematics import body_poses, sphere_centers
@@ -160,8 +161,10 @@ class Scene:
         for surface, R, t in zip(surfaces(character), rotation, origin, strict=True):
             if surface is not None:
                 self._add(surface, R, t + shift, color)
-        centers = sphere_centers(character, x)
+        centers, singles = sphere_centers(character, x), singles_of(character)
         for c, k in enumerate(character.terrain_contacts):
+            if k not in singles:  # a vertex of the surface that is drawn
+                continue
             radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
             if solution.loaded[:, c].any():
                 color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT

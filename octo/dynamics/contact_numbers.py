@@ -35,7 +35,7 @@ def _one(dynamics: RobotDynamics) -> ca.Function:
     inputs = [*flat, sphere, p]
     if isinstance(terrain, World):
         view, inputs = looked(view, own[1], own[0]), [*inputs, *own]
-    poses = [symbolic.pose_of(column) for column in flat]
+    poses = symbolic.pose_of(flat[0]), symbolic.pose_of(flat[1])
     places = symbolic.contact_places(sphere[:3], sphere[3], *poses, terrain, view)
     state = symbolic.contact_state(*places, sphere[3], dynamics.law, terrain, view)
     found = ca.vertcat(*(getattr(state, name) for name in NAMES), state.depth)

@@ -48,6 +48,14 @@ def singles_of(character: Tree) -> list[int]:
     return [k for k in character.terrain_contacts if k not in members]
 
 
+def crowd_columns(character: Tree | None) -> list[list[int]]:
+    """Where the contacts of each crowd stand among those with the terrain."""
+    if character is None:
+        return []
+    place = {k: c for c, k in enumerate(character.terrain_contacts)}
+    return [[place[k] for k in own] for own in crowds_of(character)]
+
+
 @dataclass(frozen=True, eq=False)
 class Entries:
     """A tree of spheres in the order of a walk that goes down first; its leaves are the points.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array, whole
+from octo.dynamics.crowd import crowd_columns
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import LOADED, stances
@@ -140,8 +141,14 @@ class Trajectory:
 
     @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) contacts that carry at least 1 % of the weight."""
-        return self.normal_force >= LOADED * self.weight
+        """(N, c) contacts that carry at least 1 % of the weight; of the many of a body that carry
+        as much together, those that carry anything."""
+        own = self.normal_force
+        found = own >= LOADED * self.weight
+        for columns in crowd_columns(self.character):
+            carries = own[:, columns].sum(axis=1) >= LOADED * self.weight
+            found[:, columns] = (own[:, columns] > 0.0) & carries[:, None]
+        return found
 
     @property
     def stance(self) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError
 from octo.model.character import Character
 from octo.model.figure import ball, size, surfaces, tile
@@ -215,9 +216,10 @@ def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: b
             nodes.bodies[b] = f"{name}/{b}_{_plain(body.name)}"
             scene.add_mesh_simple(nodes.bodies[b], surface.vertices, surface.faces, color=color)
     ever = np.asarray(actor.solution.loaded.any(axis=0))
+    singles = singles_of(character)  # of the others the body's surface is drawn
     for c, k in enumerate(character.terrain_contacts):
         contact = character.contacts[k]
-        if ever[c] and contact.body in nodes.bodies:
+        if ever[c] and contact.body in nodes.bodies and k in singles:
             surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
             nodes.feet[c] = f"{nodes.bodies[contact.body]}/{_plain(contact.name)}"
             scene.add_mesh_simple(nodes.feet[c], surface.vertices, surface.faces, color=FOOT)
