@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
+from octo.dynamics.crowd import singles_of
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
 from octo.dynamics.symbolic import LOOKED, element_law, forward_dynamics
@@ -51,6 +52,7 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    looks = 0  # contacts that a world is asked about, at each node: all but those of crowds
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
 
@@ -258,6 +260,15 @@ class RobotDynamics(Dynamics):
                 "fewer contacts"
             )
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @property
+    def on_world(self) -> bool:
+        """Whether the ground is looked up."""
+        return isinstance(self.terrain, World)
+
+    @property
+    def looks(self) -> int:  # type: ignore[override]
+        return len(singles_of(self.character)) if isinstance(self.terrain, World) else 0
 
     def bound(self, p: Array) -> Array:
         if not isinstance(self.terrain, World):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from numpy.typing import NDArray
 
-from octo.dynamics.crowd import singles_of
 from octo.dynamics.evaluate import RobotDynamics
 from octo.gpu.device import Array, Device
 from octo.model.terrain import ADDRESS, World, world_at
@@ -24,7 +23,7 @@ class Worlds:
         dynamics = problem.dynamics
         if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
             return
-        self.contacts = len(singles_of(dynamics.character))
+        self.contacts = dynamics.looks
         self._place = dynamics.layout.index(ADDRESS)
         found: dict[float, float] = {}
         for address in problem.p[:, self._place].tolist():

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from octo.checks import Array, numbers, positive
 from octo.errors import ShapeError, ValueRangeError
 from octo.world import lattice, spline
-from octo.world.lattice import STEEP
 from octo.world.shape import FRACTION, Kind, Shape
 from octo.world.units import check_size
 
+OVERSHOOT = 1.25  # of the slopes of a spline through samples over those of the samples
 STEEPEST = 3.0  # m in 1 m: distances by voxels are off by a cell, and change by 1 m in 1 m
 
 
@@ -118,11 +118,11 @@ class DistanceGrid(Shape):
                 high[axis] = max(high[axis], edge[axis] + depths[1] + 2.0 * self._cell)
         return np.stack([low, high])
 
+    def own_bounds(self) -> Array:
+        return self._box
+
     @property
     def steepest(self) -> float:
         values = np.asarray(self.values)
         slopes = [np.abs(np.diff(values, axis=k)).max() / self.cell for k in range(3)]
-        return max(STEEP, float(np.linalg.norm(slopes)))
-
-    def own_bounds(self) -> Array:
-        return self._box
+        return float(OVERSHOOT * np.linalg.norm(np.maximum(slopes, 1.0)))  # outside 1 a metre

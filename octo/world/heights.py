@@ -111,17 +111,17 @@ class HeightField(Shape):
             [heights.shape, [1.0 / (self.scale * self.cell)], corner, table.ravel()]
         )
 
-    @property
-    def steepest(self) -> float:
-        # a spline's derivative lies within the differences of its coefficients
-        sizes = self.own[:2].astype(int) + 2 * spline.BEYOND
-        table = self.own[HEAD:].reshape(sizes)
-        slopes = [self.own[2] * float(np.abs(np.diff(table, axis=k)).max()) for k in range(2)]
-        return float(np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2))
-
     def own_bounds(self) -> Array:
         # a spline lies within its coefficients
         return np.array([[-np.inf] * 3, [np.inf, np.inf, self.own[HEAD:].max()]])
+
+    @property
+    def steepest(self) -> float:
+        # slopes of a spline lie within those of its coefficients
+        shape = tuple(n + 2 * spline.BEYOND for n in np.shape(self.heights))
+        table = self.own[HEAD:].reshape(shape)
+        slopes = [np.abs(np.diff(table, axis=k)).max() * self.own[2] for k in range(2)]
+        return float(np.sqrt(1.0 + np.sum(np.square(slopes))))
 
     def covers(self, points: ArrayLike) -> Array:
         given = (numbers("points", points) - np.asarray(self.position)) @ np.asarray(self.rotation)

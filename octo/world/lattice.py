@@ -21,8 +21,6 @@ from octo.world.spline import BEYOND, Indices, Mask
 BRICK = 8  # coefficients along an edge of a brick
 RATIO = 4  # coarse cells in fine ones
 HEAD = 14  # numbers before the table
-# at least, an upper bound of |∇φ|: outside of a grid the way to it along the axes is added, √3
-STEEP = 2.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,7 +133,7 @@ def test_five_thousand_are_all_of_them(ground, monkeypatch):
 
 @pytest.mark.parametrize("ground", grounds())
 def test_interpreted(ground):
-    made = RobotDynamics(stone(40, 20), Compliant(), grounds()[ground])
+    made = RobotDynamics(stone(18, 17), Compliant(), grounds()[ground])
     nodes, lam = nodes_of(7, 9), np.random.default_rng(2).standard_normal((1, 7, 7))
     p = made.layout.pack()[None]
     expected = made.interpreted().evaluate(nodes, p, lam, order=2)
@@ -168,7 +168,7 @@ TERMS = [
 def compiled(ground):
     costs = [*TERMS, octo.Effort()]
     x0 = np.array([0.0, 0.0, 0.11, 0.0, 0.0, 0.0, 0.0])
-    robot, terrain = stone(40, 20), grounds()[ground]
+    robot, terrain = stone(20, 17), grounds()[ground]
     problem = octo.Problem(robot, steps=19, dt=0.02, costs=costs, terrain=terrain, x0=x0)
     return CompiledProblem([problem])
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from octo import World, native, shapes
 from octo.checks import Array
@@ -20,6 +21,7 @@ from octo.errors import (
 )
 from octo.world import build
 from octo.world.spline import Indices
+from octo.world.surface import surface_of
 from tests.world.maps import RISE, RUN, STEPS, cube, sphere, stairs
 
 trimesh = pytest.importorskip("trimesh")
@@ -114,21 +116,21 @@ def test_parts_that_overlap_are_a_union_without_faces_inside() -> None:
 def test_boxes_side_by_side_are_solid_between(tmp_path: Path) -> None:
     """Stairs of boxes, as a file with three vertices a face: their sides lie on each other."""
     boxes = []
-    for k in range(4):
-        block = trimesh.creation.box((RUN, 1.0, (k + 1) * RISE))
-        block.apply_translation(((k + 0.5) * RUN, 0.5, (k + 1) * RISE / 2.0))
+    for k in range(STEPS):
+        block = trimesh.creation.box((RUN, 8.0, (k + 1) * RISE))
+        block.apply_translation(((k + 0.5) * RUN, 1.5, (k + 1) * RISE / 2.0))
         boxes.append(block)
     file = tmp_path / "steps.stl"
     trimesh.util.concatenate(boxes).export(file)
-    made = World([shapes.Mesh.from_file(file, cell=CELL)])
-    whole = World([mesh(stairs(4, 1.0))])
-    points = np.random.default_rng(2).uniform([0.0, 0.2, 0.0], [4.0 * RUN, 0.8, 0.7], (20_000, 3))
-    true = whole.distance(points)
-    off = np.abs(made.distance(points) - true) / CELL
-    assert off[np.abs(true) < 2.0 * CELL].max() < 0.01
-    seam = [[RUN, 0.5, 0.5 * RISE]]
-    assert whole.distance(seam) == pytest.approx(-0.075, abs=CELL)
-    assert made.distance(seam) == pytest.approx(-0.075, abs=CELL)
+    made = shapes.Mesh.from_file(file, cell=CELL)
+    vertices, faces = np.asarray(made.vertices), np.asarray(made.faces)
+    points = np.random.default_rng(2).uniform([-0.5, 1.0, -0.5], [6.5, 2.0, 3.5], (2000, 3))
+    points[:500, 0] = RUN * np.round(points[:500, 0] / RUN)  # where two boxes meet
+    true = from_steps(points)
+    for angle in (0.0, 0.3):  # turned ones touch but for rounding
+        turn = Rotation.from_euler("xyz", [angle, 2.0 * angle, 0.7]).as_matrix()
+        surface = surface_of(vertices @ turn.T, faces)
+        assert np.abs(surface.distance(points @ turn.T) - true).max() < 1e-5
 
 
 def test_a_part_within_another_that_looks_inwards_is_a_cavity() -> None:
@@ -255,11 +257,6 @@ def test_a_surface_with_one_side_is_refused() -> None:
         (0.003, {}, "0.003 × 0.003 × 0.003 m, smaller than 5 cm: .*scale=1000 makes it 3 m long"),
         (0.4, {"cell": 0.0}, "cell of a Mesh is 0.0 m, must be positive"),
         (0.4, {"scale": float("nan")}, "scale of a Mesh is nan, must be positive"),
-        (
-            100.0,
-            {"cell": 0.005},
-            "cell of a Mesh is 0.005 m, must be at least 0.0.* m for its size",
-        ),
     ],
 )
 def test_what_is_no_mesh_in_metres_is_refused(
@@ -275,6 +272,12 @@ def test_a_mesh_without_an_inside_is_refused() -> None:
         mesh((vertices, faces[:, [0, 0, 1]]))
     with pytest.raises(ModelError, match="the faces on both sides are one"):
         mesh((vertices * [1.0, 1.0, 0.0], faces))
+
+
+def test_a_grid_that_does_not_fit_into_memory_is_refused() -> None:
+    assert mesh(cube(100.0), cell=None).cell > 0.05  # what is not given fits
+    with pytest.raises(ProblemError, match="distances to a Mesh at a cell of 0.001 m need .* GB"):
+        mesh(cube(100.0), cell=0.001)
 
 
 def test_faces_are_of_its_vertices() -> None:
