@@ -25,10 +25,28 @@ typedef struct {
   int entry, end;
 #ifdef WORLD
   const double *world;
+  double first[12];       /* the pose in the first lane */
+  double apart;           /* m, how far the points in another lane are from those in the first one, at most */
   double reach, coarse;   /* m; the radius of the sphere that was asked last */
   int until[CROWD_LANES]; /* the entry from which on a lane takes part */
 #endif
 } octo_crowd_walk;
+
+#ifdef WORLD
+static inline void octo_crowd_apart(octo_crowd_walk *w) {
+  const double *sphere = octo_crowd_sphere + 4 * w->entry; /* around all points */
+  real center[3];
+  octo_place(w->pose, sphere, center);
+  for (int e = 0; e < 12; ++e) w->first[e] = OF_LANE(w->pose[e], 0);
+  for (int k = 1; k < CROWD_LANES; ++k) {
+    double moved = 0.0, turned = 0.0;
+    for (int r = 0; r < 3; ++r) moved += (OF_LANE(center[r], k) - OF_LANE(center[r], 0)) * (OF_LANE(center[r], k) - OF_LANE(center[r], 0));
+    for (int e = 0; e < 9; ++e) turned += (OF_LANE(w->pose[e], k) - w->first[e]) * (OF_LANE(w->pose[e], k) - w->first[e]);
+    const double way = sqrt(moved) + sqrt(turned) * octo_crowd_around[w->entry];
+    if (way > w->apart || way != way) w->apart = way; /* a NaN stays */
+  }
+}
+#endif
 
 /* Over crowd q where its body is at a node: 0 next, 1 now. */
 static inline void octo_crowd_begin(octo_crowd_walk *w, const octo_input *in, int node, int q) {
@@ -43,33 +61,21 @@ static inline void octo_crowd_begin(octo_crowd_walk *w, const octo_input *in, in
   w->world = (const double *)(size_t)in->p[WORLD];
   w->steepest = w->world[OCTO_WORLD_STEEPEST];
   for (int k = 0; k < CROWD_LANES; ++k) w->until[k] = w->entry;
-  w->coarse = 0.0;
+  w->coarse = w->apart = 0.0;
+  octo_crowd_apart(w);
 #endif
 }
 
 #ifdef WORLD
-/* In which lanes something of an entry may be in reach, from one look-up in the middle of those that take part; -1 where they are
- * too far apart for that to say enough, 0 where it is in none. */
-static inline int octo_crowd_together(octo_crowd_walk *w, int e, const real *center, double radius) {
-  double middle[3] = {0.0, 0.0, 0.0}, apart = 0.0, phi;
-  int count = 0;
-  for (int k = 0; k < CROWD_LANES; ++k) {
-    if (e < w->until[k]) continue;
-    ++count;
-    for (int r = 0; r < 3; ++r) middle[r] += OF_LANE(center[r], k);
-  }
-  for (int r = 0; r < 3; ++r) middle[r] /= count;
-  for (int k = 0; k < CROWD_LANES; ++k) {
-    if (e < w->until[k]) continue;
-    double square = 0.0;
-    for (int r = 0; r < 3; ++r) square += (OF_LANE(center[r], k) - middle[r]) * (OF_LANE(center[r], k) - middle[r]);
-    if (!(square <= apart)) apart = square; /* a NaN stays */
-  }
-  apart = sqrt(apart);
+/* Whether something of an entry may be in reach in any lane, from one look-up where it is in the first one; -1 where the others are
+ * too far from there for that to say enough. */
+static inline int octo_crowd_together(octo_crowd_walk *w, int e, double radius) {
   if (octo_crowd_around[e] > 0.0) w->coarse = octo_crowd_around[e];
-  if (count < 2 || !(apart <= 0.5 * w->coarse)) return -1;
-  const double beyond = radius + w->steepest * apart + w->reach;
-  octo_world_within(w->world, middle, beyond, 0, &phi);
+  if (!(w->apart <= 0.5 * w->coarse)) return -1; /* nor where it is a NaN */
+  const double *sphere = octo_crowd_sphere + 4 * e, beyond = radius + w->steepest * w->apart + w->reach;
+  double at[3], phi;
+  for (int r = 0; r < 3; ++r) at[r] = octo_dot(w->first + 3 * r, sphere) + w->first[9 + r];
+  octo_world_within(w->world, at, beyond, 0, &phi);
   return !(phi >= beyond);
 }
 #endif
@@ -79,15 +85,14 @@ static inline octo_mask octo_crowd_near(octo_crowd_walk *w, int e) {
   const double *sphere = octo_crowd_sphere + 4 * e;
   const double radius = sphere[3] + w->steepest * octo_crowd_around[e];
   real center[3];
-  octo_place(w->pose, sphere, center);
 #ifdef WORLD
   octo_mask near = {0};
-  const int together = octo_crowd_together(w, e, center, radius), all = together > 0 && octo_crowd_member[e] < 0;
+  const int together = CROWD_LANES > 1 ? octo_crowd_together(w, e, radius) : -1;
+  if (together == 0) return near;
+  if (together > 0 && octo_crowd_member[e] < 0) return NOT(near);
+  octo_place(w->pose, sphere, center);
   for (int k = 0; k < CROWD_LANES; ++k) {
     if (e < w->until[k]) continue;
-    if (all) SET_LANE(near, k);
-    if (together == 0) w->until[k] = octo_crowd_skip[e];
-    if (all || together == 0) continue;
     double at[3] = {OF_LANE(center[0], k), OF_LANE(center[1], k), OF_LANE(center[2], k)}, phi;
     octo_world_within(w->world, at, radius + w->reach, 0, &phi);
     if (phi >= radius + w->reach) w->until[k] = octo_crowd_skip[e];
@@ -95,6 +100,7 @@ static inline octo_mask octo_crowd_near(octo_crowd_walk *w, int e) {
   }
   return near;
 #else
+  octo_place(w->pose, sphere, center);
   real gap, *depth[1] = {&gap};
   const ARGUMENT *place[3] = {center, &radius, w->in->p};
   STAGE(octo_gap, place, depth);

@@ -6,8 +6,8 @@ beside the single contacts, whose wrench and blocks are the sums over its active
 found by a tree of spheres around its points in the body's frame (crowd.c). φ is at least φ(c) −
 steepness · r in the sphere of radius r around c, so what is below a sphere is skipped where that is
 out of reach. The steepness, an upper bound of |∇φ|, is 1 of a plane, whose φ is a distance; a world
-knows its own (``World.data``); of an expression it is taken to be STEEPEST: nothing is missed where
-φ rises by no more than 2 m in 1 m, as over a height z − h(x, y) with slopes of up to 60°.
+knows its own (``World.data``); of an expression it is ``Terrain.steepest``: nothing is missed where
+φ changes by no more than that in 1 m.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from octo.checks import Array
 from octo.dynamics.parameters import Layout
-from octo.model.terrain import ADDRESS, Ground, Plane, World
+from octo.model.terrain import ADDRESS, Ground, World
 from octo.model.tree import Tree
 from octo.world.jet import SIZES
 
 FEW = 16  # contacts of one body that are evaluated one by one
 LEAF = 4  # points below a sphere that is not divided, at most
-STEEPEST = 2.0  # m in 1 m: of an octo.Terrain
 WIDER = 1.0 + 1e-9  # of a sphere around points: rounding
 
 
@@ -139,7 +138,10 @@ def tables_of(character: Tree, layout: Layout, terrain: Ground) -> Crowds:
         made.integers["contact_ground"] = moved
     if crowds:
         _add(character, crowds, made)
-        made.numbers["crowd_steepest"] = [1.0 if isinstance(terrain, Plane) else STEEPEST]
+        steepest = (
+            1.0 if isinstance(terrain, World) else terrain.steepest
+        )  # a world's is in its data
+        made.numbers["crowd_steepest"] = [steepest]
     return made
 
 
