@@ -180,6 +180,7 @@ def draw(records: list[dict[str, Any]], path: Path) -> None:
                 right.loglog(x, us, line, marker=mark, color=color, label=label, alpha=0.8)
     left.set(xlabel="contacts", ylabel="share of detection, %", ylim=(0.0, 100.0))
     right.set(xlabel="contacts", ylabel="FD and Jacobian, µs a step")
+    right.set_title("dotted: each contact, one by one", fontsize=8)
     right.legend(fontsize=7)
     figure.savefig(path, dpi=130)
 

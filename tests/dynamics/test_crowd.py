@@ -116,14 +116,14 @@ def test_few_contacts_are_no_crowd():
 @pytest.mark.parametrize("ground", grounds())
 def test_five_thousand_are_all_of_them(ground, monkeypatch):
     """FD, its Jacobian and curvature, of several steps in lanes and of one after the other."""
-    terrain, nodes = grounds()[ground], nodes_of(6, 21)
-    lam = np.random.default_rng(2).standard_normal((1, 19, 6))
-    made = RobotDynamics(stone(5000, radius=0.002), terrain=terrain)
+    terrain, nodes = grounds()[ground], nodes_of(7, 21)
+    lam = np.random.default_rng(2).standard_normal((1, 19, 7))
+    made = RobotDynamics(stone(5000, 40, 0.002), terrain=terrain)
     p = made.bound(made.layout.pack()[None])
     found = made.evaluate(nodes, p, lam, order=2)
     scalar = one_by_one(made, nodes, p, lam, 2)
     monkeypatch.setattr(crowd, "FEW", ALL)
-    whole = RobotDynamics(stone(5000, radius=0.002), terrain=terrain)
+    whole = RobotDynamics(stone(5000, 40, 0.002), terrain=terrain)
     expected = whole.evaluate(nodes, p, lam, order=2)
     assert np.abs(expected[0]).max() > 100.0 * 20.0 and "octo_crowd_start" not in whole.text()
     for got, other, wanted in zip(found, scalar, expected, strict=True):
@@ -133,8 +133,8 @@ def test_five_thousand_are_all_of_them(ground, monkeypatch):
 
 @pytest.mark.parametrize("ground", grounds())
 def test_interpreted(ground):
-    made = RobotDynamics(stone(18, 17), Compliant(), grounds()[ground])
-    nodes, lam = nodes_of(7, 9), np.random.default_rng(2).standard_normal((1, 7, 7))
+    made = RobotDynamics(stone(18), Compliant(), grounds()[ground])
+    nodes, lam = nodes_of(6, 9), np.random.default_rng(2).standard_normal((1, 7, 6))
     p = made.layout.pack()[None]
     expected = made.interpreted().evaluate(nodes, p, lam, order=2)
     for got, wanted in zip(made.evaluate(nodes, p, lam, order=2), expected, strict=True):
@@ -168,7 +168,7 @@ TERMS = [
 def compiled(ground):
     costs = [*TERMS, octo.Effort()]
     x0 = np.array([0.0, 0.0, 0.11, 0.0, 0.0, 0.0, 0.0])
-    robot, terrain = stone(20, 17), grounds()[ground]
+    robot, terrain = stone(17, 6), grounds()[ground]
     problem = octo.Problem(robot, steps=19, dt=0.02, costs=costs, terrain=terrain, x0=x0)
     return CompiledProblem([problem])
 
