@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array
-from octo.dynamics import crowd, slots, stages
+from octo.dynamics import between_bodies, crowd, slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.laws import ContactLaw
@@ -54,11 +54,13 @@ def robot_text(
     every lane of a vector."""
     own = _stages_of(layout, law, terrain)
     elements = elements_of(character, layout, Links(character).of)
-    length = own.length + sum(function.n_instructions() for function in elements.functions)
+    mutuals = between_bodies.mutuals_of(character, layout, law, Links(character).of)
+    functions = [*elements.functions, *mutuals.stages]
+    length = own.length + sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
     crowds = crowd.tables_of(character, layout, terrain)
-    sizes, tables = _tables(character, elements, crowds)
+    sizes, tables = _tables(character, elements, mutuals, crowds)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     head = [HEAD]
     if isinstance(terrain, World):
@@ -66,9 +68,11 @@ def robot_text(
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
+    if mutuals.stages:
+        common += [mutuals.text(), source("bodies.c")]
     if crowds.bodies:
         common.append(source("crowd.c"))
-    made = [own.text(lanes), *(_stage_text(function, lanes) for function in elements.functions)]
+    made = [own.text(lanes), *(_stage_text(function, lanes) for function in functions)]
     if not lanes:
         return "\n".join([*head, *made, macros(sizes), *tables, *common, source("phases.c")])
     places, coupled, jac, hess = slots.of_robot(character)
@@ -121,8 +125,8 @@ def _stage_text(function: ca.Function, lanes: bool) -> str:
 
 def _shared(name: str) -> Collection[int]:
     """Inputs of a stage that are the same for all lanes."""
-    stage = name.removeprefix(stages.PREFIX).rstrip("012")
-    return stages.SHARED.get(stage, SHARED_OF_ELEMENTS)
+    stage = name.removeprefix(stages.PREFIX).split("_")[0].rstrip("012")
+    return {**between_bodies.SHARED, **stages.SHARED}.get(stage, SHARED_OF_ELEMENTS)
 
 
 @postponed()
@@ -214,7 +218,7 @@ def _literal(value: float) -> str:
 
 
 def _tables(
-    character: Character, elements: Elements, crowds: crowd.Crowds
+    character: Character, elements: Elements, mutuals: between_bodies.Mutuals, crowds: crowd.Crowds
 ) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
     links = Links(character)
@@ -230,6 +234,7 @@ def _tables(
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
         **elements.sizes,
         **crowds.sizes,
+        **mutuals.sizes,
     }
     sizes["KIN"] += sizes.get("NG", 0) * sizes.get("JET", 0)  # octo_look
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
@@ -248,6 +253,8 @@ def _tables(
         tables.append(numbers_table("element_points", elements.points))
     tables += [integers(name, own) for name, own in crowds.integers.items()]
     tables += [numbers_table(name, own) for name, own in crowds.numbers.items()]
+    tables += [integers(f"mutual_{name}", own) for name, own in mutuals.integers.items()]
+    tables += [numbers_table(f"mutual_{name}", own) for name, own in mutuals.numbers.items()]
     return sizes, tables + _pair_tables(character, sizes)
 
 

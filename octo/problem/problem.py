@@ -21,10 +21,11 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings, modelled
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
+from octo.model.scene import Scene
 from octo.model.terrain import Ground
 from octo.problem import scales
 from octo.problem.basis import Basis, Hermite, basis_named
@@ -54,7 +55,7 @@ class Problem(Shown):
 
     Parameters
     ----------
-    model: a Character, or any Dynamics (user-written: CustomDynamics).
+    model: a Character, a Scene, or any Dynamics (user-written: CustomDynamics).
     steps: N.
     dt: s; where the duration is free it is where the search begins.
     costs: the terms of E.
@@ -90,7 +91,7 @@ class Problem(Shown):
         allowed.
     """
 
-    model: Character | Dynamics = field(kw_only=False)
+    model: Character | Scene | Dynamics = field(kw_only=False)
     steps: int = 0
     dt: float = 0.0
     costs: Sequence[Cost]
@@ -110,10 +111,7 @@ class Problem(Shown):
     step_limit: float | Array | Literal["auto"] | None = "auto"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, (Character, Dynamics)):
-            raise ProblemError(
-                f"model is a {type(self.model).__name__}, must be a Character or a Dynamics"
-            )
+        object.__setattr__(self, "model", modelled(self.model))
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)

@@ -141,15 +141,24 @@ class Trajectory:
         return np.sum(self.contact_force * self.contact_normal, axis=-1)
 
     @property
+    def own_contacts(self) -> NDArray[np.bool_]:
+        """(c,) whether a contact is the robot's, and not that of one of a scene's objects."""
+        own, robot = np.ones(self.contact_force.shape[1], dtype=bool), self.character
+        if robot is not None:
+            kept = set(robot.own_contacts)
+            own[[c for c, k in enumerate(robot.terrain_contacts) if k not in kept]] = False
+        return own
+
+    @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) contacts that carry at least 1 % of the weight; of the many of a body that carry
-        as much together, those that carry anything."""
+        """(N, c) the robot's contacts that carry at least 1 % of the weight; of the many of a body
+        that carry as much together, those that carry anything."""
         own = self.normal_force
         found = own >= LOADED * self.weight
         for columns in crowd_columns(self.character):
             carries = own[:, columns].sum(axis=1) >= LOADED * self.weight
             found[:, columns] = (own[:, columns] > 0.0) & carries[:, None]
-        return found
+        return found & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
