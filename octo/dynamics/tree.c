@@ -129,11 +129,46 @@ static void octo_kin(const real *x, real *kin) {
 #endif
 
 #ifdef WORLD
-/* φ and its derivatives up to ``order`` at a point of a body, where φ is less than ``beyond``, else that it is not. */
-static inline void octo_look_beyond(const double *p, const real *pose, const double *point, double beyond, int order, real *jet) {
+/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
+#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
+
+/* The jet of contact sphere g where it stands; of a member of a crowd, g < 0, in ``own``, for it stands nowhere. */
+static inline const real *octo_looked(const double *p, const real *kin, int g, int body, const double *sphere, int order, real *own) {
+#if NCROWD > 0
+  if (g >= 0) return LOOKED(kin, g);
   const double *world = (const double *)(size_t)p[WORLD];
   real center[3];
-  octo_place(pose, point, center);
+  octo_place(kin + 12 * body, sphere, center);
+#ifdef STEPS
+  for (int k = 0; k < STEPS; ++k) {
+    double at[3] = {center[0][k], center[1][k], center[2][k]}, jet[JET];
+    octo_world(world, at, order, jet);
+    for (int e = 0; e < octo_world_size(order); ++e) own[e][k] = jet[e];
+  }
+#else
+  octo_world(world, center, order, own);
+#endif
+  return own;
+#else
+  return LOOKED(kin, g);
+#endif
+}
+#endif
+
+#if NG > 0
+#ifndef ASKED_OF_WORLD
+#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
+#endif
+static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
+static inline void octo_look_at(const double *p, int g, int order, real *kin) {
+  const double *world = (const double *)(size_t)p[WORLD], *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
+  double reach, *res[1] = {&reach};
+  octo_reach(arg, res);
+  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
+  real center[3], *jet = LOOKED(kin, g);
+  octo_place(kin + 12 * octo_ground_body[g], sphere, center);
 #ifdef STEPS
   /* Steps in a row are near each other: where φ cannot have come down to ``beyond`` since the one before, nobody looks. */
   double from[3] = {0.0}, last = NAN, own[JET]; /* at first nothing is known */
@@ -151,33 +186,6 @@ static inline void octo_look_beyond(const double *p, const real *pose, const dou
 #else
   octo_world_within(world, center, beyond, order, jet);
 #endif
-}
-
-/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
-#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
-
-/* The jet of contact sphere g where it stands; of a member of a crowd, g < 0, in ``own``, for it stands nowhere. */
-static inline const real *octo_looked(const double *p, const real *kin, int g, int body, const double *sphere, int order, real *own) {
-  if (g >= 0) return LOOKED(kin, g);
-  octo_look_beyond(p, kin + 12 * body, sphere, INFINITY, order, own);
-  return own;
-}
-#endif
-
-#if NG > 0
-
-#ifndef ASKED_OF_WORLD
-#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
-#endif
-static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
-
-/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
-static inline void octo_look_at(const double *p, int g, int order, real *kin) {
-  const double *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
-  double reach, *res[1] = {&reach};
-  octo_reach(arg, res);
-  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
-  octo_look_beyond(p, kin + 12 * octo_ground_body[g], sphere, beyond, order, LOOKED(kin, g));
 }
 
 static void octo_look(const double *p, int order, real *kin) {
