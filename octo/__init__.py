@@ -75,6 +75,7 @@ _MODULES = {
     "plant": "octo.plant",
     "reference": "octo.reference",
     "shapes": "octo.world.shapes",
+    "worlds": "octo.worlds",
 }
 
 __all__ = sorted([*_HOME, *_MODULES])
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
+    from octo import worlds as worlds
     from octo.costs import At as At
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight

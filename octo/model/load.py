@@ -51,10 +51,10 @@ def load(path: str | os.PathLike[str], base: Base = "auto") -> Character:
         if not file.suffix and len(file.parts) == 1:
             raise UnknownNameError("robot", name, CHARACTERS)
         raise RobotFileError(f"{name}: no such file")
-    return load_urdf(file, base) if _dialect(file) == "robot" else load_mjcf(file, base)
+    return load_urdf(file, base) if dialect(file) == "robot" else load_mjcf(file, base)
 
 
-def _dialect(file: Path) -> str:
+def dialect(file: Path) -> str:
     """The top element of a robot file: "robot" (URDF) or "mujoco" (MJCF)."""
     if file.suffix == ".xacro":
         raise UnsupportedFeatureError(
