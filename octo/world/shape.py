@@ -4,7 +4,8 @@ up."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cache
 from typing import ClassVar, TypeVar
 
@@ -148,11 +149,11 @@ class Shape:
 
     def moved(self: Own, position: ArrayLike | None, rotation: ArrayLike | None) -> Own:
         """The same shape in another pose; None leaves that part as it is."""
-        return replace(
-            self,
-            position=self.position if position is None else position,
-            rotation=self.rotation if rotation is None else rotation,
-        )
+        made = copy(self)  # with the numbers of a map, which may be many, and were checked
+        object.__setattr__(made, "position", self.position if position is None else position)
+        object.__setattr__(made, "rotation", self.rotation if rotation is None else rotation)
+        Shape.__post_init__(made)
+        return made
 
 
 def keep_lengths(shape: Shape, *names: str) -> None:
