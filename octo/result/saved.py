@@ -21,10 +21,13 @@ from octo.result.residuals import Residual
 from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
+from octo.world import store as world_store
+from octo.world.world import World
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
 DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
+WORLD = "world_"  # how the names of a world's arrays begin
 PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
 SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
@@ -45,7 +48,10 @@ def _packed(values: Mapping[str, Any]) -> dict[str, Any]:
     plain = {name: value for name, value in values.items() if name not in arrays}
     for name in ("ground", "history", "slacks"):
         arrays |= {f"{name}_{key}": value for key, value in plain.pop(name).items()}
-    cycle, robot = values["cycle"], values["character"]
+    cycle, robot, world = values["cycle"], values["character"], values["world"]
+    if world is not None:
+        plain["world"], own = world_store.to_plain(world)
+        arrays |= {f"{WORLD}{name}": value for name, value in own.items()}
     if cycle is not None:
         arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
         plain["cycle"] = cycle.plain()
@@ -91,6 +97,7 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         "status": status,
         "device": file.word("device"),
         "ground": _ground(file),
+        "world": _world(file),
         "history": file.group("history_"),
         "slacks": _slacks(file, finite),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
@@ -169,6 +176,14 @@ def _ground(file: Archive) -> dict[str, Array]:
         return {}
     x, y = file.array("ground_x", (None,)), file.array("ground_y", (None,))
     return {"x": x, "y": y, "z": file.array("ground_z", (len(x), len(y)))}
+
+
+def _world(file: Archive) -> World | None:
+    """None where the file has none, as on a plane."""
+    plain = file.plain.get("world")
+    entries = file.arrays.items()
+    arrays = {name.removeprefix(WORLD): v for name, v in entries if name.startswith(WORLD)}
+    return None if plain is None else world_store.from_plain(plain, arrays)
 
 
 def _asked(record: dict[str, Any], finite: bool) -> Asked:

@@ -17,6 +17,7 @@ from octo.problem.asked import Asked
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import Stride
+from octo.world.world import World
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
 ROWS = ("u", "contact_depth", *VECTORS)  # one a step
@@ -52,6 +53,7 @@ class Trajectory:
     contact_depth: Array  # (N, c) m
     ground: dict[str, Array]
     parameters: dict[str, float]  # of the dynamics, of the last pass
+    world: World | None = None
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
