@@ -41,6 +41,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
     "octo.model.terrain": "Plane Terrain",
+    "octo.model.world_file": "load_world",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
     "octo.plot": "plot",
@@ -142,6 +143,7 @@ if TYPE_CHECKING:
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
+    from octo.model.world_file import load_world as load_world
     from octo.motions import go_to as go_to
     from octo.motions import stride as stride
     from octo.motions import turn as turn

@@ -27,9 +27,9 @@ from octo.cli.arguments import (
     robot_of,
     solver_options,
     steps_of,
-    terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
+from octo.cli.world import ground_of_words
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -90,7 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.perf_counter()
     arguments.costs = costs_of(arguments)
     goal = goal_of(arguments)
-    composed = goal.preset == "natural" and goal.kind in COMPOSED
+    # no stride repeats itself over the shapes of a world: there a motion is one problem
+    strides = goal.preset == "natural" and goal.kind in COMPOSED
+    composed = strides and (arguments.world is None or goal.kind == "to")
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
     folder = folder_of(arguments.out, arguments.robot, goal.kind, FILES)
@@ -237,7 +239,7 @@ def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
 def surroundings(robot: Character, arguments: argparse.Namespace) -> dict[str, Any]:
     """Ground, contact law and pose, as a Problem calls them."""
     return {
-        "terrain": terrain_of(arguments.terrain),
+        "terrain": ground_of_words(arguments),
         "law": law_of(arguments.friction),
         "pose": pose_of(robot, arguments.pose),
     }
