@@ -24,8 +24,8 @@ def jets(shapes: Sequence[Shape], scale: float, points: Array, order: int) -> Ar
     made = np.full((len(points), SIZES[order]), np.nan)
     known = np.isfinite(points.sum(axis=1))
     if known.any():
-        values = _values(shapes, points[known], scale)
-        made[known] = _softened(shapes, scale, points[known], values, order)
+        values = distances(shapes, scale, points[known])
+        made[known] = softened(shapes, scale, points[known], values, order)
     return made
 
 
@@ -39,7 +39,7 @@ def of_shape(shape: Shape, points: Array, order: int) -> Array:
     return np.asarray(turned(order)(columns, made.T), dtype=float).T
 
 
-def _values(shapes: Sequence[Shape], points: Array, scale: float) -> Array:
+def distances(shapes: Sequence[Shape], scale: float, points: Array) -> Array:
     """φ (k, n) m of each shape, infinite where it cannot matter."""
     boxes = np.array([shape.bounds() for shape in shapes])  # (n, 2, 3)
     bound = np.empty((len(points), len(shapes)))
@@ -59,10 +59,11 @@ def _values(shapes: Sequence[Shape], points: Array, scale: float) -> Array:
     return values
 
 
-def _softened(
+def softened(
     shapes: Sequence[Shape], scale: float, points: Array, values: Array, order: int
 ) -> Array:
-    """The smooth minimum of the shapes, rank by rank: of each point its r-th nearest shape."""
+    """Jets (k, SIZES[order]) of the smooth minimum of shapes at distances (k, n) m, rank by rank:
+    of each point its r-th nearest shape."""
     ranks = np.argsort(values, axis=1, kind="stable")[:, :NEAR]
     least = np.take_along_axis(values, ranks[:, :1], axis=1)[:, 0]
     x = (np.take_along_axis(values, ranks, axis=1) - least[:, None]) / scale

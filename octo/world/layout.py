@@ -9,18 +9,19 @@ and the shapes' own numbers.
 from __future__ import annotations
 
 # the head: how many shapes, how many of them have an end, T of the smooth minimum (m), and where
-# the records, the shapes without an end and the tree begin
-COUNT, BOUNDED, SCALE, RECORDS, ENDLESS, TREE, HEAD = range(7)
+# the records, the shapes without an end, the tree and the own numbers begin
+COUNT, BOUNDED, SCALE, RECORDS, ENDLESS, TREE, NUMBERS, HEAD = range(8)
 # a record: the rotation is row by row, and none where the shape is not turned
 KIND, OWN, TURNED, POSITION, ROTATION, RECORD = 0, 1, 2, 3, 6, 15
-NODE = 7  # of the tree: lowest corner, highest corner, and where to go on
-DEPTH = 32  # levels of the tree, at most
-MOST = 2**20  # shapes, so that it has no more than 22
+WIDTH = 8  # children of a node of the tree, at most: a vector of an AVX-512 processor, two of AVX
+MOST = 2**20  # shapes: the tree has at most 7 levels,
+STACK = 64  # and a walk leaves WIDTH − 1 nodes or shapes behind on each
+FAR = 1e300  # m², of the square of a distance: farther than anything
 NEAR = 32  # shapes in the smooth minimum at one point, at most: the nearest
 
 NAMES = (
-    "COUNT BOUNDED SCALE RECORDS ENDLESS TREE KIND OWN TURNED POSITION ROTATION RECORD NODE DEPTH "
-    "NEAR"
+    "COUNT BOUNDED SCALE RECORDS ENDLESS TREE KIND OWN TURNED POSITION ROTATION RECORD WIDTH "
+    "STACK FAR NEAR"
 )
 
 

@@ -5,6 +5,7 @@
 /* The shapes within reach of the nearest one, by distance: those that the minimum feels, and perhaps a few more. */
 typedef struct {
   double reach, value[OCTO_WORLD_NEAR]; /* m */
+  double limit; /* m²: the square of the largest distance from a box at which its shapes may still matter */
   int shape[OCTO_WORLD_NEAR], count;
 } octo_world_near;
 
@@ -44,56 +45,61 @@ static void octo_world_consider(const double *world, int shape, const double *po
   near->value[k] = value;
   near->shape[k] = shape;
   if (near->count < OCTO_WORLD_NEAR) ++near->count;
-  while (near->value[near->count - 1] > near->value[0] + near->reach) --near->count;
+  const double farthest = near->value[0] + near->reach; /* φ outside a box is at least a fraction of the distance from it */
+  while (near->value[near->count - 1] > farthest) --near->count;
+  const double limit = farthest > 0.0 ? farthest / OCTO_WORLD_FRACTION : 0.0;
+  near->limit = fmin(limit * limit, OCTO_WORLD_FAR);
 }
 
-/* The square of the distance from the box of a node. */
-static double octo_world_beyond(const double *node, const double *point) {
-  double sum = 0.0;
-  for (int k = 0; k < 3; ++k) {
-    const double beyond = fmax(fmax(node[k] - point[k], point[k] - node[3 + k]), 0.0);
-    sum += beyond * beyond;
+/* The squares of the distances from the boxes of a node's children. */
+static void octo_world_beyond(const double *node, const double *point, double *squares) {
+  for (int k = 0; k < OCTO_WORLD_WIDTH; ++k) {
+    double sum = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double *low = node + OCTO_WORLD_WIDTH * axis, *high = low + 3 * OCTO_WORLD_WIDTH;
+      const double below = low[k] - point[axis], above = point[axis] - high[k];
+      const double most = below > above ? below : above, beyond = most > 0.0 ? most : 0.0;
+      sum += beyond * beyond;
+    }
+    squares[k] = sum;
   }
-  return sum;
 }
 
-/* The largest such square at which a shape may still matter: φ outside a box is at least a fraction of the distance from it. */
-static double octo_world_limit(const octo_world_near *near) {
-  if (near->count == 0) return INFINITY;
-  const double limit = fmax(near->value[0] + near->reach, 0.0) / OCTO_WORLD_FRACTION;
-  return limit * limit;
-}
-
-/* The shapes near a point; how many were looked at. Nearer boxes come first. The stack holds one node of each level of the tree. */
+/* The shapes near a point; how many were looked at. Nearer boxes come first. */
 static int octo_world_find(const double *world, const double *point, octo_world_near *near) {
   const double *endless = world + (int)world[OCTO_WORLD_ENDLESS], *tree = world + (int)world[OCTO_WORLD_TREE];
   const int bounded = (int)world[OCTO_WORLD_BOUNDED], others = (int)world[OCTO_WORLD_COUNT] - bounded;
-  int stack[OCTO_WORLD_DEPTH], top = 0, looked = others;
-  double away[OCTO_WORLD_DEPTH];
+  int stack[OCTO_WORLD_STACK], top = 0, looked = others;
+  double away[OCTO_WORLD_STACK], squares[OCTO_WORLD_WIDTH];
   near->reach = OCTO_WORLD_REACH * world[OCTO_WORLD_SCALE];
   near->count = 0;
+  near->limit = OCTO_WORLD_FAR;
   for (int k = 0; k < others; ++k) octo_world_consider(world, (int)endless[k], point, near);
   if (bounded > 0) {
     stack[top] = 0;
-    away[top++] = octo_world_beyond(tree, point);
+    away[top++] = 0.0;
   }
   while (top > 0) {
-    --top;
-    if (away[top] > octo_world_limit(near)) continue;
-    const int place = stack[top];
-    const int next = (int)tree[OCTO_WORLD_NODE * place + 6];
-    if (next < 0) { /* a leaf */
-      octo_world_consider(world, -1 - next, point, near);
+    const int place = stack[--top];
+    if (away[top] > near->limit) continue;
+    if (place < 0) {
+      octo_world_consider(world, -1 - place, point, near);
       ++looked;
       continue;
     }
-    const double left = octo_world_beyond(tree + OCTO_WORLD_NODE * (place + 1), point);
-    const double right = octo_world_beyond(tree + OCTO_WORLD_NODE * next, point);
-    const int first = left <= right;
-    stack[top] = first ? next : place + 1;
-    away[top++] = first ? right : left;
-    stack[top] = first ? place + 1 : next;
-    away[top++] = first ? left : right;
+    const double *node = tree + 7 * OCTO_WORLD_WIDTH * place, *child = node + 6 * OCTO_WORLD_WIDTH;
+    const int bottom = top;
+    octo_world_beyond(node, point, squares);
+    for (int k = 0; k < OCTO_WORLD_WIDTH; ++k) {
+      if (squares[k] > near->limit) continue;
+      int at = top++;
+      for (; at > bottom && away[at - 1] < squares[k]; --at) {
+        away[at] = away[at - 1];
+        stack[at] = stack[at - 1];
+      }
+      away[at] = squares[k];
+      stack[at] = (int)child[k];
+    }
   }
   return looked;
 }
@@ -113,15 +119,17 @@ static int octo_world_felt(const octo_world_near *near, double scale) {
   return count;
 }
 
-/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN at no point. */
+/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN where the point is not finite, or
+ * farther from all shapes than numbers reach. */
 static void octo_world(const double *world, const double *point, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
-  if (!(place - place == 0.0)) {
+  octo_world_near near;
+  near.count = 0;
+  if (place - place == 0.0) octo_world_find(world, point, &near);
+  if (near.count == 0) {
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;
   }
-  octo_world_near near;
-  octo_world_find(world, point, &near);
   const int felt = octo_world_felt(&near, world[OCTO_WORLD_SCALE]);
   if (felt == 1) {
     octo_world_of_shape(world, near.shape[0], point, order, jet);

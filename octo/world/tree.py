@@ -1,8 +1,9 @@
 """A bounding-volume tree over boxes, as an array that code walks without pointers or recursion.
 
-A node is [lowest corner (3,) m, highest corner (3,) m, next]. Nodes stand in preorder: the first
-child of an inner node is the one behind it, the second is number ``next``; of a leaf ``next`` is
-−1 − the number of its shape. Halves are equal in number, so that n leaves have ⌈log₂ n⌉ + 1 levels.
+A node has up to WIDTH children: the coordinates of their boxes' lowest corners, x of all, y of all,
+z of all, of their highest corners in the same way, so that a processor compares a point with all
+boxes at once, and where each child is: the number of a node, −1 − the number of a shape, or 0, no
+child. Children are full but for the last ones, so that n shapes have ⌈log n / log WIDTH⌉ levels.
 """
 
 from __future__ import annotations
@@ -12,45 +13,58 @@ from collections.abc import Sequence
 import numpy as np
 
 from octo.checks import Array
-from octo.world.layout import NODE
+from octo.world.layout import FAR, WIDTH
 
-NEXT = NODE - 1
+CHILD = 6  # of a node's rows: where each child is
+# a node without children, whose boxes are farther away than anything
+EMPTY = np.concatenate([np.full((CHILD, WIDTH), 2.0 * FAR**0.5), np.zeros((1, WIDTH))])
 
 
 def build(boxes: Array, shapes: Sequence[int]) -> Array:
-    """Nodes (2n − 1, NODE) over the boxes (n, 2, 3) m of shapes of these numbers; none of none."""
-    nodes = np.empty((max(2 * len(boxes) - 1, 0), NODE))
-    # what is to be placed: where, and which boxes
-    waiting = [(0, np.arange(len(boxes)))] if len(boxes) else []
+    """Nodes (count, 7, WIDTH) over the boxes (n, 2, 3) m of shapes of these numbers, the root
+    first."""
+    nodes = [EMPTY.copy()]
+    waiting = [(0, np.arange(len(boxes)))] if len(boxes) else []  # nodes, and what is below them
     while waiting:
         place, within = waiting.pop()
-        nodes[place, :3], nodes[place, 3:NEXT] = _around(boxes[within])
-        if len(within) == 1:
-            nodes[place, NEXT] = -1.0 - shapes[within[0]]
-            continue
-        centers = boxes[within].mean(axis=1)
-        axis = np.argmax(np.ptp(centers, axis=0))
-        half = (len(within) + 1) // 2
-        order = within[np.argsort(centers[:, axis], kind="stable")]
-        nodes[place, NEXT] = place + 2 * half  # the first half has 2 half − 1 nodes
-        waiting += [(place + 2 * half, order[half:]), (place + 1, order[:half])]
-    return nodes
+        size = 1  # of a full child: with the fewest levels
+        while WIDTH * size < len(within):
+            size *= WIDTH
+        for slot, part in enumerate(_parts(boxes, within, size)):
+            child = -1 - shapes[part[0]] if len(part) == 1 else len(nodes)
+            _write(nodes[place], slot, _around(boxes[part]))
+            nodes[place][CHILD, slot] = child
+            if child > 0:
+                nodes.append(EMPTY.copy())
+                waiting.append((child, part))
+    return np.array(nodes)
 
 
 def refit(nodes: Array, shape: int, box: Array) -> None:
-    """Give the leaf of a shape another box (2, 3) m, and fit the nodes above it, in place."""
-    leaf = int(np.flatnonzero(nodes[:, NEXT] == -1.0 - shape)[0])
-    way, place = [], 0
-    while place != leaf:
-        way.append(place)
-        second = int(nodes[place, NEXT])
-        place = second if leaf >= second else place + 1
-    nodes[leaf, :NEXT] = box.ravel()
-    for place in reversed(way):
-        children = nodes[[place + 1, int(nodes[place, NEXT])], :NEXT].reshape(2, 2, 3)
-        nodes[place, :NEXT] = np.ravel(_around(children))
+    """Give a shape another box (2, 3) m, and fit the boxes around it, in place."""
+    sought, fitted = -1.0 - shape, box
+    while sought != 0.0:  # up to the root
+        (node,), (slot,) = np.nonzero(nodes[:, CHILD] == sought)
+        _write(nodes[node], slot, fitted)
+        there = nodes[node, :, nodes[node, CHILD] != 0.0]  # (children, 7)
+        sought, fitted = float(node), _around(there[:, :CHILD].reshape(-1, 2, 3))
 
 
-def _around(boxes: Array) -> tuple[Array, Array]:
-    """The corners of the box around boxes (n, 2, 3)."""
-    return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+def _parts(boxes: Array, within: Array, size: int) -> list[Array]:
+    """Boxes in groups of ``size`` and one of the rest, cut again and again across the longest
+    axis."""
+    if len(within) <= size:
+        return [within]
+    centers = boxes[within].mean(axis=1)
+    order = within[np.argsort(centers[:, np.argmax(np.ptp(centers, axis=0))], kind="stable")]
+    first = size * ((len(within) + 2 * size - 1) // (2 * size))
+    return [part for one in (order[:first], order[first:]) for part in _parts(boxes, one, size)]
+
+
+def _write(node: Array, slot: int, box: Array) -> None:
+    node[:CHILD, slot] = box.ravel()
+
+
+def _around(boxes: Array) -> Array:
+    """(2, 3): the box around boxes (n, 2, 3)."""
+    return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])

@@ -14,7 +14,7 @@ from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeEr
 from octo.world import interpreted, layout, query, tree
 from octo.world.blend import PART
 from octo.world.jet import SIZES
-from octo.world.shape import Shape
+from octo.world.shape import FRACTION, Shape
 from octo.world.shapes import KINDS
 
 
@@ -45,7 +45,7 @@ class World:
             )
         names: dict[str, int] = {}
         for k, shape in enumerate(self.shapes):
-            if not isinstance(shape, Shape):
+            if not isinstance(shape, Shape) or getattr(shape, "kind", None) not in KINDS:
                 raise ProblemError(f"shapes[{k}] is {said(shape)}, must be one of octo.shapes")
             if shape.name is not None and names.setdefault(shape.name, k) != k:
                 raise ProblemError(
@@ -67,7 +67,7 @@ class World:
         records = np.empty((len(self.shapes), layout.RECORD))
         parts = [np.empty(layout.HEAD), records, endless, nodes, *(s.own for s in self.shapes)]
         at = np.cumsum([0, *(np.size(part) for part in parts)])
-        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:4]
+        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:5]
         for k, shape in enumerate(self.shapes):
             records[k, layout.KIND], records[k, layout.OWN] = KINDS.index(shape.kind), at[4 + k]
             _place(records[k], shape)
@@ -78,8 +78,8 @@ class World:
         """(2, 3) m: the lowest and the highest corner of a box around all points with φ ≤ 0,
         infinite where they have no end."""
         boxes = np.array([shape.bounds() for shape in self.shapes])
-        spread = np.array([-1.0, 1.0])[:, None] * self.blend  # where shapes meet they bulge
-        return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)]) + spread
+        bulge = self.blend / 6.0 / FRACTION if len(boxes) > 1 else 0.0  # where shapes meet
+        return np.stack([boxes[:, 0].min(axis=0) - bulge, boxes[:, 1].max(axis=0) + bulge])
 
     # -- queries -----------------------------------------------------------------------------------
 
@@ -161,9 +161,8 @@ class World:
         _place(data[record : record + layout.RECORD], shape)
         box = shape.bounds()
         if np.isfinite(box).all():
-            size = layout.NODE * (2 * int(data[layout.BOUNDED]) - 1)
-            first = int(data[layout.TREE])
-            tree.refit(data[first : first + size].reshape(-1, layout.NODE), k, box)
+            first, last = int(data[layout.TREE]), int(data[layout.NUMBERS])
+            tree.refit(data[first:last].reshape(-1, tree.CHILD + 1, layout.WIDTH), k, box)
         made.__dict__["data"] = _kept(data)  # where a cached_property looks first
         return made
 
