@@ -19,9 +19,7 @@ from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 from octo.world.cut import halved, near
-from octo.world.surface import Surface as ShapeSurface
-from octo.world.surface import creases
-from octo.world.surface import surfaces as shape_surfaces
+from octo.world.drawn import Drawn, creases, drawn
 from octo.world.world import World
 
 if TYPE_CHECKING:
@@ -161,7 +159,7 @@ class Scene:
         self.reach = (REACH if world is None else WIDE) * scale  # m, of the ground around the way
         self.bodies: list[tuple[Array, Array]] = []  # (f, 3, 3) m and (f, 3) colours
         self.shapes: list[tuple[Array, Array]] = []  # of the world: the same
-        self.floors: list[ShapeSurface] = []  # its planes
+        self.floors: list[Drawn] = []  # its planes
         self.shadows: list[Array] = []
         self.tiles: list[tuple[Array, Array]] = []  # (4, 3) m, (3,) colour
         self.prints = np.zeros((0, 3))
@@ -215,7 +213,7 @@ class Scene:
             self.tiles = self._tiles(self.terrain.height, thinned)
             return
         around = np.stack([thinned.min(axis=0) - self.reach, thinned.max(axis=0) + self.reach])
-        every = shape_surfaces(self.world.shapes, around)
+        every = drawn(self.world.shapes, around)
         self.floors = [one for one in every if one.plane is not None and one.plane[2] > 0.0]
         for floor in self.floors:
             for corners, color in self._tiles(floor.height, thinned):

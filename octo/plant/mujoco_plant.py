@@ -17,7 +17,7 @@ from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
-from octo.world.surface import from_above
+from octo.world.drawn import from_above
 from octo.world.world import World
 
 BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y

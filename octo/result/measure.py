@@ -19,7 +19,7 @@ from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
-from octo.world.surface import from_above
+from octo.world.drawn import from_above
 from octo.world.world import World
 
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion

@@ -10,7 +10,7 @@ import numpy as np
 from octo.model.figure import tile
 from octo.model.quantities import Array
 from octo.result.solution import Solution
-from octo.world.surface import Surface, creases, surfaces
+from octo.world.drawn import Drawn, creases, drawn
 
 GRID: dict[str, Any] = {"cell_color": (205, 208, 212), "section_color": (160, 166, 174)}
 GRID |= {"plane_color": (238, 240, 243), "plane_opacity": 1.0, "shadow_opacity": 0.35}
@@ -44,7 +44,7 @@ def add_ground(
     if solution.world is not None:
         x, y = solution.ground["x"], solution.ground["y"]
         around = np.array([(x[0], y[0]), (x[-1], y[-1])])
-        parts = enumerate(surfaces(solution.world.shapes, around))
+        parts = enumerate(drawn(solution.world.shapes, around))
         return [_add_shape(server, f"{name}/{k}", one, offset, scale) for k, one in parts]
     x, y, z = (solution.ground[axis] for axis in "xyz")
     rise = [float(np.mean(np.diff(z, axis=axis))) for axis in (0, 1)]
@@ -89,7 +89,7 @@ def _add_heights(
     return _still(name)
 
 
-def _add_shape(server: Any, name: str, shape: Surface, offset: Array, scale: float) -> Ground:
+def _add_shape(server: Any, name: str, shape: Drawn, offset: Array, scale: float) -> Ground:
     """A shape of a world; a plane that can be walked on is an endless grid."""
     if shape.plane is not None and shape.plane[2] > 0.0:
         x, y, z, d = shape.plane

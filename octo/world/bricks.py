@@ -23,7 +23,8 @@ REACH = 3  # samples: two coefficients of one cell are so far apart, at most
 WIDTH = 6  # coarse coefficients along an axis that those of a brick are made of
 EXACT = 1e-13  # of the residual of the corrections, to begin with
 CHUNK = 1000  # bricks at a time: 4 MB of samples
-FARTHEST = 5.0 * np.sqrt(3.0)  # cells from the coarse sample in a brick to its others
+# cells from the coarse sample that stands for a brick to its others, and from each to a coarse one
+FARTHEST, NEXT = 5.0 * np.sqrt(3.0), 2.0 * np.sqrt(3.0)
 WITHIN = np.arange(BRICK) - BEYOND  # samples of a brick, from the one at its first coarse sample
 # the 27 directions to the bricks around one, itself among them
 AROUND = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -36,14 +37,14 @@ def near_surface(
 
     ``distance`` must not change by more than the way between two points.
     """
-    count = np.maximum(np.ceil((high - low) / (BRICK * cell)).astype(np.int64), 1) + 1
+    count = np.maximum(np.ceil((high - low) / (BRICK * cell) - 1e-6).astype(np.int64), 1) + 1
     size = BRICK * (count - 1) + 1  # then each brick has a coarse sample
     axes = [low[k] + RATIO * cell * np.arange(2 * count[k] - 1) for k in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     samples = distance(nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
     coarse = spline.coefficients(samples)
     candidates = np.argwhere(np.abs(samples[::2, ::2, ::2]) <= (BAND + FARTHEST) * cell)
-    core, active, values = _sampled(distance, candidates, size, low, cell, progress)
+    core, active, values = _sampled(distance, candidates, samples, low, cell, progress)
     stored = np.argwhere(_stored(core, active, count))
     places = _places(stored, count)
     bricks = np.concatenate([_of_coarse(coarse, one, _refinement()) for one in _chunks(stored)])
@@ -64,18 +65,22 @@ def _places(bricks: Indices, count: Indices) -> Indices:
 
 
 def _sampled(
-    distance: Distance, bricks: Indices, size: Indices, low: Array, cell: float, progress: Progress
+    distance: Distance, bricks: Indices, coarse: Array, low: Array, cell: float, progress: Progress
 ) -> tuple[Indices, Mask, Array]:
     """Of the bricks those with samples in the band: their places (n, 3), and of their samples
-    (n, 8, 8, 8) which ones are in it, and the distances."""
+    (n, 8, 8, 8) which ones are in it, and their distances. ``coarse``: samples."""
+    size = RATIO * (np.array(coarse.shape) - 1) + 1
     grid = np.stack(np.meshgrid(WITHIN, WITHIN, WITHIN, indexing="ij"), axis=-1)
     core, active, values = [], [], []
     for k, chunk in enumerate(_chunks(bricks)):
         index = BRICK * chunk[:, None, None, None, :] + grid
-        found = distance((low + cell * index).reshape(-1, 3)).reshape(index.shape[:4])
         # the spline stays natural at the edges of the lattice
         inner = ((index >= REACH) & (index < size - REACH)).all(axis=-1)
-        near = inner & (np.abs(found) <= BAND * cell)
+        at = np.clip(np.rint(index / RATIO).astype(np.int64), 0, np.array(coarse.shape) - 1)
+        asked = inner & (np.abs(coarse[tuple(np.moveaxis(at, -1, 0))]) <= (BAND + NEXT) * cell)
+        found = np.zeros(asked.shape)
+        found[asked] = distance(low + cell * index[asked])
+        near = asked & (np.abs(found) <= BAND * cell)
         some = near.any(axis=(1, 2, 3))
         core.append(chunk[some])
         active.append(near[some])

@@ -50,9 +50,9 @@ static void octo_world_grid(const double *own, const double *point, int order, d
   }
   if (!octo_world_cell(own, first, values)) {
     for (int axis = 0; axis < 3; axis++) {
-      double coarse[4];
-      for (int d = 0; d < 4; d++) coarse[d] = 0.25 * image[axis][d];
-      first[axis] = octo_world_weights(coarse, own[10 + axis], own[3], weights[axis]);
+      const double *fine = image[axis]; /* in cells of a quarter */
+      const double coarse[4] = {0.25 * fine[0], fine[1], 4.0 * fine[2], 16.0 * fine[3]};
+      first[axis] = octo_world_weights(coarse, own[10 + axis], 0.25 * own[3], weights[axis]);
     }
     octo_world_coarse(own, first, values);
   }

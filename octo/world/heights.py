@@ -66,7 +66,7 @@ class HeightField(Shape):
     origin: (x, y) m, of ``heights[0, 0]`` in its frame.
     smooth: whether h passes near the samples in place of through them, which are then its
         B-spline's coefficients. A step between two samples rises over three cells, without the
-        overshoot (of 7 % of the step) of a spline through the samples, and peaks are cut.
+        overshoot (of 11 % of the step) of a spline through the samples, and peaks are cut.
     scale: metres of what heights, cell and origin are in.
     position, rotation, name: see Shape.
 

@@ -19,9 +19,11 @@ from octo.world.grid import KIND
 from octo.world.lattice import RATIO
 from octo.world.shape import Kind, Shape
 from octo.world.spline import Indices
+from octo.world.surface import edges_of, volume, wound_alike
 from octo.world.units import check_size
 
 MERGED = 1e-7  # of its longest edge: vertices so near to each other are one (STL has three a face)
+FLAT = 1e-9  # of the cube of its longest edge: a volume that is none
 FINE, CELLS = (
     0.02,
     200,
@@ -106,17 +108,21 @@ class Mesh(Shape):
             allowed = f"whole numbers from 0 to {len(vertices) - 1}"
             raise ProblemError(f"faces of {self.label} must be {allowed}, its vertices")
         vertices, faces = _merged(vertices, faces)
-        border, against = _borders(faces, len(vertices))
+        if not len(faces):
+            raise ModelError(f"{self.label} has no inside: all of its faces are lines or points")
+        border, against = _borders(faces)
         if len(border):
             raise ModelError(self._open(vertices, border))
         if len(against):
-            faces = build.wound_alike(vertices, faces)
-            against = _borders(faces, len(vertices))[1]
+            faces = wound_alike(faces)
+            against = _borders(faces)[1]
         if len(against):
             place = _place(self.scale * vertices[against[0]].mean(axis=0))
             raise ModelError(
                 f"{self.label} has no inside: its faces cannot all be wound alike, near {place}"
             )
+        if abs(volume(vertices, faces)) < FLAT * float(np.ptp(vertices, axis=0).max()) ** 3:
+            raise ModelError(f"{self.label} has no inside: the faces on both sides are one")
         return vertices, faces
 
     def _open(self, vertices: Array, border: Indices) -> str:
@@ -165,13 +171,9 @@ def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return vertices[first][used], local.reshape(faces.shape)
 
 
-def _borders(faces: Indices, vertices: int) -> tuple[Indices, Indices]:
+def _borders(faces: Indices) -> tuple[Indices, Indices]:
     """Edges (k, 2) that border an odd number of faces, and (k, 2) those of faces that are wound
     against each other."""
-    ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    edges, which, count = np.unique(low * vertices + high, return_inverse=True, return_counts=True)
-    balance = np.bincount(which.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1, -1))
-    pairs = np.stack([edges // vertices, edges % vertices], axis=1)
-    odd = count % 2 == 1
-    return pairs[odd], pairs[~odd & (balance != 0)]
+    edges, which, way = edges_of(faces)
+    odd = np.bincount(which) % 2 == 1
+    return edges[odd], edges[~odd & (np.bincount(which, way) != 0)]

@@ -125,7 +125,15 @@ static void octo_world(const double *world, const double *point, int order, doub
   const double place = point[0] + point[1] + point[2];
   octo_world_near near;
   near.count = 0;
-  if (place - place == 0.0) octo_world_find(world, point, &near);
+  if (place - place == 0.0) {
+    if (world[OCTO_WORLD_COUNT] == 1.0) { /* a map, often: nothing is to be found */
+      near.count = 1;
+      near.shape[0] = 0;
+      near.value[0] = 0.0;
+    } else {
+      octo_world_find(world, point, &near);
+    }
+  }
   if (near.count == 0) {
     for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
     return;

@@ -25,23 +25,33 @@ static void octo_world_image(double u, double size, double *image) {
    `inverse` (1/m), weights[4 * tap + derivative]; returns where the first one is stored. A lattice has
    two coefficients beyond each edge. */
 static int octo_world_weights(const double *image, double size, double inverse, double *weights) {
-  const double at = image[0], first = image[1] * inverse;
-  const double second = image[2] * inverse * inverse, third = image[3] * inverse * inverse * inverse;
+  const double at = image[0], square = inverse * inverse, cube = square * inverse;
   const int cell = at > -1.0 ? (at < size ? (int)(at + 1.0) - 1 : (int)size - 1) : -1;
-  const double t = at - cell, s = 1.0 - t;
-  const double basis[4][4] = {
-      {s * s * s / 6.0, -0.5 * s * s, s, -1.0},
-      {(0.5 * t - 1.0) * t * t + 2.0 / 3.0, (1.5 * t - 2.0) * t, 3.0 * t - 2.0, 3.0},
-      {(0.5 * s - 1.0) * s * s + 2.0 / 3.0, (2.0 - 1.5 * s) * s, 3.0 * s - 2.0, -3.0},
-      {t * t * t / 6.0, 0.5 * t * t, t, 1.0},
-  };
-  for (int tap = 0; tap < 4; tap++) {
-    const double *b = basis[tap];
-    double *w = weights + 4 * tap;
-    w[0] = b[0];
-    w[1] = b[1] * first;
-    w[2] = b[2] * first * first + b[1] * second;
-    w[3] = b[3] * first * first * first + 3.0 * b[2] * first * second + b[1] * third;
+  const double t = at - cell, s = 1.0 - t, sixth = 1.0 / 6.0;
+  weights[0] = sixth * s * s * s;
+  weights[1] = -0.5 * s * s * inverse;
+  weights[2] = s * square;
+  weights[3] = -cube;
+  weights[4] = (0.5 * t - 1.0) * t * t + 4.0 * sixth;
+  weights[5] = (1.5 * t - 2.0) * t * inverse;
+  weights[6] = (3.0 * t - 2.0) * square;
+  weights[7] = 3.0 * cube;
+  weights[8] = (0.5 * s - 1.0) * s * s + 4.0 * sixth;
+  weights[9] = (2.0 - 1.5 * s) * s * inverse;
+  weights[10] = (3.0 * s - 2.0) * square;
+  weights[11] = -3.0 * cube;
+  weights[12] = sixth * t * t * t;
+  weights[13] = 0.5 * t * t * inverse;
+  weights[14] = t * square;
+  weights[15] = cube;
+  if (image[1] != 1.0) { /* outside: the chain rule */
+    const double first = image[1], second = image[2] * inverse, third = image[3] * square;
+    for (int tap = 0; tap < 4; tap++, weights += 4) {
+      const double once = weights[1], twice = weights[2];
+      weights[1] = once * first;
+      weights[2] = twice * first * first + once * second;
+      weights[3] = weights[3] * first * first * first + 3.0 * twice * first * second + once * third;
+    }
   }
   return cell + 1;
 }

@@ -9,7 +9,7 @@ import pytest
 
 from octo import World, worlds
 from octo.errors import ValueRangeError
-from octo.world.surface import from_above
+from octo.world.drawn import from_above
 
 BULGE = 0.005 / 6.0 + 1e-4  # m, of a union, and of a height that is found
 

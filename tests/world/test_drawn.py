@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from octo import World, shapes
 from octo.world.cut import halved, near
-from octo.world.surface import creases, everywhere, from_above, surfaces
+from octo.world.drawn import creases, drawn, everywhere, from_above
 
 POSE: dict[str, Any] = {
     "position": (0.3, -0.2, 0.5),
@@ -43,7 +43,7 @@ SOLIDS = [
 
 def test_a_shape_is_closed_outward_and_where_its_distance_is_0() -> None:
     for shape, tolerance in SOLIDS:
-        (surface,) = surfaces([shape], everywhere([shape]))
+        (surface,) = drawn([shape], everywhere([shape]))
         corners = surface.vertices[surface.faces]
         distance = World([shape]).distance(corners.mean(axis=1))
         assert np.abs(distance).max() < tolerance, shape
@@ -58,21 +58,21 @@ def test_a_shape_is_closed_outward_and_where_its_distance_is_0() -> None:
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_map_is_drawn_at_its_samples_and_only_around_the_picture(smooth: bool) -> None:
     shape = waves(smooth)
-    (whole,) = surfaces([shape], everywhere([shape]))
+    (whole,) = drawn([shape], everywhere([shape]))
     assert len(whole.vertices) == 41 * 21
     assert np.abs(World([shape]).distance(whole.vertices)).max() < 1e-12
     around = np.array([[0.0, -0.4], [0.4, 0.0]])
-    (part,) = surfaces([shape], around)
+    (part,) = drawn([shape], around)
     assert 0 < len(part.vertices) < len(whole.vertices) / 2
     normal = np.cross(*(np.diff(part.vertices[part.faces], axis=1)[:, k] for k in (0, 1)))
     assert (normal @ shape.rotation[:, 2] > 0.0).all()
-    assert surfaces([shape], np.array([[5.0, 5.0], [6.0, 6.0]])) == []
+    assert drawn([shape], np.array([[5.0, 5.0], [6.0, 6.0]])) == []
 
 
 def test_a_plane_is_drawn_where_the_picture_is() -> None:
     shape = shapes.Ground(slope=0.3, direction=0.5, height=0.2, position=(0.0, 0.0, 0.1))
     around = np.array([[-1.0, 2.0], [3.0, 4.0]])
-    (surface,) = surfaces([shape], around)
+    (surface,) = drawn([shape], around)
     assert np.abs(World([shape]).distance(surface.vertices)).max() < 1e-12
     np.testing.assert_allclose(surface.vertices[:, :2].min(axis=0), around[0])
     np.testing.assert_allclose(surface.vertices[:, :2].max(axis=0), around[1])
@@ -80,7 +80,7 @@ def test_a_plane_is_drawn_where_the_picture_is() -> None:
     points = np.column_stack([places, surface.height(places)])
     assert np.abs(World([shape]).distance(points)).max() < 1e-12
     wall = shapes.Ground(rotation=Rotation.from_euler("y", -90, degrees=True).as_matrix())
-    (surface,) = surfaces([wall], around)
+    (surface,) = drawn([wall], around)
     assert np.abs(World([wall]).distance(surface.vertices)).max() < 1e-12
 
 
@@ -95,11 +95,11 @@ def test_what_is_seen_from_above_is_the_highest_shape() -> None:
 
 def test_a_box_has_twelve_creases_and_a_ball_none() -> None:
     box, ball = shapes.Box((0.5, 0.3, 0.4), **POSE), shapes.Sphere(0.4)
-    (surface,) = surfaces([box], everywhere([box]))
+    (surface,) = drawn([box], everywhere([box]))
     ends, normals = creases(surface.vertices, surface.faces)
     assert len(ends) == 12
     np.testing.assert_allclose(np.sum(normals[:, 0] * normals[:, 1], axis=1), 0.0, atol=1e-12)
-    (surface,) = surfaces([ball], everywhere([ball]))
+    (surface,) = drawn([ball], everywhere([ball]))
     assert len(creases(surface.vertices, surface.faces)[0]) == 0
 
 
