@@ -63,7 +63,7 @@ def robot_text(
     head = [HEAD]
     if isinstance(terrain, World):
         _add_looked(character, layout, sizes, tables)
-        head.append(query.text())
+        head += [query.text(), function_of_numbers(stages.reach(layout, law))]
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]

@@ -16,7 +16,7 @@ import casadi as ca
 
 from octo.dynamics import symbolic
 from octo.dynamics.forms import about, axial, g_form, moved, q_form, raised, rows, wrench
-from octo.dynamics.laws import ContactLaw, View
+from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout, section
 from octo.model.terrain import Ground, World, looked
 from octo.model.terrain import normal as normal_of
@@ -91,6 +91,13 @@ class _Ground:
     def at(self, center: ca.SX) -> list[ca.SX]:
         """In the place of ``own``, of a sphere at ``center``."""
         return [*self.own[:1], center] if self.own else []
+
+
+def reach(layout: Layout, law: ContactLaw) -> ca.Function:
+    """How far from the ground (m) a contact is still active. Input: p."""
+    p = ca.SX.sym("p", layout.size)
+    found = ca.densify(ca.SX(law.reach(section(layout.view(p), "contact."))))
+    return ca.Function(f"{PREFIX}reach", [p], [found], OPTIONS)
 
 
 def gap(layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:

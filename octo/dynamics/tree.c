@@ -117,25 +117,35 @@ static void octo_kin(const real *x, real *kin) {
   for (int b = 0; b < NB; ++b) octo_pose(b, x, turn, kin);
 }
 
+#ifndef NG
+#define NG 0 /* contacts that a world is asked about */
+#endif
+
 #if NG > 0
 /* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
 #define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
 
-/* φ and its derivatives up to ``order`` at the centre of contact sphere g. */
+#ifndef ASKED_OF_WORLD
+#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
+#endif
+static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
 static inline void octo_look_at(const double *p, int g, int order, real *kin) {
-  static const int sizes[4] = {1, 4, 10, JET};
-  const double *world = (const double *)(size_t)p[WORLD];
+  const double *world = (const double *)(size_t)p[WORLD], *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
+  double reach, *res[1] = {&reach};
+  octo_reach(arg, res);
+  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
   real center[3], *jet = LOOKED(kin, g);
-  octo_place(kin + 12 * octo_ground_body[g], octo_ground_sphere + 4 * g, center);
+  octo_place(kin + 12 * octo_ground_body[g], sphere, center);
 #ifdef STEPS
   for (int k = 0; k < STEPS; ++k) {
     double at[3] = {center[0][k], center[1][k], center[2][k]}, own[JET];
-    octo_world(world, at, order, own);
-    for (int e = 0; e < sizes[order]; ++e) jet[e][k] = own[e];
+    octo_world_within(world, at, beyond, order, own);
+    for (int e = 0; e < octo_world_size(order); ++e) jet[e][k] = own[e];
   }
 #else
-  octo_world(world, center, order, jet);
-  (void)sizes;
+  octo_world_within(world, center, beyond, order, jet);
 #endif
 }
 

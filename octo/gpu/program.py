@@ -46,6 +46,7 @@ class Program(Kernels):
         text = dynamics.text()
         if not text:
             raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
+        text = codegen.asked_of_world(functions, dynamics) + text
         pieces, stages = Pieces.of(functions), functions.calls.stages_text
         own = (pieces.functions, pieces.rows, pieces.columns)
         costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]

@@ -299,6 +299,14 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     return "\n".join([*text, tables, native.threads(), *parts])
 
 
+def asked_of_world(functions: CostFunctions, dynamics: Dynamics) -> str:
+    """C text, before that of the dynamics: which contacts of a world terms ask about."""
+    if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
+        return ""
+    asked = [int(k in functions.contact_spheres) for k in dynamics.character.terrain_contacts]
+    return f"#define ASKED_OF_WORLD {{{', '.join(map(str, asked))}}}\n" if any(asked) else ""
+
+
 @postponed()
 def residual_text(
     functions: CostFunctions,

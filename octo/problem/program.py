@@ -12,7 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.problem.between import BetweenCode
-from octo.problem.codegen import CostFunctions, cost_text, kept_slopes
+from octo.problem.codegen import CostFunctions, asked_of_world, cost_text, kept_slopes
 from octo.problem.row_products import RowSlopes
 
 
@@ -26,7 +26,7 @@ class Program:
 
     def c_text(self) -> str:
         """A time step in every lane, then assemble.c, and between.c where a term needs it."""
-        stages = self.functions.calls.stages_text
+        stages = self.functions.calls.stages_text + asked_of_world(self.functions, self.dynamics)
         text = stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
         between = self.between
         return text if between is None else f"{text}\n{between.c_text()}"

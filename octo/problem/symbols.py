@@ -203,7 +203,8 @@ class Lazy(Sequence[T]):
     made."""
 
     def __init__(self, makers: Sequence[Callable[[], T]]):
-        self._makers, self._made = makers, {}
+        self._makers: Sequence[Callable[[], T]] = makers
+        self._made: dict[int, T] = {}
 
     def __len__(self) -> int:
         return len(self._makers)

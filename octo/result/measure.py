@@ -12,7 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import distances
+from octo.model.terrain import ADDRESS, distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
@@ -38,12 +38,14 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
 
 def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str, Any]:
     """The fields of a Trajectory, of one member's iterate."""
-    described, dynamics = problem.problems[member], problem.dynamics
+    described = problem.problems[member]
+    dynamics = described.dynamics  # its ground is its own
     reduced, pointwise = violations(problem, at)
     names = [term.label for term in described.costs]  # constraints, which come last, have no part
     energies = problem.term_values(at)[member, : len(names)]
     robot: Character | None = described.character
     p = problem.p[member]
+    named = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
     return {
         "name": robot.name if robot is not None else "custom",
         "character": robot,
@@ -60,7 +62,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
         "world": world_of(dynamics),
-        "parameters": dict(zip(dynamics.layout.names, p.tolist(), strict=True)),
+        "parameters": {name: v for name, v in named.items() if name != ADDRESS},
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
         "residuals": residuals_of(problem, at, member),

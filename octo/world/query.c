@@ -119,41 +119,53 @@ static int octo_world_felt(const octo_world_near *near, double scale) {
   return count;
 }
 
-/* φ and its derivatives at a point (3) m, in world axes: as many numbers as a jet of the order has. NaN where the point is not finite, or
- * farther from all shapes than numbers reach. */
-static void octo_world(const double *world, const double *point, int order, double *jet) {
-  const double place = point[0] + point[1] + point[2];
-  octo_world_near near;
-  near.count = 0;
-  if (place - place == 0.0) {
-    if (world[OCTO_WORLD_COUNT] == 1.0) { /* a map, often: nothing is to be found */
-      near.count = 1;
-      near.shape[0] = 0;
-      near.value[0] = 0.0;
-    } else {
-      octo_world_find(world, point, &near);
-    }
-  }
-  if (near.count == 0) {
-    for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
-    return;
-  }
-  const int felt = octo_world_felt(&near, world[OCTO_WORLD_SCALE]);
+/* φ and its derivatives at a point (3) m, in world axes, of what octo_world_find found: as many numbers as a jet of the order has. */
+static void octo_world_made(const double *world, const double *point, const octo_world_near *near, int order, double *jet) {
+  const int felt = octo_world_felt(near, world[OCTO_WORLD_SCALE]);
   if (felt == 1) {
-    octo_world_of_shape(world, near.shape[0], point, order, jet);
+    octo_world_of_shape(world, near->shape[0], point, order, jet);
     return;
   }
-  const double scale[3] = {near.value[0], world[OCTO_WORLD_SCALE], (double)felt};
+  const double scale[3] = {near->value[0], world[OCTO_WORLD_SCALE], (double)felt};
   double sums[2][3][20] = {{{0.0}}}, one[20]; /* sums of powers of x: two, for a function must not write to what it reads */
   for (int k = 0; k < felt; ++k) {
     double (*from)[20] = sums[k % 2], (*to)[20] = sums[1 - k % 2];
     const double *arg[] = {scale, one, from[0], from[1], from[2]};
     double *res[] = {to[0], to[1], to[2]};
-    octo_world_of_shape(world, near.shape[k], point, order, one);
+    octo_world_of_shape(world, near->shape[k], point, order, one);
     octo_world_add(order, arg, res);
   }
   double (*whole)[20] = sums[felt % 2];
   const double *arg[] = {scale, whole[0], whole[1], whole[2]};
   double *res[] = {jet};
   octo_world_soften(order, arg, res);
+}
+
+/* The same where nothing is known yet, and φ is less than ``beyond`` m; elsewhere the first number is a lower bound of φ that is not
+ * less either, and the others are 0. NaN where the point is not finite, or farther from all shapes than numbers reach. */
+static void octo_world_within(const double *world, const double *point, double beyond, int order, double *jet) {
+  const double place = point[0] + point[1] + point[2];
+  if (place - place == 0.0 && world[OCTO_WORLD_COUNT] == 1.0 && beyond == INFINITY) { /* one map, as often */
+    octo_world_of_shape(world, 0, point, order, jet);
+    return;
+  }
+  octo_world_near near;
+  near.count = 0;
+  if (place - place == 0.0) octo_world_find(world, point, &near);
+  if (near.count == 0) {
+    for (int k = 0; k < octo_world_size(order); ++k) jet[k] = NAN;
+    return;
+  }
+  const double least = near.value[0] - 4.0 / 3.0 * world[OCTO_WORLD_SCALE];
+  if (least < beyond) {
+    octo_world_made(world, point, &near, order, jet);
+    return;
+  }
+  jet[0] = least;
+  for (int k = 1; k < octo_world_size(order); ++k) jet[k] = 0.0;
+}
+
+/* The same, whatever φ is. */
+static void octo_world(const double *world, const double *point, int order, double *jet) {
+  octo_world_within(world, point, INFINITY, order, jet);
 }
