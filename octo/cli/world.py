@@ -12,18 +12,20 @@ from octo.checks import one_of
 from octo.cli.arguments import terrain_of
 from octo.errors import RobotFileError, UnknownNameError, UsageError, ValueRangeError
 from octo.files import is_file
-from octo.model.terrain import Ground
+from octo.model import terrain
 from octo.model.world_file import ENDINGS, load_world
+from octo.world.shapes import Ground
 from octo.world.world import World
 from octo.worlds import WORLDS
 
-# what may follow a file's name; x, y and z are its place
-OF_FILES = dict.fromkeys(("cell", "height", "scale", "x", "y", "z"), float)
+# what may follow a file's name: x, y and z are its place, ground is a level one beneath it
+OF_FILES: dict[str, type] = dict.fromkeys(("cell", "height", "scale", "x", "y", "z"), float)
+OF_FILES["ground"] = bool
 TRUTHS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
 WORDS = {int: "a whole number", float: "a number"}
 
 
-def ground_of_words(arguments: argparse.Namespace) -> Ground:
+def ground_of_words(arguments: argparse.Namespace) -> terrain.Ground:
     """The ground of ``--world``, or of ``--terrain``.
 
     Raises
@@ -60,8 +62,9 @@ def world_of(word: str, cell: float | None = None) -> World:
     own = _values(f"world {file.name!r}", sizes, OF_FILES)
     if cell is not None:
         own["cell"] = cell
-    place = [own.pop(axis, 0.0) for axis in "xyz"]
-    return load_world(path, position=place, **own)
+    place, level = [own.pop(axis, 0.0) for axis in "xyz"], own.pop("ground", False)
+    world = load_world(path, position=place, **own)
+    return World([Ground(name="level ground"), *world.shapes]) if level else world
 
 
 def _values(what: str, text: str, known: Mapping[str, type]) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 
 from octo.checks import Array
 from octo.model.quaternions import quaternions
-from octo.world.surface import volume
-from octo.world.shapes import Box, Capsule, Cylinder, Ground, HeightField, Shape, Sphere
 from octo.world.drawn import Faces, everywhere, triangles
+from octo.world.shapes import Box, Capsule, Cylinder, Ground, HeightField, Shape, Sphere
+from octo.world.surface import volume
 from octo.world.world import World
 
 BASE = 0.1  # m, that a map goes on below its lowest sample: MuJoCo's is a solid

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from octo.checks import Array
@@ -17,11 +18,15 @@ from octo.model import mjcf, urdf, xml_file
 from octo.model.contacts import collidable, geom_kind
 from octo.model.figure import ball, hull_of
 from octo.model.robot_file import import_mujoco, name_of, quiet_compiler
-from octo.world.heights import HeightField
-from octo.world.mesh import Mesh
-from octo.world.shapes import Box, Capsule, Cylinder, Ground, Shape, Sphere
+from octo.world.drawn import everywhere, triangles
+from octo.world.shapes import Box, Capsule, Cylinder, Ground, HeightField, Mesh, Shape, Sphere
+from octo.world.world import World
 
 ROUNDING = 0.01  # m, of edges, or a quarter of the smallest half size where that is less
+BURIED, BASE = (
+    1e-3,
+    0.1,
+)  # m, of a map's edge over a plane, and of a solid map below its lowest sample
 SQUARE = 1e-3  # how far the sides of a cell of a map may differ, relative to the shorter one
 FINE = 3  # an ellipsoid is a ball of 10·4³ + 2 vertices, stretched
 Shapes = tuple[list[Shape], list[str]]
@@ -38,7 +43,7 @@ def of_mjcf(path: Path) -> Shapes:
 
 def of_urdf(path: Path) -> Shapes:
     """The same of a URDF, whose root link stands still."""
-    prepared = urdf.prepare(path)
+    prepared = urdf.prepare(path, world=True)
     with quiet_compiler():
         model = urdf.compile_prepared(prepared)
     return _shapes(path, model, [f"mesh {mesh}: {why}" for mesh, why in prepared.unusable])
@@ -71,7 +76,8 @@ def _shapes(path: Path, model: Any, notes: list[str]) -> Shapes:
     notes += [f"what moves ({', '.join(sorted(moving))})"] if moving else []
     if not found:
         raise RobotFileError(f"{path.name}: nothing in it stands still and collides: no world")
-    return _numbered(found), notes
+    planes = [shape for shape in found if isinstance(shape, Ground)]
+    return _numbered([_ended(shape, planes) for shape in found]), notes
 
 
 def _stands(model: Any, b: int) -> bool:
@@ -134,6 +140,32 @@ def _heights(model: Any, h: int, own: dict[str, Any]) -> HeightField:
             np.clip(there, [x[0], y[0]], [x[-1], y[-1]])
         )
     return HeightField(heights, float(cell), (-half_x, -half_y), **own)
+
+
+def _ended(shape: Shape, planes: list[Ground]) -> Shape:
+    """A map that a plane lies under as a solid that ends where it does: a HeightField goes on
+    beyond its edge, and would bury the plane."""
+    if not isinstance(shape, HeightField):
+        return shape
+    vertices, faces = triangles(shape, everywhere([shape]))
+    border = _border(np.shape(shape.heights))
+    if not any((World([plane]).distance(vertices[border]) > BURIED).any() for plane in planes):
+        return shape
+    own = (vertices - np.asarray(shape.position)) @ np.asarray(shape.rotation)
+    low = own * (1.0, 1.0, 0.0)
+    low[:, 2] = own[:, 2].min() - BASE
+    a, b, under = border, np.roll(border, -1), len(own)
+    walls = [np.stack([a, a + under, b + under], axis=1), np.stack([a, b + under, b], axis=1)]
+    whole = np.concatenate([faces, faces[:, ::-1] + under, *walls])
+    pose: dict[str, Any] = {"position": shape.position, "rotation": shape.rotation}
+    return Mesh(np.concatenate([own, low]), whole, name=shape.name, **pose)
+
+
+def _border(size: tuple[int, ...]) -> NDArray[np.intp]:
+    """Indices of the samples around a map, in a closed line, as seen from above to the left."""
+    index = np.arange(np.prod(size)).reshape(size)
+    sides = [index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]]
+    return np.concatenate(sides)
 
 
 def _mesh(model: Any, m: int, own: dict[str, Any], lost: Counter[str]) -> Mesh:

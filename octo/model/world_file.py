@@ -7,11 +7,10 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from octo.checks import Array, numbers, positive
+from octo.checks import numbers, positive
 from octo.errors import RobotFileError, UsageError, said
 from octo.files import is_file
 from octo.model.load import dialect

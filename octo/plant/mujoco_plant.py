@@ -33,8 +33,8 @@ class MujocoPlant:
 
     Parameters
     ----------
-    terrain: the ground, a Plane or a World. friction: sliding coefficient of feet and ground. timestep: s. gravity:
-        (3,) m/s².
+    terrain: the ground, a Plane or a World. friction: sliding coefficient of feet and ground.
+    timestep: s. gravity: (3,) m/s².
     payload: mass added to the base body, relative to its mass; its inertia grows alike.
     bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its
         origin); ``seed`` places them.

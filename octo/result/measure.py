@@ -19,11 +19,11 @@ from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
-from octo.world.drawn import from_above
+from octo.world.drawn import sampled
 from octo.world.world import World
 
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
-GROUND_SPACING, WORLD_SPACING = 0.1, 0.025  # m, of a smooth terrain and of shapes
+GROUND_SPACING = 0.1  # m
 
 
 def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
@@ -127,11 +127,10 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     low = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
     world = world_of(dynamics)
-    spacing, most = (GROUND_SPACING, 200) if world is None else (WORLD_SPACING, 400)
-    counts = [int(min(most, max(2, np.ceil((high[k] - low[k]) / spacing)))) for k in (0, 1)]
-    x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     if world is not None:
-        return {"x": x, "y": y, "z": from_above(world.distance, x, y, low[2] - 3.0, high[2] + 3.0)}
+        return sampled(world.distance, low, high)
+    counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
+    x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
     phi = distances(dynamics.terrain, section(values, "terrain."))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)

@@ -22,7 +22,6 @@ from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
 from octo.world import store as world_store
-from octo.world.world import World
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
@@ -97,7 +96,7 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         "status": status,
         "device": file.word("device"),
         "ground": _ground(file),
-        "world": _world(file),
+        "world": world_store.of_file(file.plain.get("world"), file.arrays, WORLD),
         "history": file.group("history_"),
         "slacks": _slacks(file, finite),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
@@ -176,14 +175,6 @@ def _ground(file: Archive) -> dict[str, Array]:
         return {}
     x, y = file.array("ground_x", (None,)), file.array("ground_y", (None,))
     return {"x": x, "y": y, "z": file.array("ground_z", (len(x), len(y)))}
-
-
-def _world(file: Archive) -> World | None:
-    """None where the file has none, as on a plane."""
-    plain = file.plain.get("world")
-    entries = file.arrays.items()
-    arrays = {name.removeprefix(WORLD): v for name, v in entries if name.startswith(WORLD)}
-    return None if plain is None else world_store.from_plain(plain, arrays)
 
 
 def _asked(record: dict[str, Any], finite: bool) -> Asked:

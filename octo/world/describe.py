@@ -64,7 +64,7 @@ def size_of(shape: Shape) -> str:
     if isinstance(shape, (Capsule, Cylinder)):
         return f"radius {shape.radius:.4g} m, length {shape.length:.4g} m"
     if isinstance(shape, Ground):
-        return f"slope {shape.slope:.4g} rad"
+        return f"slope {shape.slope:.4g} rad, height {shape.height:.4g} m"
     if isinstance(shape, (HeightField, DistanceGrid)):
         samples = np.shape(shape.heights if isinstance(shape, HeightField) else shape.values)
         return f"{_times(np.array(samples))} samples, cell {shape.scale * shape.cell:.4g} m"

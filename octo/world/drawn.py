@@ -31,6 +31,7 @@ Faces = NDArray[np.intp]
 AROUND = 48  # corners of a circle
 STEEP = 0.2  # of a plane's normal along z, below which it is a wall
 NEAR, MOST_STEPS = 1e-4, 100  # m, and how often: when a way down has arrived
+SPACING, MOST_HEIGHTS = 0.025, 400  # m, and samples along x and y, of heights for shadows
 SLOPE = 0.1  # of φ squared, at least, where a vertex is moved to φ = 0
 SHARP = 0.8  # cosine of the angle between two faces from which on their edge is a crease
 MOST_SAMPLES = 200_000  # of a map; a larger one is drawn in every second row, or fourth, …
@@ -108,6 +109,15 @@ def _map_bounds(shape: HeightField) -> Array:
     ends = np.array([(x, y, 0.0) for x in (corner[0], far[0]) for y in (corner[1], far[1])])
     placed = _placed(shape, ends)
     return np.stack([placed.min(axis=0), placed.max(axis=0)])
+
+
+def sampled(distance: Callable[[Array], Array], low: Array, high: Array) -> dict[str, Array]:
+    """Heights z (a, b) m from above over x (a,) and y (b,), for shadows, between the corners
+    ``low`` and ``high`` (3,) m of a motion and 3 m more in height."""
+    counts = np.clip(np.ceil((high - low)[:2] / SPACING), 2, MOST_HEIGHTS).astype(int)
+    x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
+    z = from_above(distance, x, y, float(low[2]) - 3.0, float(high[2]) + 3.0)
+    return {"x": x, "y": y, "z": z}
 
 
 def from_above(

@@ -37,6 +37,12 @@ def to_plain(world: World) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     return {"blend": world.blend, "shapes": records}, arrays
 
 
+def of_file(plain: Any, arrays: Mapping[str, NDArray[Any]], prefix: str) -> World | None:
+    """The world of a file whose arrays of it begin with ``prefix``; None where it has none."""
+    own = {name.removeprefix(prefix): v for name, v in arrays.items() if name.startswith(prefix)}
+    return None if plain is None else from_plain(plain, own)
+
+
 def from_plain(plain: Any, arrays: Mapping[str, NDArray[Any]]) -> World:
     """The world of :func:`to_plain`.
 
