@@ -88,10 +88,11 @@ static int octo_world_find(const double *world, const double *point, octo_world_
       continue;
     }
     const double *node = tree + 7 * OCTO_WORLD_WIDTH * place, *child = node + 6 * OCTO_WORLD_WIDTH;
+    const double limit = near->limit;
     const int bottom = top;
     octo_world_beyond(node, point, squares);
     for (int k = 0; k < OCTO_WORLD_WIDTH; ++k) {
-      if (squares[k] > near->limit) continue;
+      if (squares[k] > limit) continue;
       int at = top++;
       for (; at > bottom && away[at - 1] < squares[k]; --at) {
         away[at] = away[at - 1];

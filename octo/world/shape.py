@@ -104,9 +104,9 @@ class Shape:
     def __post_init__(self) -> None:
         if self.name is not None:
             instance(f"name of a {self.word}", self.name, str, "a text")
-        place = numbers(f"position of {self.label}", self.position, (3,)).copy()
-        object.__setattr__(self, "position", place)
-        object.__setattr__(self, "rotation", _rotation(self.label, self.rotation))
+        place = numbers(f"position of {self.label}", self.position, (3,))
+        object.__setattr__(self, "position", _fixed(place))
+        object.__setattr__(self, "rotation", _fixed(_rotation(self.label, self.rotation)))
 
     @property
     def word(self) -> str:
@@ -163,7 +163,7 @@ def keep_lengths(shape: Shape, *names: str) -> None:
         if np.ndim(given) == 0:
             kept: float | Array = positive(f"{name} of {shape.label}", given, "m")
         else:
-            kept = numbers(f"{name} of {shape.label}", given, (3,)).copy()
+            kept = _fixed(numbers(f"{name} of {shape.label}", given, (3,)))
             for k, one in enumerate(kept):
                 positive(f"{name}[{k}] of {shape.label}", float(one), "m")
         object.__setattr__(shape, name, kept)
@@ -176,6 +176,13 @@ def check_rounding(shape: Shape, rounding: float, most: float) -> None:
             f"rounding of {shape.label} is {rounding:g} m, must be at most half of its smallest "
             f"size, {most:g} m"
         )
+
+
+def _fixed(given: Array) -> Array:
+    """A copy that nobody can change."""
+    made = given.copy()
+    made.flags.writeable = False
+    return made
 
 
 def _rotation(label: str, given: ArrayLike) -> Array:
@@ -194,4 +201,4 @@ def _rotation(label: str, given: ArrayLike) -> Array:
             "and right-handed"
         )
     left, _, right = np.linalg.svd(found)
-    return np.array(found) if off == 0.0 else np.asarray(left @ right)
+    return found if off == 0.0 else np.asarray(left @ right)

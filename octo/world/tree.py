@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.world.layout import FAR, WIDTH
@@ -24,7 +25,10 @@ def build(boxes: Array, shapes: Sequence[int]) -> Array:
     """Nodes (count, 7, WIDTH) over the boxes (n, 2, 3) m of shapes of these numbers, the root
     first."""
     nodes = [EMPTY.copy()]
-    waiting = [(0, np.arange(len(boxes)))] if len(boxes) else []  # nodes, and what is below them
+    # nodes without children yet, and the boxes that are to be below them
+    waiting: list[tuple[int, NDArray[np.intp]]] = []
+    if len(boxes):
+        waiting.append((0, np.arange(len(boxes))))
     while waiting:
         place, within = waiting.pop()
         size = 1  # of a full child: with the fewest levels
@@ -45,12 +49,12 @@ def refit(nodes: Array, shape: int, box: Array) -> None:
     sought, fitted = -1.0 - shape, box
     while sought != 0.0:  # up to the root
         (node,), (slot,) = np.nonzero(nodes[:, CHILD] == sought)
-        _write(nodes[node], slot, fitted)
+        _write(nodes[node], int(slot), fitted)
         there = nodes[node, :, nodes[node, CHILD] != 0.0]  # (children, 7)
         sought, fitted = float(node), _around(there[:, :CHILD].reshape(-1, 2, 3))
 
 
-def _parts(boxes: Array, within: Array, size: int) -> list[Array]:
+def _parts(boxes: Array, within: NDArray[np.intp], size: int) -> list[NDArray[np.intp]]:
     """Boxes in groups of ``size`` and one of the rest, cut again and again across the longest
     axis."""
     if len(within) <= size:

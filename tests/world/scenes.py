@@ -16,6 +16,8 @@ PRIMITIVES: dict[str, shapes.Shape] = {
     "box": shapes.Box((0.3, 0.4, 0.5), 0.05),
     "capsule": shapes.Capsule(0.2, 0.3),
     "cylinder": shapes.Cylinder(0.2, 0.3, 0.05),
+    "plate": shapes.Box((0.3, 0.4, 0.1), 0.05),  # rounded as far as it can be
+    "rod": shapes.Cylinder(0.05, 0.3, 0.05),
 }
 
 

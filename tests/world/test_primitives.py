@@ -58,7 +58,7 @@ def test_all_regions_were_seen(name: str) -> None:
     assert len(count) == {"box": 7, "capsule": 3, "cylinder": 3}[name] and count.min() >= 3
 
 
-@pytest.mark.parametrize("name", ["box", "capsule", "cylinder"])
+@pytest.mark.parametrize("name", ["box", "capsule", "cylinder", "plate", "rod"])
 def test_third_derivatives_do_not_jump(name: str) -> None:
     """On lines through all regions: half the step, half the largest change of a derivative."""
     shape = PRIMITIVES[name]

@@ -101,6 +101,17 @@ def test_a_moved_shape_leaves_the_world_it_was_in_as_it_is() -> None:
     assert moved.data.shape == world.data.shape and moved.blend == world.blend
 
 
+def test_shapes_are_fixed() -> None:
+    """Else a world's numbers would be others than those of its shapes."""
+    place = np.zeros(3)
+    box = shapes.Box((1.0, 1.0, 1.0), position=place)
+    place[0] = 1.0
+    assert box.position[0] == 0.0
+    for one in (box.position, box.rotation, box.size, World([box]).data):
+        with pytest.raises(ValueError):
+            one[0] = 2.0
+
+
 def test_a_world_can_be_pickled() -> None:
     world = World(mixed(np.random.default_rng(0), 1))
     points = np.random.default_rng(1).normal(size=(20, 3))
