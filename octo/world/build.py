@@ -15,6 +15,7 @@ from octo.checks import Array
 from octo.errors import RobotFileError
 from octo.files import reason
 from octo.world.bricks import near_surface
+from octo.world.lattice import RATIO
 from octo.world.spline import Indices
 from octo.world.surface import library, surface_of
 
@@ -61,6 +62,15 @@ class Line:
         if sys.stderr.isatty():
             print("\r\033[K", end="", file=sys.stderr, flush=True)
         LOG.info("%s: %s", self.doing, said)
+
+
+def doubles_for(vertices: Array, faces: Indices, cell: float) -> float:
+    """About how many numbers the grid of a mesh is made in: 10 to a coarse sample, and to a
+    square of a cell on the surface 22 coefficients and 4 as many while they are found."""
+    coarse = np.prod((np.ptp(vertices, axis=0) / cell + 2.0 * MARGIN) / RATIO)
+    a, b, c = vertices[faces.T]
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    return float(10.0 * coarse + 110.0 * area / cell**2)
 
 
 def grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from octo.checks import Array, numbers, positive
-from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError
+from octo.checks import Array, numbers, positive, room
+from octo.errors import ModelError, ProblemError, ShapeError
 from octo.world import build
 from octo.world.grid import KIND
-from octo.world.lattice import RATIO
 from octo.world.shape import Kind, Shape
 from octo.world.spline import Indices
 from octo.world.surface import edges_of, volume, wound_alike
@@ -28,7 +27,7 @@ FINE, CELLS = (
     0.02,
     200,
 )  # m, and cells along the longest edge: the larger cell's limit, and the rest
-MOST = 30_000_000  # coarse samples of a grid: 240 MB
+MOST = 1e8  # doubles that a grid is made in, of a cell that is not given: 0.8 GB
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class Mesh(Shape):
     vertices: (n, 3) m.
     faces: (m, 3) three vertices each, counted from 0; wound alike, as seen from outside, or they
         are turned.
-    cell: m; None: a 200th of its longest edge, at most 2 cm.
+    cell: m; None: a 200th of its longest edge, at most 2 cm, and more for hundreds of m².
     scale: metres of what the vertices are in: 0.001 for millimetres.
     position, rotation, name: see Shape.
 
@@ -70,17 +69,14 @@ class Mesh(Shape):
         vertices, faces = self._checked()
         low, high = scale * vertices.min(axis=0), scale * vertices.max(axis=0)
         check_size(self.label, high - low, scale)
-        cell = self.cell
-        if cell is None:
+        cell = positive(f"cell of {self.label}", FINE if self.cell is None else self.cell, "m")
+        if self.cell is None:
             cell = min(FINE, float((high - low).max()) / CELLS)
-        positive(f"cell of {self.label}", cell, "m")
-        coarse = np.prod((high - low + 2.0 * build.MARGIN * cell) / (RATIO * cell))
-        if coarse > MOST:
-            least = cell * (coarse / MOST) ** (1.0 / 3.0)
-            raise ValueRangeError(
-                f"cell of {self.label} is {cell:g} m, must be at least {least:.2g} m for its size"
-            )
-        for name, value in (("vertices", vertices), ("faces", faces), ("cell", float(cell))):
+            while build.doubles_for(scale * vertices, faces, cell) > MOST:
+                cell *= 1.25
+        needed = build.doubles_for(scale * vertices, faces, cell)
+        room(f"distances to {self.label} at a cell of {cell:g} m", needed)
+        for name, value in (("vertices", vertices), ("faces", faces), ("cell", cell)):
             object.__setattr__(self, name, value)
 
     @classmethod

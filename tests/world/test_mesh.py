@@ -255,11 +255,6 @@ def test_a_surface_with_one_side_is_refused() -> None:
         (0.003, {}, "0.003 × 0.003 × 0.003 m, smaller than 5 cm: .*scale=1000 makes it 3 m long"),
         (0.4, {"cell": 0.0}, "cell of a Mesh is 0.0 m, must be positive"),
         (0.4, {"scale": float("nan")}, "scale of a Mesh is nan, must be positive"),
-        (
-            100.0,
-            {"cell": 0.005},
-            "cell of a Mesh is 0.005 m, must be at least 0.0.* m for its size",
-        ),
     ],
 )
 def test_what_is_no_mesh_in_metres_is_refused(
@@ -275,6 +270,12 @@ def test_a_mesh_without_an_inside_is_refused() -> None:
         mesh((vertices, faces[:, [0, 0, 1]]))
     with pytest.raises(ModelError, match="the faces on both sides are one"):
         mesh((vertices * [1.0, 1.0, 0.0], faces))
+
+
+def test_a_grid_that_does_not_fit_into_memory_is_refused() -> None:
+    assert mesh(cube(100.0), cell=None).cell > 0.05  # what is not given fits
+    with pytest.raises(ProblemError, match="distances to a Mesh at a cell of 0.001 m need .* GB"):
+        mesh(cube(100.0), cell=0.001)
 
 
 def test_faces_are_of_its_vertices() -> None:

@@ -54,7 +54,7 @@ def test_it_has_no_state_and_asks_for_no_memory(tmp_path: Path) -> None:
     listed = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout
     symbols = [line.split()[-2:] for line in listed.splitlines()]
     asked = {name for kind, name in symbols if kind == "U"}
-    numbers = {"sqrt", "fmin", "fmax", "fabs", "floor", "memset", "memcpy"}
+    numbers = {"sqrt", "cbrt", "fmin", "fmax", "fabs", "floor", "memset", "memcpy"}
     assert all(name in numbers or name.startswith("_") for name in asked), asked
     assert not {name for kind, name in symbols if kind in "dDbBC"}
 
@@ -96,5 +96,5 @@ def test_nvrtc_takes_the_text() -> None:
     except MissingExtraError:
         pytest.skip("nvidia-cuda-nvrtc is not installed")
     made = nvrtc.compile_text(query.text() + KERNEL)
-    (stack,) = re.findall(r"(\d+) bytes stack frame", made.log)
-    assert int(stack) < 4096
+    stacks = re.findall(r"(\d+) bytes stack frame", made.log)  # of all that is not inlined
+    assert 0 < sum(map(int, stacks)) < 4096
