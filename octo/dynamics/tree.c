@@ -139,10 +139,18 @@ static inline void octo_look_at(const double *p, int g, int order, real *kin) {
   real center[3], *jet = LOOKED(kin, g);
   octo_place(kin + 12 * octo_ground_body[g], sphere, center);
 #ifdef STEPS
+  /* Steps in a row are near each other: where φ cannot have come down to ``beyond`` since the one before, nobody looks. */
+  double from[3] = {0.0}, last = NAN, own[JET]; /* at first nothing is known */
+  const int size = octo_world_size(order);
+  for (int e = 1; e < size; ++e) jet[e] = ZERO;
   for (int k = 0; k < STEPS; ++k) {
-    double at[3] = {center[0][k], center[1][k], center[2][k]}, own[JET];
-    octo_world_within(world, at, beyond, order, own);
-    for (int e = 0; e < octo_world_size(order); ++e) jet[e][k] = own[e];
+    const double at[3] = {center[0][k], center[1][k], center[2][k]}, moved[3] = {at[0] - from[0], at[1] - from[1], at[2] - from[2]};
+    const double least = last - world[OCTO_WORLD_STEEPEST] * sqrt(octo_dot(moved, moved));
+    if (least >= beyond) { jet[0][k] = least; continue; }
+    octo_world_within(world, at, last < beyond ? INFINITY : beyond, order, own); /* one that was within is so again */
+    for (int e = 0; e < size; ++e) jet[e][k] = own[e];
+    for (int c = 0; c < 3; ++c) from[c] = at[c];
+    last = own[0];
   }
 #else
   octo_world_within(world, center, beyond, order, jet);

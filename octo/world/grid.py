@@ -15,6 +15,7 @@ from octo.world import lattice, spline
 from octo.world.shape import FRACTION, Kind, Shape
 from octo.world.units import check_size
 
+OVERSHOOT = 1.25  # of the slopes of a spline through samples over those of the samples
 STEEPEST = 3.0  # m in 1 m: distances by voxels are off by a cell, and change by 1 m in 1 m
 
 
@@ -119,3 +120,9 @@ class DistanceGrid(Shape):
 
     def own_bounds(self) -> Array:
         return self._box
+
+    @property
+    def steepest(self) -> float:
+        values = np.asarray(self.values)
+        slopes = [np.abs(np.diff(values, axis=k)).max() / self.cell for k in range(3)]
+        return float(OVERSHOOT * np.linalg.norm(np.maximum(slopes, 1.0)))  # outside 1 a metre

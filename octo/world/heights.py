@@ -115,6 +115,14 @@ class HeightField(Shape):
         # a spline lies within its coefficients
         return np.array([[-np.inf] * 3, [np.inf, np.inf, self.own[HEAD:].max()]])
 
+    @property
+    def steepest(self) -> float:
+        # slopes of a spline lie within those of its coefficients
+        shape = tuple(n + 2 * spline.BEYOND for n in np.shape(self.heights))
+        table = self.own[HEAD:].reshape(shape)
+        slopes = [np.abs(np.diff(table, axis=k)).max() * self.own[2] for k in range(2)]
+        return float(np.sqrt(1.0 + np.sum(np.square(slopes))))
+
     def covers(self, points: ArrayLike) -> Array:
         given = (numbers("points", points) - np.asarray(self.position)) @ np.asarray(self.rotation)
         cells = (given[:, :2] / self.scale - np.asarray(self.origin)) / self.cell

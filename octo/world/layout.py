@@ -8,9 +8,10 @@ and the shapes' own numbers.
 
 from __future__ import annotations
 
-# the head: how many shapes, how many of them have an end, T of the smooth minimum (m), and where
-# the records, the shapes without an end, the tree and the own numbers begin
-COUNT, BOUNDED, SCALE, RECORDS, ENDLESS, TREE, NUMBERS, HEAD = range(8)
+# the head: how many shapes, how many of them have an end, T of the smooth minimum (m), by how much
+# φ changes on a metre at most, and where the records, the shapes without an end, the tree and the
+# own numbers begin
+COUNT, BOUNDED, SCALE, STEEPEST, RECORDS, ENDLESS, TREE, NUMBERS, HEAD = range(9)
 # a record: the rotation is row by row, and none where the shape is not turned
 KIND, OWN, TURNED, POSITION, ROTATION, RECORD = 0, 1, 2, 3, 6, 15
 WIDTH = 8  # children of a node of the tree, at most: a vector of an AVX-512 processor, two of AVX
@@ -20,8 +21,8 @@ FAR = 1e300  # m², of the square of a distance: farther than anything
 NEAR = 32  # shapes in the smooth minimum at one point, at most: the nearest
 
 NAMES = (
-    "COUNT BOUNDED SCALE RECORDS ENDLESS TREE KIND OWN TURNED POSITION ROTATION RECORD WIDTH "
-    "STACK FAR NEAR"
+    "COUNT BOUNDED SCALE STEEPEST RECORDS ENDLESS TREE KIND OWN TURNED POSITION ROTATION RECORD "
+    "WIDTH STACK FAR NEAR"
 )
 
 

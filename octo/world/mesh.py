@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from octo.checks import Array, numbers, positive, room
 from octo.errors import ModelError, ProblemError, ShapeError
 from octo.world import build
-from octo.world.grid import KIND
+from octo.world.grid import KIND, OVERSHOOT
 from octo.world.shape import Kind, Shape
 from octo.world.spline import Indices
 from octo.world.surface import edges_of, volume, wound_alike
@@ -142,6 +142,10 @@ class Mesh(Shape):
         vertices = self.scale * np.asarray(self.vertices)
         assert self.cell is not None
         return build.grid(self.label, vertices, np.asarray(self.faces), self.cell)
+
+    @property
+    def steepest(self) -> float:
+        return float(OVERSHOOT * np.sqrt(3.0))  # distances, along each axis by 1 m a metre
 
     def own_bounds(self) -> Array:
         vertices = self.scale * np.asarray(self.vertices)

@@ -140,6 +140,11 @@ class Shape:
             return np.stack([low, high]) + position
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
+    @property
+    def steepest(self) -> float:
+        """By how much φ changes on a metre, at most: what is farther away than that is skipped."""
+        return 1.0
+
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points (k, 3) m are above or below it: within its box, seen from above."""
         given = numbers("points", points)

@@ -67,7 +67,8 @@ class World:
         records = np.empty((len(self.shapes), layout.RECORD))
         parts = [np.empty(layout.HEAD), records, endless, nodes, *(s.own for s in self.shapes)]
         at = np.cumsum([0, *(np.size(part) for part in parts)])
-        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, *at[1:5]
+        steepest = max(shape.steepest for shape in self.shapes)
+        parts[0][:] = len(self.shapes), len(bounded), PART * self.blend, steepest, *at[1:5]
         for k, shape in enumerate(self.shapes):
             records[k, layout.KIND], records[k, layout.OWN] = KINDS.index(shape.kind), at[4 + k]
             _place(records[k], shape)

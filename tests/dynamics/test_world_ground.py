@@ -175,3 +175,22 @@ def test_a_solve_is_that_on_the_expression():
     np.testing.assert_allclose(runs[1].x, runs[0].x, atol=1e-6)
     np.testing.assert_allclose(runs[1].contact_force, runs[0].contact_force, atol=1e-3)
     assert "terrain.address" not in runs[1].parameters
+
+
+@pytest.mark.parametrize("shape", ["heights", "grid", "box", "many"])
+def test_phi_is_no_steeper_than_said(shape):
+    """What lets a look-up be skipped: a point is no nearer than the way from one that is known."""
+    rng = np.random.default_rng(8)
+    shapes = octo.shapes
+    boxes = [shapes.Box((0.3, 0.4, 0.5), position=p) for p in rng.uniform(-2.0, 2.0, (9, 3))]
+    grid = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(-1.0, 1.01, 0.1)] * 3)), axis=0) - 0.6
+    worlds = {
+        "heights": [shapes.HeightField(0.3 * rng.standard_normal((30, 20)), cell=0.2)],
+        "grid": [shapes.DistanceGrid(grid, cell=0.1, origin=(-1.0, -1.0, -1.0))],
+        "box": boxes[:1],
+        "many": boxes,
+    }
+    world = octo.World(worlds[shape])
+    points = rng.uniform(-2.0, 3.0, (2000, 3))
+    steepest = max(one.steepest for one in world.shapes)
+    assert np.linalg.norm(world.jets(points)[:, 1:], axis=1).max() <= steepest
