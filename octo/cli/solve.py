@@ -90,9 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.perf_counter()
     arguments.costs = costs_of(arguments)
     goal = goal_of(arguments)
-    # no stride repeats itself over the shapes of a world: there a motion is one problem
-    strides = goal.preset == "natural" and goal.kind in COMPOSED
-    composed = strides and (arguments.world is None or goal.kind == "to")
+    composed = goal.preset == "natural" and goal.kind in COMPOSED
     check(arguments, composed)
     steps = asked_steps(goal, arguments)
     folder = folder_of(arguments.out, arguments.robot, goal.kind, FILES)

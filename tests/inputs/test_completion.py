@@ -32,6 +32,7 @@ COMPLETED = {
     "octo solve mammal --goal = tu": ["turn"],
     "octo mpc mammal --goal ju": [],
     "octo cycle mammal --device cu": ["cuda"],
+    "octo solve mammal --world sta": ["stairs"],
     "octo help vi": ["view"],
     "octo completion f": ["fish"],
     "octo --ver": ["--version"],
