@@ -50,6 +50,7 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    looks = 0  # contacts that a world is asked about, at each node
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
 
@@ -245,6 +246,10 @@ class RobotDynamics(Dynamics):
     def symbolic(self) -> ca.Function:
         """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @property
+    def looks(self) -> int:  # type: ignore[override]
+        return len(self.character.terrain_contacts) if isinstance(self.terrain, World) else 0
 
     def bound(self, p: Array) -> Array:
         if not isinstance(self.terrain, World):

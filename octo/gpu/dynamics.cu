@@ -27,17 +27,6 @@ octo_kin_of_nodes(const double *nodes, double *kin) {
 #endif
 }
 
-#if NG > 0
-/* The jets of each contact of each node, in kin; over count = batch nodes NG. */
-extern "C" __global__ void __launch_bounds__(FLAT, 4)
-octo_looks(int count, int nodes, const double *p, double *kin) {
-  for (int e = blockIdx.x * blockDim.x + threadIdx.x; e < count; e += gridDim.x * blockDim.x) {
-    int node = e / NG;
-    octo_look_at(p + (size_t)(node / nodes) * NP, e % NG, 3, kin + (size_t)node * KIN);
-  }
-}
-#endif
-
 template <int order>
 static __device__ __forceinline__ void octo_step_of_block(int steps, const double *nodes, const double *kin, const double *p, const double *lam,
                                                           double *fd, double *jac, double *hess) {

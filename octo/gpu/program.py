@@ -59,7 +59,10 @@ class Program(Kernels):
         self.kept = codegen.kept_slopes(functions, dynamics, places)
         if self.kept is not None:
             model += [self.kept.tables(), self.kept.turned_tables(), source("row_products.cu")]
-        parts = [[text, *common, source("dynamics.cu")], [stages + text, *costs, *model]]
+        steps = [text, *common, source("dynamics.cu")]
+        if dynamics.looks:
+            steps.append(source("looks.cu"))
+        parts = [steps, [stages + text, *costs, *model]]
         self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
         device.compile(self.texts)
         self._dynamics = device.module(self.texts[0])

@@ -23,7 +23,7 @@ class Worlds:
         dynamics = problem.dynamics
         if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
             return
-        self.contacts = len(dynamics.character.terrain_contacts)
+        self.contacts = dynamics.looks
         self._place = dynamics.layout.index(ADDRESS)
         found: dict[float, float] = {}
         for address in problem.p[:, self._place].tolist():

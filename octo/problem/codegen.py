@@ -26,7 +26,6 @@ from octo.emit import function_of_numbers
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
-from octo.model.terrain import World
 from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
@@ -301,7 +300,7 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
 
 def asked_of_world(functions: CostFunctions, dynamics: Dynamics) -> str:
     """C text, before that of the dynamics: which contacts of a world terms ask about."""
-    if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
+    if not isinstance(dynamics, RobotDynamics) or not dynamics.looks:
         return ""
     asked = [int(k in functions.contact_spheres) for k in dynamics.character.terrain_contacts]
     return f"#define ASKED_OF_WORLD {{{', '.join(map(str, asked))}}}\n" if any(asked) else ""
@@ -378,7 +377,7 @@ def _tables(
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
-        if isinstance(dynamics.terrain, World):
+        if dynamics.looks:
             tables["cost_contact_ground"] = [robot.terrain_contacts.index(k) for k in own.spheres]
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)

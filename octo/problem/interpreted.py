@@ -16,7 +16,6 @@ from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
 from octo.interrupts import postponed
-from octo.model.terrain import World
 from octo.problem.basis import block, node_forces, scatter, slots_of
 from octo.problem.contact_model import BLOCKS, contact_inputs
 from octo.problem.data import Data
@@ -62,7 +61,7 @@ class Interpreted:
     def _places_of_jets(self) -> list[int]:
         """Of those contacts, among all that touch the terrain; none where it is no world."""
         dynamics, functions = self.program.dynamics, self.program.functions
-        if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
+        if not isinstance(dynamics, RobotDynamics) or not dynamics.looks:
             return []
         return [dynamics.character.terrain_contacts.index(c) for c in functions.contact_spheres]
 

@@ -22,7 +22,9 @@ from octo.errors import MissingExtraError
 from octo.world.spline import Indices
 
 EXTRA = "mesh"
-ALIKE = 1e-6  # rad, between two faces that lie on each other
+# of the largest part's longest edge: that parts which touch, as exactly as numbers do, overlap
+GROWN = 1e-6
+TURN = 2**22  # parts of a turn: two faces in the same one lie on each other
 
 
 def library(name: str, what: str) -> Any:
@@ -52,6 +54,15 @@ class Surface:
         by = "PSEUDONORMAL" if self.manifold else "WINDING_NUMBER"
         kind = getattr(igl, f"SIGNED_DISTANCE_TYPE_{by}")
         return np.asarray(igl.signed_distance(points, self.vertices, self.faces, sign_type=kind)[0])
+
+    def grown(self, way: float) -> Surface:
+        """The same with its vertices ``way`` m farther out."""
+        a, b, c = self.vertices[self.faces.T]
+        normals = np.zeros_like(self.vertices)
+        for corner in self.faces.T:
+            np.add.at(normals, corner, np.cross(b - a, c - a))
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        return Surface(self.vertices + way * normals, self.faces)
 
     def thin(self, width: float) -> float:
         """How much of it are walls thinner than ``width`` m, 0 to 1."""
@@ -113,13 +124,18 @@ def _united(solid: list[Surface], cavities: list[Surface]) -> Surface | None:
         return None
     manifold3d = library("manifold3d", "a mesh of many parts as a shape")
 
-    def union(parts: list[Surface]) -> Any:
-        given = [manifold3d.Mesh64(part.vertices, part.faces.astype(np.uint64)) for part in parts]
+    def union(parts: list[Surface], grown: float) -> Any:
+        given = [
+            manifold3d.Mesh64(part.grown(grown).vertices, part.faces.astype(np.uint64))
+            for part in parts
+        ]
         return manifold3d.Manifold.batch_boolean(
             [manifold3d.Manifold(one) for one in given], manifold3d.OpType.Add
         )
 
-    made = union(solid) - union(cavities) if cavities else union(solid)
+    made = union(solid, GROWN * max(float(np.ptp(part.vertices, axis=0).max()) for part in solid))
+    if cavities:
+        made -= union(cavities, 0.0)
     if made.status() != manifold3d.Error.NoError or made.is_empty():
         return None
     mesh = made.to_mesh64()
@@ -171,7 +187,7 @@ def _around(
     third = vertices[faces[~np.isin(faces, edge)]] - start
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     angle = np.arctan2(third @ np.cross(axis, first), third @ first)
-    angle = np.round(angle / ALIKE) % round(2.0 * np.pi / ALIKE)
+    angle = np.round(angle * (TURN / (2.0 * np.pi))) % TURN
     # a face whose side goes down has the inside ahead, one that goes up has it behind
     order = np.lexsort([-way, angle])
     depth = np.cumsum(-way[order])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from octo import World
+from octo import World, shapes
 from octo.checks import Array
 from octo.world.jet import AXES, SIZES
 
@@ -73,6 +73,17 @@ def cube(size: float = 0.4) -> tuple[Array, Array]:
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
     return vertices, np.array(faces)
+
+
+def maps() -> list[shapes.Shape]:
+    """A map of heights and a grid, both turned."""
+    heights = 0.05 * np.random.default_rng(0).normal(size=(12, 9))
+    values, corner = sampled(sphere, 0.5, 0.05)
+    turned = (0.9, 0.1, -0.3, 0.2)  # a quaternion
+    return [
+        shapes.HeightField(heights, 0.1, (-0.5, -0.4), position=(0.1, 0.0, -0.4), rotation=turned),
+        shapes.DistanceGrid(values, 0.05, corner, position=(0.3, -0.2, 0.1), rotation=turned),
+    ]
 
 
 def sampled(distance: Callable[[Array], Array], reach: float, cell: float) -> tuple[Array, Array]:

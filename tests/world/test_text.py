@@ -17,6 +17,7 @@ from octo.gpu import nvrtc
 from octo.world import query
 from octo.world.jet import SIZES
 from tests import emulator
+from tests.world.maps import maps
 
 KERNEL = """
 extern "C" __global__ void octo_world_kernel(
@@ -81,7 +82,7 @@ def test_a_gpus_threads_compute_the_same_numbers(order: int) -> None:
     if emulator.compiler() is None:
         pytest.skip("no C++ compiler")
     rng = np.random.default_rng(order)
-    world, points = World(mixed(rng), blend=0.2), 0.7 * rng.normal(size=(70, 3))
+    world, points = World([*mixed(rng), *maps()], blend=0.2), 0.7 * rng.normal(size=(70, 3))
     device = emulator.EmulatedDevice()
     jets = device.fresh((len(points), SIZES[order]), float)
     kernel = device.load(query.text() + KERNEL).kernel("octo_world_kernel")

@@ -13,6 +13,7 @@ from octo import World, native, shapes
 from octo.errors import OctoError, ProblemError, UnknownNameError, ValueRangeError
 from octo.world import interpreted, layout, query
 from octo.world.blend import PART
+from tests.world.maps import maps
 
 COUNTER = """
 void look(const double *world, int count, const double *points, int *looked) {
@@ -144,7 +145,7 @@ def test_points_over_shapes_are_covered() -> None:
 @pytest.mark.parametrize("order", range(4))
 def test_without_a_compiler_the_numbers_are_the_same(order: int) -> None:
     rng = np.random.default_rng(order)
-    world = World(mixed(rng), blend=0.2)
+    world = World([*mixed(rng), *maps()], blend=0.2)
     points = 0.7 * rng.normal(size=(300, 3))
     other = interpreted.jets(world.shapes, PART * world.blend, points, order)
     assert worst(world.jets(points, order), other) < 1e-12
