@@ -22,7 +22,7 @@ from octo.cli.arguments import (
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
-from octo.cli.world import ground_of_words
+from octo.cli.world import check_covered, ground_of_words
 from octo.errors import ProblemError, UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     goal.check(robot)
     stride = _stride(arguments.stride, robot)
     known, terrain = _grounds(arguments, stride)
+    check_covered(terrain, [arguments.seconds * speed for speed in goal.velocity[:2]])
     _check_plant(arguments, robot, terrain, push)
     from octo.mpc import Controller
     from octo.mpc import run as close_the_loop

@@ -29,7 +29,7 @@ from octo.cli.arguments import (
     steps_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
-from octo.cli.world import ground_of_words
+from octo.cli.world import check_covered, ground_of_words
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -97,6 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     goal.check(robot)
+    check_way(goal, arguments)
     # after the checks: it takes longer to import than they take
     from octo.devices import resolve_device
 
@@ -225,6 +226,15 @@ def as_one_problem(
     options = {**solver_options(arguments), "seeds": arguments.seeds or 1}
     solution = found(problem, start=start, progress=True, **options)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
+
+
+def check_way(goal: Goal, arguments: argparse.Namespace) -> None:
+    """Refuse a ground that ends before the motion does."""
+    seconds = SECONDS if arguments.seconds is None else arguments.seconds
+    way = [seconds * speed for speed in goal.velocity[:2]]
+    if goal.kind in ("to", "jump"):
+        way = [*goal.place[:2]] if goal.kind == "to" else [goal.distance, 0.0]
+    check_covered(ground_of_words(arguments), way)
 
 
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from octo.checks import one_of
 from octo.cli.arguments import terrain_of
@@ -21,6 +23,7 @@ from octo.worlds import WORLDS
 # what may follow a file's name: x, y and z are its place, ground is a level one beneath it
 OF_FILES: dict[str, type] = dict.fromkeys(("cell", "height", "scale", "x", "y", "z"), float)
 OF_FILES["ground"] = bool
+EACH = 0.02  # m, between two places of a way that are looked at
 TRUTHS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
 WORDS = {int: "a whole number", float: "a number"}
 
@@ -65,6 +68,27 @@ def world_of(word: str, cell: float | None = None) -> World:
     place, level = [own.pop(axis, 0.0) for axis in "xyz"], own.pop("ground", False)
     world = load_world(path, position=place, **own)
     return World([Ground(name="level ground"), *world.shapes]) if level else world
+
+
+def check_covered(ground: terrain.Ground, way: Sequence[float]) -> None:
+    """Refuse a world that ends, as seen from above, before a straight way (2,) m from the origin
+    does.
+
+    Raises
+    ------
+    ValueRangeError: how far there is a world.
+    """
+    if not isinstance(ground, World):
+        return
+    length = float(np.linalg.norm(way))
+    shares = np.linspace(0.0, 1.0, 2 + int(length / EACH))
+    there = ground.covers(np.column_stack([np.outer(shares, way), np.zeros(len(shares))]))
+    if not there.all():
+        far = float(length * shares[np.argmin(there)])
+        raise ValueRangeError(
+            f"the world has nothing below the way from {far:.2g} m on, which is {length:.3g} m "
+            "long: put the file elsewhere (x=…, y=…), or add ground=yes"
+        )
 
 
 def _values(what: str, text: str, known: Mapping[str, type]) -> dict[str, Any]:

@@ -288,6 +288,14 @@ class Trajectory:
                 f"dt is {longest:g} s, and in {fall:.2g} s this robot falls by half its height: "
                 "take a smaller dt"
             )
+        if self.world is not None and self.contact_point.size:
+            there = self.world.covers(self.contact_point.reshape(-1, 3))
+            whole = there.reshape(self.contact_point.shape[:2]).all(axis=1)  # (N,) steps
+            if not whole.all():
+                said.append(
+                    f"from {float(self.times[np.argmin(whole)]):.3g} s on feet are where the world "
+                    "has no shape below them: a map goes on as it is at its edge"
+                )
         return tuple(said)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from octo import worlds
 from octo.cli.main import main, parse
-from octo.cli.world import ground_of_words, world_of
+from octo.cli.world import check_covered, ground_of_words, world_of
 from octo.errors import OctoError
 from octo.model.terrain import Plane
 from octo.result.solution import Solution
@@ -107,6 +107,21 @@ def test_control_refuses_what_does_not_go_together(capsys: pytest.CaptureFixture
         assert message in capsys.readouterr().err
     with pytest.raises(OctoError, match="one of FILE, --world and --devices"):
         main_refused(["info", "mammal", "--world", "gap"])
+
+
+def test_a_world_that_ends_before_the_walk_does_is_refused(
+    heights: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "out")
+    for command, more in (("solve", []), ("mpc", []), ("solve", ["--goal", "to", "2,0,0"])):
+        words = [command, "mammal", *more, "--world", heights, "--cell", "0.1", "--out", out]
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert "the world has nothing below the way from 1.5 m on" in error
+        assert error.count("\n") == 1 and not (tmp_path / "out").exists()
+    check_covered(world_of(f"{heights}:x=1", 0.1), (2.4, 0.0))
+    check_covered(world_of(f"{heights}:ground=yes", 0.1), (9.0, 0.0))
+    check_covered(Plane(), (9.0, 0.0))
 
 
 def main_refused(words: list[str]) -> None:
