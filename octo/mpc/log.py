@@ -205,7 +205,7 @@ class Log(Record, Shown):
         ground["z"] = np.full((2, 2), level)
         if self.shapes is not None:
             low, high = np.array([(x_low, y_low, level), (x_high, y_high, level)])
-            ground = sampled(self.shapes.distance, low, high)
+            ground = sampled(self.shapes.below, low, high)
         return recorded(
             character=robot,
             dt=stride * self.tick,

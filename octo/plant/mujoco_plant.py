@@ -17,14 +17,12 @@ from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
-from octo.world.drawn import from_above
 from octo.world.world import World
 
 BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y
 BUMPS_CLEAR = 0.5  # m, around the origin: where a robot starts
 BUMPS_EACH = 0.4  # m, one bump in every square of this side
 BUMPS_HALF = (0.05, 0.15)  # m, half of a bump's sides
-DEEPEST = 100.0  # m, that a robot is over a world at most
 STICKIEST = 1e6  # of friction: wrenches inside the cone are still numbers
 
 
@@ -203,9 +201,8 @@ class MujocoPlant:
         """m, of the base body's origin over the ground's plane, or over what of a world is straight
         below it."""
         if isinstance(self.terrain, World):
-            x, y, z = self.base_place
-            below = from_above(self.terrain.distance, x[None], y[None], z - DEEPEST, z)
-            return float(z - below[0, 0])
+            place = self.base_place[None]
+            return float((place[:, 2] - self.terrain.below(place))[0])
         return float(self.ground(self.base_place[None])[0][0])
 
     def ground(self, points: Array) -> tuple[Array, Array]:

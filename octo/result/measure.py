@@ -128,7 +128,7 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
     world = world_of(dynamics)
     if world is not None:
-        return sampled(world.distance, low, high)
+        return sampled(world.below, low, high)
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))

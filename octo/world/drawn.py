@@ -30,7 +30,6 @@ from octo.world.shapes import (
 Faces = NDArray[np.intp]
 AROUND = 48  # corners of a circle
 STEEP = 0.2  # of a plane's normal along z, below which it is a wall
-NEAR, MOST_STEPS = 1e-4, 100  # m, and how often: when a way down has arrived
 SPACING, MOST_HEIGHTS = 0.025, 400  # m, and samples along x and y, of heights for shadows
 SLOPE = 0.1  # of φ squared, at least, where a vertex is moved to φ = 0
 SHARP = 0.8  # cosine of the angle between two faces from which on their edge is a crease
@@ -111,36 +110,15 @@ def _map_bounds(shape: HeightField) -> Array:
     return np.stack([placed.min(axis=0), placed.max(axis=0)])
 
 
-def sampled(distance: Callable[[Array], Array], low: Array, high: Array) -> dict[str, Array]:
-    """Heights z (a, b) m from above over x (a,) and y (b,), for shadows, between the corners
-    ``low`` and ``high`` (3,) m of a motion and 3 m more in height."""
+def sampled(below: Callable[[Array], Array], low: Array, high: Array) -> dict[str, Array]:
+    """Heights z (a, b) m over x (a,) and y (b,) of what is met first from above, for shadows,
+    between the corners ``low`` and ``high`` (3,) m of a motion and 3 m more in height; ``below`` is
+    a world's."""
     counts = np.clip(np.ceil((high - low)[:2] / SPACING), 2, MOST_HEIGHTS).astype(int)
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
-    z = from_above(distance, x, y, float(low[2]) - 3.0, float(high[2]) + 3.0)
-    return {"x": x, "y": y, "z": z}
-
-
-def from_above(
-    distance: Callable[[Array], Array], x: Array, y: Array, bottom: float, top: float
-) -> Array:
-    """Heights (a, b) m of what is met on the way down from ``top`` over x (a,) and y (b,) m, at
-    least ``bottom``.
-
-    φ falls by no more than the way down: a step as long as φ is never too far.
-
-    Parameters
-    ----------
-    distance: φ (k,) m at points (k, 3) m.
-    """
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    z = np.full(len(grid), float(top))
-    left = np.arange(len(grid))
-    for _ in range(MOST_STEPS):
-        z[left] -= (phi := distance(np.column_stack([grid[left], z[left]])))
-        left = left[(phi > NEAR) & (z[left] > bottom)]
-        if not left.size:
-            break
-    return np.maximum(z, bottom).reshape(len(x), len(y))
+    z = below(np.column_stack([grid, np.full(len(grid), float(high[2]) + 3.0)]))
+    return {"x": x, "y": y, "z": np.maximum(z, low[2] - 3.0).reshape(len(x), len(y))}
 
 
 @singledispatch

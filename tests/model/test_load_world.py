@@ -13,7 +13,6 @@ import pytest
 import octo
 from octo import World, load_world, shapes
 from octo.errors import OctoError
-from octo.world.drawn import from_above
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -89,7 +88,7 @@ def test_distances_are_those_of_mujoco(scene: Path) -> None:
         ("floor", (-2.0, -2.0), (-1.0, -1.0), 1e-3),
     ):
         x, y = (np.linspace(low[k], high[k], 6) for k in (0, 1))
-        z = from_above(world.distance, x, y, -2.0, 4.0)
+        z = np.array([world.below([(a, b, 4.0) for b in y]) for a in x])
         seen = np.empty_like(z)
         mujoco.mj_forward(model, data)
         for k, a in enumerate(x):
@@ -171,7 +170,7 @@ def test_a_mesh_file_is_a_shape_in_metres(tmp_path: Path) -> None:
     pytest.importorskip("igl")
     trimesh.creation.box((1000.0, 400.0, 200.0)).export(tmp_path / "block.stl")
     world = load_world(tmp_path / "block.stl", scale=0.001, cell=0.02, position=(0.0, 0.0, 0.1))
-    height = from_above(world.distance, np.array([0.0, 0.4]), np.array([0.0]), -1.0, 1.0)
+    height = world.below([(0.0, 0.0, 1.0), (0.4, 0.0, 1.0)])
     np.testing.assert_allclose(height, 0.2, atol=2e-3)
 
 

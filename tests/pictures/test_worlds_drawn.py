@@ -24,7 +24,7 @@ def over(world: World, **changes) -> Solution:
     """The mammal wandering over a world."""
     motion = motions.wandering(CHARACTERS["mammal"]())
     low, high = (end(motion.contact_point, axis=(0, 1)) for end in (np.min, np.max))
-    ground = sampled(world.distance, low - 1.0, high + 1.0)
+    ground = sampled(world.below, low - 1.0, high + 1.0)
     return replace(motion, world=world, ground=ground, **changes)
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from octo import World, shapes
 from octo.world.cut import halved, near
-from octo.world.drawn import creases, drawn, everywhere, from_above
+from octo.world.drawn import creases, drawn, everywhere, sampled
 
 POSE: dict[str, Any] = {
     "position": (0.3, -0.2, 0.5),
@@ -84,13 +84,13 @@ def test_a_plane_is_drawn_where_the_picture_is() -> None:
     assert np.abs(World([wall]).distance(surface.vertices)).max() < 1e-12
 
 
-def test_what_is_seen_from_above_is_the_highest_shape() -> None:
+def test_heights_for_shadows_are_those_of_the_highest_shape() -> None:
     bar = shapes.Box((0.2, 2.0, 0.1), position=(0.5, 0.0, 0.6))
-    world = World([shapes.Ground(), bar])
-    z = from_above(world.distance, np.array([0.0, 0.5, 1.0]), np.array([0.0]), -1.0, 2.0)
-    np.testing.assert_allclose(z[:, 0], [0.0, 0.65, 0.0], atol=1e-3)
-    hole = World([shapes.Box((1.0, 1.0, 1.0))])
-    assert from_above(hole.distance, np.array([2.0]), np.array([0.0]), -1.0, 2.0)[0, 0] == -1.0
+    found = sampled(World([bar]).below, np.array([0.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.0]))
+    assert found["z"].shape == (len(found["x"]), len(found["y"]))
+    over = np.abs(found["x"] - 0.5) < 0.08
+    np.testing.assert_allclose(found["z"][over, 1:-1], 0.65, atol=1e-3)
+    np.testing.assert_allclose(found["z"][np.abs(found["x"] - 0.5) > 0.11], -3.0)
 
 
 def test_a_box_has_twelve_creases_and_a_ball_none() -> None:

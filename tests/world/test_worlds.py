@@ -9,14 +9,13 @@ import pytest
 
 from octo import World, worlds
 from octo.errors import ValueRangeError
-from octo.world.drawn import from_above
 
 BULGE = 0.005 / 6.0 + 1e-4  # m, of a union, and of a height that is found
 
 
 def heights(world: World, x: np.ndarray, y: float = 0.0) -> np.ndarray:
     """Heights (k,) m of what a foot lands on at x (k,) m."""
-    return from_above(world.distance, x, np.array([y]), -3.0, 3.0)[:, 0]
+    return world.below(np.column_stack([x, np.full(len(x), y), np.full(len(x), 3.0)]))
 
 
 def within(x: np.ndarray, first: float, last: float, margin: float = 0.015) -> np.ndarray:
@@ -92,8 +91,8 @@ def test_rubble_is_uneven_closed_and_the_same_for_the_same_seed() -> None:
     world, same, other = worlds.rubble(3), worlds.rubble(3), worlds.rubble(4)
     np.testing.assert_array_equal(world.data, same.data)
     assert not np.array_equal(world.data, other.data)
-    x, y = np.linspace(0.9, 3.0, 60), np.linspace(-0.6, 0.6, 40)
-    z = from_above(world.distance, x, y, -1.0, 1.0)
+    x, y = np.meshgrid(np.linspace(0.9, 3.0, 60), np.linspace(-0.6, 0.6, 40))
+    z = world.below(np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]))
     assert 0.03 < z.max() <= 0.05 + BULGE and z.std() > 0.008
     assert (z < 0.003).mean() < 0.1  # ground between stones is rare
 
