@@ -46,7 +46,7 @@ def add_robots_arguments(parser: argparse.ArgumentParser) -> None:
 def info(arguments: argparse.Namespace) -> int:
     asked = (arguments.file is not None, arguments.devices, arguments.world is not None)
     if sum(asked) != 1:
-        raise UsageError("octo info needs one of FILE, --world and --devices")
+        raise UsageError("octo info needs one of --world, FILE or --devices")
     file = arguments.file
     if arguments.devices:
         known = devices()

@@ -105,7 +105,7 @@ def test_control_refuses_what_does_not_go_together(capsys: pytest.CaptureFixture
     ):
         assert main(["mpc", "mammal", *words]) == 2
         assert message in capsys.readouterr().err
-    with pytest.raises(OctoError, match="one of FILE, --world and --devices"):
+    with pytest.raises(OctoError, match="one of --world, FILE or --devices"):
         main_refused(["info", "mammal", "--world", "gap"])
 
 
