@@ -82,7 +82,7 @@ def walking_problem(
         raise ProblemError(
             f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'"
         )
-    if not robot.terrain_contacts:
+    if not robot.own_contacts:
         raise ProblemError(
             f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the "
             "ground"

@@ -36,11 +36,13 @@ class Kind:
         int order, double *jet)``, C that is C++ and CUDA too, of the numbers of a shape and a point
         in its frame.
     jets: the same of the numbers (size,) and of points (k, 3) m: (k, SIZES[order]).
+    expression: of a φ in closed form ``expression(own, point) -> φ``, of CasADi's SX; else None.
     """
 
     name: str
     text: Callable[[], str]
     jets: Callable[[Array, Array, int], Array]
+    expression: Callable[[ca.SX, ca.SX], ca.SX] | None = None
 
 
 def closed_form(name: str, size: int, expression: Callable[[ca.SX, ca.SX], ca.SX]) -> Kind:
@@ -79,7 +81,7 @@ def closed_form(name: str, size: int, expression: Callable[[ca.SX, ca.SX], ca.SX
         columns = np.tile(own[:, None], len(points))
         return np.asarray(function(order)(columns, points.T), dtype=float).T
 
-    return Kind(name, text, jets)
+    return Kind(name, text, jets, expression)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
