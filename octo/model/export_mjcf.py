@@ -111,7 +111,9 @@ def mjcf_text(
         _add_ground(still, terrain or Plane(), rubs, bumps)
     else:
         look = {"contype": "1", "conaffinity": "0", "friction": rubs}
-        add_world(top, still, world, look, {contact.name for contact in character.contacts})
+        taken = {contact.name for contact in character.contacts}
+        taken |= {solid_name(character, s) for s in range(len(character.solids))}
+        add_world(top, still, world, look, taken)
     elements: list[Element] = []
     for b, body in enumerate(character.bodies):
         parent = elements[body.parent] if body.parent >= 0 else still
