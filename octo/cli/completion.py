@@ -11,6 +11,7 @@ from octo.errors import UnknownNameError
 from octo.goals import Kind, Preset
 from octo.model.gallery import CHARACTERS
 from octo.model.load import BASES
+from octo.worlds import WORLDS
 
 SHELLS = ("bash", "zsh", "fish")
 TAKES = (  # of options, the words that they take, or that begin what they take
@@ -20,6 +21,8 @@ TAKES = (  # of options, the words that they take, or that begin what they take
 )
 WORDS = {f"--{name}": tuple(words) for name, *words in map(str.split, TAKES.split("; "))}
 WORDS |= {"--goal": get_args(Kind), "--costs": get_args(Preset), "--base": BASES}
+WORDS |= {"--world": tuple(WORLDS)}
+OR_FILES = ("--world",)  # options that take a file as well
 OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
 # commands whose first word may be a robot's name
@@ -91,7 +94,8 @@ def _bash(commands: Parsers) -> str:
         for option in _options(parser):
             if _words(name, option):
                 words = shlex.quote(" ".join(_words(name, option)))
-                lines.append(f"      {name}:{option}) words={words} files= ;;")
+                alone = "" if option in OR_FILES else " files="
+                lines.append(f"      {name}:{option}) words={words}{alone} ;;")
         lines += [
             f"      {name}:*) words={first}",
             f"        [[ $current == -* ]] && words={options} files= ;;",

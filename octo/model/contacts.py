@@ -130,7 +130,7 @@ def _ground(
     character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
 ) -> list[int]:
     """Geoms of the world that collide; they are noted, the terrain is the problem's own."""
-    model, mujoco = source.model, import_mujoco()
+    model = source.model
     parents = {body.parent for body in character.bodies}
     ground = []
     for g in range(model.ngeom):
@@ -140,18 +140,19 @@ def _ground(
         alone = (
             carrier is not None and not character.path[carrier.body] and carrier.body not in parents
         )
-        if (of_world or alone) and _collidable(model, g):
+        if (of_world or alone) and collidable(model, g):
             ground.append(g)
     if ground:
-        kinds = sorted({_kind(mujoco, model, g) for g in ground})
+        kinds = sorted({geom_kind(model, g) for g in ground})
         notes.append(
             f"{len(ground)} geoms of the world ({', '.join(kinds)}): the terrain is the "
-            "problem's, a plane unless said otherwise"
+            "problem's, a plane unless said otherwise (--world FILE, octo.load_world)"
         )
     return ground
 
 
-def _collidable(model: Any, g: int) -> bool:
+def collidable(model: Any, g: int) -> bool:
+    """Whether geom ``g`` touches anything at all."""
     return bool(model.geom_contype[g] or model.geom_conaffinity[g] or _paired(model, g))
 
 
@@ -164,7 +165,7 @@ def _paired(model: Any, g: int) -> list[int]:
 def _collides(model: Any, g: int, ground: list[int]) -> bool:
     """Whether geom ``g`` touches the ground of the file, or without one could touch anything."""
     if not ground:
-        return _collidable(model, g)
+        return collidable(model, g)
     partners = set(_paired(model, g))
     types, affinities = model.geom_contype, model.geom_conaffinity
     return any(
@@ -172,13 +173,13 @@ def _collides(model: Any, g: int, ground: list[int]) -> bool:
     )
 
 
-def _kind(mujoco: Any, model: Any, g: int) -> str:
-    return str(mujoco.mjtGeom(model.geom_type[g]).name).removeprefix("mjGEOM_").lower()
+def geom_kind(model: Any, g: int) -> str:
+    """The word of an MJCF for what geom ``g`` is: "box", "plane"."""
+    return str(import_mujoco().mjtGeom(model.geom_type[g]).name).removeprefix("mjGEOM_").lower()
 
 
 def _shape(model: Any, g: int, carrier: Carrier, notes: list[str], kept: Contacts) -> list[Shape]:
-    mujoco = import_mujoco()
-    kind, size = _kind(mujoco, model, g), np.array(model.geom_size[g], dtype=float)
+    kind, size = geom_kind(model, g), np.array(model.geom_size[g], dtype=float)
     link = name_of(model, "body", int(model.geom_bodyid[g]))
     name = model.geom(g).name or link
     if kept == "vertices" and kind in ("mesh", "box"):

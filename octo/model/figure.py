@@ -103,7 +103,11 @@ def ball(center: Sequence[float] | Array, radius: float, fineness: int = 2) -> S
 def hull(solid: Solid, fineness: int = 2) -> Surface:
     """The surface of a solid."""
     sphere = unit_sphere(fineness) if solid.radii.any() else np.zeros((1, 3))  # corners
-    points = (solid.centers[:, None] + solid.radii[:, None, None] * sphere).reshape(-1, 3)
+    return hull_of((solid.centers[:, None] + solid.radii[:, None, None] * sphere).reshape(-1, 3))
+
+
+def hull_of(points: Array) -> Surface:
+    """The surface of the convex hull of points (k, 3) m."""
     found = ConvexHull(points)
     corners = points[found.simplices]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -64,11 +64,11 @@ def load(
         if not file.suffix and len(file.parts) == 1:
             raise UnknownNameError("robot", name, CHARACTERS)
         raise RobotFileError(f"{name}: no such file")
-    read = load_urdf if _dialect(file) == "robot" else load_mjcf
+    read = load_urdf if dialect(file) == "robot" else load_mjcf
     return read(file, base, contacts)
 
 
-def _dialect(file: Path) -> str:
+def dialect(file: Path) -> str:
     """The top element of a robot file: "robot" (URDF) or "mujoco" (MJCF)."""
     if file.suffix == ".xacro":
         raise UnsupportedFeatureError(

@@ -26,7 +26,7 @@ def load_mjcf(
     """The character of an MJCF; ``base`` "auto" is the one written in the file."""
     notes: list[str] = []
     xml_file.check(path)
-    spec, model = _compiled(path, notes)
+    spec, model = compiled(path, notes)
     if model.nbody == 1:
         raise RobotFileError(f"{path.name}: has no <body>, must have one at least")
     free, others = _robot_tree(path, model, notes)
@@ -40,7 +40,7 @@ def load_mjcf(
     return character_of(source, notes, contacts)
 
 
-def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
+def compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
     """MjSpec and MjModel; geoms whose mesh file is missing are dropped where they have no mass."""
     mujoco = import_mujoco()
     try:

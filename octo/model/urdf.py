@@ -74,8 +74,8 @@ def load_urdf(
     return character_of(source, [*prepared.dropped, *meshes], contacts)
 
 
-def prepare(path: Path) -> Prepared:
-    """Read and check the URDF at ``path``."""
+def prepare(path: Path, world: bool = False) -> Prepared:
+    """Read and check the URDF at ``path``; of a ``world`` nobody asks what it weighs."""
     tree = xml_file.read(path)
     if tree.tag != "robot":
         raise RobotFileError(f"{path.name}: top element is <{tree.tag}>, must be <robot>")
@@ -92,7 +92,8 @@ def prepare(path: Path) -> Prepared:
         if joint.get("type") == "floating":
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
-    elements.check_moved_mass(file, tree, prepared.inertials)
+    if not world:
+        elements.check_mass(file, tree, prepared.inertials)
     prepared.limits = elements.take_limits(file, tree, prepared.dropped)
     elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):

@@ -54,6 +54,7 @@ class SimulatorPlant:
         )
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
+        self.terrain = self.dynamics.terrain
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
         self._ground = None if many(self.dynamics) else symbolic_contacts(self.dynamics)

@@ -20,6 +20,8 @@ from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
+from octo.world.drawn import sampled
+from octo.world.world import World
 
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
 GROUND_SPACING = 0.1  # m
@@ -60,6 +62,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
+        "world": world_of(dynamics),
         "parameters": {name: v for name, v in named.items() if name != ADDRESS},
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
@@ -114,12 +117,21 @@ def _contacts(
     return out
 
 
+def world_of(dynamics: Dynamics) -> World | None:
+    """The shapes that a robot's ground is made of; None of other grounds."""
+    terrain = dynamics.terrain if isinstance(dynamics, RobotDynamics) else None
+    return terrain if isinstance(terrain, World) else None
+
+
 @postponed()
 def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]:
     """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around``
     (..., 3)."""
     low = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
+    world = world_of(dynamics)
+    if world is not None:
+        return sampled(world.below, low, high)
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))

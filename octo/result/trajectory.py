@@ -19,6 +19,7 @@ from octo.problem.bounds import SAME
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import Stride
+from octo.world.world import World
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
 ROWS = ("u", "contact_depth", *VECTORS)  # one a step
@@ -54,6 +55,7 @@ class Trajectory:
     contact_depth: Array  # (N, c) m
     ground: dict[str, Array]
     parameters: dict[str, float]  # of the dynamics, of the last pass
+    world: World | None = None
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
@@ -307,6 +309,14 @@ class Trajectory:
                 f"dt is {longest:g} s, and in {fall:.2g} s this robot falls by half its height: "
                 "take a smaller dt"
             )
+        if self.world is not None and self.contact_point.size:
+            there = self.world.covers(self.contact_point.reshape(-1, 3))
+            whole = there.reshape(self.contact_point.shape[:2]).all(axis=1)  # (N,) steps
+            if not whole.all():
+                said.append(
+                    f"from {float(self.times[np.argmin(whole)]):.3g} s on feet are where the world "
+                    "has no shape below them: a map goes on as it is at its edge"
+                )
         return tuple(said)
 
 

@@ -13,6 +13,7 @@ from octo.checks import Array, numbers, positive, whole
 from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
 from octo.world import interpreted, layout, query, tree
 from octo.world.blend import PART
+from octo.world.drawn import Drawn, drawn, everywhere
 from octo.world.jet import SIZES
 from octo.world.shape import FRACTION, Shape
 from octo.world.shapes import KINDS
@@ -140,6 +141,17 @@ class World:
         points: (k, 3) m.
         """
         return np.any([shape.covers(points) for shape in self.shapes], axis=0)
+
+    def surface(self, around: ArrayLike | None = None) -> list[Drawn]:
+        """What it looks like: the triangles of each shape, as fine as the shape itself.
+
+        Parameters
+        ----------
+        around: (2, 2) m, the least and the largest x and y of the picture, which planes fill and
+            maps are cut to; by default around all that ends somewhere.
+        """
+        frame = everywhere(self.shapes) if around is None else numbers("around", around, (2, 2))
+        return drawn(self.shapes, frame)
 
     # -- motion ------------------------------------------------------------------------------------
 
