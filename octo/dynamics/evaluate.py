@@ -104,10 +104,10 @@ class Dynamics:
         fd = self.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
         jac = ca.densify(ca.jacobian(fd, z))
         hess = ca.densify(ca.jacobian(ca.gradient(ca.dot(lam, fd), z), z))
-        cse = {"cse": True}
-        value = ca.Function("fd", [z, p], [ca.densify(fd)], cse)
-        jacobian = ca.Function("jacobian", [z, p], [jac.T], cse)
-        return value, jacobian, ca.Function("curvature", [z, p, lam], [hess], cse)
+        # no search for common subexpressions: it takes 20 times longer and finds 3 % of them
+        value = ca.Function("fd", [z, p], [ca.densify(fd)])
+        jacobian = ca.Function("jacobian", [z, p], [jac.T])
+        return value, jacobian, ca.Function("curvature", [z, p, lam], [hess])
 
     def evaluate(
         self, nodes: Array, p: Array, lam: Array | None = None, order: int = 0, threads: int = 1
