@@ -16,18 +16,32 @@ from octo.solver.blocks import KKTBlocks
 LONGEST = (
     "test_sanitizers.py",
     "test_nvrtc.py",
-    "test_step_pairs.py",
-    "test_curvature.py",
-    "test_model.py",
     "test_benchmark.py",
+    "test_motions_within_limits.py",
+    "test_identical.py",
+    "test_free_time.py",
+    "test_docs.py",
+    "test_step_pairs.py",
+    "test_motions.py",
+    "test_curvature.py",
+    "test_textbook_bounds.py",
+    "test_package.py",
+    "test_model.py",
     "test_exact_terms.py",
-    "test_linear.py",
-    "test_bench.py",
 )
 
-# Compiled as a user's code is, as is what asks how long something takes; all else, whose libraries
-# run a few steps, in a quarter of the time.
-AS_SHIPPED = ("test_lanes.py", "test_native.py", "test_numbers.py", "test_robots.py")
+# Compiled as a user's code is, as is what asks how long something takes: the native code beside
+# other code, and solves that take longer than their compiling. All else runs a few steps, and is
+# compiled without optimisation, in a quarter of the time.
+AS_SHIPPED = (
+    "test_lanes.py",
+    "test_motions.py",
+    "test_motions_within_limits.py",
+    "test_native.py",
+    "test_numbers.py",
+    "test_robots.py",
+    "test_solve_command.py",
+)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
