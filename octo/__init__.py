@@ -62,6 +62,7 @@ _NAMES = {  # by the module that defines them
     "octo.solver.options": "SqpOptions",
     "octo.solver.status": "Status",
     "octo.viewer": "view",
+    "octo.world.world": "World",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 _MODULES = {
@@ -73,6 +74,7 @@ _MODULES = {
     "mpc": "octo.mpc",
     "plant": "octo.plant",
     "reference": "octo.reference",
+    "shapes": "octo.world.shapes",
 }
 
 __all__ = sorted([*_HOME, *_MODULES])
@@ -167,6 +169,8 @@ if TYPE_CHECKING:
     from octo.solver.options import SqpOptions as SqpOptions
     from octo.solver.status import Status as Status
     from octo.viewer import view as view
+    from octo.world import shapes as shapes
+    from octo.world.world import World as World
 
 
 def __getattr__(name: str) -> Any:

@@ -21,7 +21,7 @@ from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.feet import touching, toward
 from octo.model.kinematics import sphere_centers
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 from octo.problem import presets
 from octo.problem.body_costs import CenterOfMassDisplacement
 from octo.problem.contact_costs import FootLift, LoadSharing
@@ -59,7 +59,7 @@ def jump(
     *,
     seconds: float | None = None,
     dt: float = 0.02,
-    terrain: Plane | Terrain | None = None,
+    terrain: Ground | None = None,
     law: ContactLaw | None = None,
     pose: Array | None = None,
     constraints: Held = (),
@@ -105,7 +105,7 @@ def jump_problem(
     *,
     seconds: float | None = None,
     dt: float = 0.02,
-    terrain: Plane | Terrain | None = None,
+    terrain: Ground | None = None,
     law: ContactLaw | None = None,
     pose: Array | None = None,
     constraints: Held = (),

@@ -255,6 +255,9 @@ class EmulatedDevice(Device):
         """Nothing is ever under way."""
         self.illegal("waiting for the device")
 
+    def address(self, array: Any) -> int:
+        return int(array.ctypes.data)
+
     def free_bytes(self) -> int:
         return self.memory
 

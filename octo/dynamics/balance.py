@@ -23,7 +23,7 @@ from octo.interrupts import postponed
 from octo.model.chart import chart_angles
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.quantities import GRAVITY, Array
-from octo.model.terrain import normal
+from octo.model.terrain import World, distance, normal
 
 TOLERANCE = 1e-6  # of mg and mg·ℓ
 MOST_TILT = np.deg2rad(60.0)  # of the base against the pose that was asked for
@@ -64,14 +64,17 @@ class Balance:
         """Signed distance (m) and outward normal (3,) of the terrain at a point (3,) m."""
         point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
         view, terrain = section(self.dynamics.layout.view(p), "terrain."), self.dynamics.terrain
-        found = [ca.SX(terrain.distance(point, view)), normal(terrain, point, view)]
+        found = [distance(terrain, point, view), normal(terrain, point, view)]
         return ca.Function("ground", [point, p], found)
 
     def ground(self, points: Array) -> tuple[Array, Array]:
         """Distance (k,) m and normal (k, 3) at points (k, 3) m."""
         k = len(points)
-        distance, outward = self._ground.map(k)(points.T, ca.repmat(ca.DM(self.p), 1, k))
-        return np.asarray(distance).reshape(k), np.asarray(outward).T
+        if isinstance(self.dynamics.terrain, World):
+            jets = self.dynamics.terrain.jets(points, 1)
+            return jets[:, 0], jets[:, 1:] / np.linalg.norm(jets[:, 1:], axis=1)[:, None]
+        phi, outward = self._ground.map(k)(points.T, ca.repmat(ca.DM(self.p), 1, k))
+        return np.asarray(phi).reshape(k), np.asarray(outward).T
 
     def gaps(self, x: Array) -> Array:
         """Distance (contacts,) m of the terrain contacts from the ground at x, negative inside."""

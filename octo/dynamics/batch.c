@@ -22,9 +22,16 @@ static void octo_run_steps(void *shared, int number) {
     const double *x_prev = run->nodes + (member * (run->steps + 2) + step) * NX, *x = x_prev + NX, *x_next = x + NX;
     double *kin[3]; /* previous, now, next in a ring */
     for (int k = 0; k < 3; ++k) kin[k] = memory + ((step + k) % 3) * kin_size;
-    if (item == run->first || step == 0) { octo_kin(x_prev, kin[0]); octo_kin(x, kin[1]); }
+    const double *p = run->p + member * NP;
+    if (item == run->first || step == 0) {
+      octo_kin(x_prev, kin[0]);
+      octo_kin(x, kin[1]);
+      octo_look(p, run->order + 1, kin[0]);
+      octo_look(p, run->order + 1, kin[1]);
+    }
     octo_kin(x_next, kin[2]);
-    octo_step(x_next, x, x_prev, kin[2], kin[1], kin[0], run->p + member * NP, run->order < 2 ? 0 : run->lam + item * NX, run->order,
+    octo_look(p, run->order + 1, kin[2]);
+    octo_step(x_next, x, x_prev, kin[2], kin[1], kin[0], p, run->order < 2 ? 0 : run->lam + item * NX, run->order,
               run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * CURVATURE * NX * NX, work);
   }
   free(memory);

@@ -23,23 +23,17 @@ from octo.checks import Array
 from octo.dynamics import slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
-from octo.dynamics.emit import function_in_lanes, function_of_numbers
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.long import MOST, brisk, check_length
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
+from octo.emit import HEAD, function_in_lanes, function_of_numbers
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import ADDRESS, Ground, World
+from octo.world import query
+from octo.world.jet import SIZES
 
-HEAD = """#ifndef __CUDACC_RTC__
-#include <math.h>
-#include <stddef.h>
-#elif !defined(NAN)
-#define NAN __longlong_as_double(0x7ff8000000000000LL)
-#define INFINITY __longlong_as_double(0x7ff0000000000000LL)
-#endif
-"""
 HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
 
@@ -55,11 +49,7 @@ def batch_source() -> str:
 
 @postponed()
 def robot_text(
-    character: Character,
-    law: ContactLaw,
-    terrain: Plane | Terrain,
-    layout: Layout,
-    lanes: bool = False,
+    character: Character, law: ContactLaw, terrain: Ground, layout: Layout, lanes: bool = False
 ) -> str:
     """C text of the dynamics of §4 of a character: ``octo_step`` for one time step, or for one in
     every lane of a vector."""
@@ -70,23 +60,43 @@ def robot_text(
     check_length(what, length, "write them in fewer operations")
     sizes, tables = _tables(character, elements)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
+    head = [HEAD]
+    if isinstance(terrain, World):
+        _add_looked(character, layout, sizes, tables)
+        head += [query.text(), function_of_numbers(stages.reach(layout, law))]
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
     made = [own.text(lanes), *(_stage_text(function, lanes) for function in elements.functions)]
     if not lanes:
-        return "\n".join([HEAD, *made, macros(sizes), *tables, *common, source("phases.c")])
+        return "\n".join([*head, *made, macros(sizes), *tables, *common, source("phases.c")])
     places, coupled, jac, hess = slots.of_robot(character)
     sizes["NCOUPLED"] = coupled
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
-    return "\n".join([HEAD, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
+    return "\n".join([*head, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
+
+
+def _add_looked(
+    character: Character, layout: Layout, sizes: dict[str, int], tables: list[str]
+) -> None:
+    """Of a world, what is looked up at each node, behind the poses and twists (octo_look)."""
+    spheres = [character.contacts[k] for k in character.terrain_contacts]
+    sizes |= {"NG": len(spheres), "JET": SIZES[-1], "WORLD": layout.index(ADDRESS)}
+    sizes["KIN"] += SIZES[-1] * len(spheres)
+    live = Links(character).of
+    here = [g for g, sphere in enumerate(spheres) if live[sphere.body] >= 0]
+    tables += [
+        integers("ground_body", [sphere.body for sphere in spheres]),
+        numbers_table("ground_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
+        integers("contact_ground", here),
+    ]
 
 
 class _Stages:
     """The stages of a contact law and a ground, the same for every robot, and their C text."""
 
-    def __init__(self, layout: Layout, law: ContactLaw, terrain: Plane | Terrain):
+    def __init__(self, layout: Layout, law: ContactLaw, terrain: Ground):
         self.functions = [stages.gap(layout, law, terrain), stages.pair(layout)]
         for order in (0, 1, 2):
             self.functions.append(stages.body(order, layout))
@@ -106,7 +116,7 @@ KEPT = 8  # stages of as many laws and grounds
 _kept: OrderedDict[Any, _Stages] = OrderedDict()
 
 
-def _stages_of(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> _Stages:
+def _stages_of(layout: Layout, law: ContactLaw, terrain: Ground) -> _Stages:
     """Those of the last few laws and grounds are kept: they take longer than all else of a text."""
     key = stages.structure(layout, law, terrain)
     found = _kept.pop(key, None)

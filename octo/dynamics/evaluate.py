@@ -18,12 +18,23 @@ from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
-from octo.dynamics.symbolic import element_law, forward_dynamics
+from octo.dynamics.symbolic import LOOKED, element_law, forward_dynamics
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
 from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.element import parameters_of
-from octo.model.terrain import Plane, Terrain
+from octo.model.kinematics import sphere_centers
+from octo.model.terrain import (
+    ADDRESS,
+    Ground,
+    Plane,
+    Terrain,
+    World,
+    address_of,
+    own_parameters,
+    world_at,
+)
+from octo.world.jet import SIZES
 
 Evaluation = tuple[Array, Array | None, Array | None]
 
@@ -39,6 +50,7 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    looks = 0  # contacts that a world is asked about, at each node
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
 
@@ -98,8 +110,8 @@ class Dynamics:
     @cached_property
     @postponed()
     def _machine(self) -> tuple[ca.Function, ca.Function, ca.Function]:
-        """FD, Jacobian and curvature for CasADi's virtual machine: (3n, NP[, n]) -> rows."""
-        n, size = self.nx, self.layout.size
+        """FD, Jacobian and curvature for CasADi's virtual machine: (3n, seen[, n]) -> rows."""
+        n, size = self.nx, self.symbolic.numel_in(3)
         z, p, lam = ca.SX.sym("z", 3 * n), ca.SX.sym("p", size), ca.SX.sym("lam", n)
         fd = self.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
         jac = ca.densify(ca.jacobian(fd, z))
@@ -108,6 +120,16 @@ class Dynamics:
         value = ca.Function("fd", [z, p], [ca.densify(fd)])
         jacobian = ca.Function("jacobian", [z, p], [jac.T])
         return value, jacobian, ca.Function("curvature", [z, p, lam], [hess])
+
+    def bound(self, p: Array) -> Array:
+        """p (..., NP) as this process hands it to generated code: with the address of the world's
+        numbers, where there is a world."""
+        return p
+
+    def seen(self, p: Array, x_next: Array) -> Array:
+        """What ``symbolic`` takes for p in each of some steps, (…, steps): p (NP,) and behind it
+        what the world says at x_next (steps, n)."""
+        return np.repeat(np.asarray(p, dtype=float)[:, None], len(x_next), axis=1)
 
     def evaluate(
         self, nodes: Array, p: Array, lam: Array | None = None, order: int = 0, threads: int = 1
@@ -130,7 +152,7 @@ class Dynamics:
         if nodes.ndim != 3 or nodes.shape[1] < 3 or nodes.shape[2] != n:
             raise ShapeError("nodes", nodes.shape, f"(batch, N+2, {n})")
         batch, steps = nodes.shape[0], nodes.shape[1] - 2
-        p = doubles("p", p, (batch, self.layout.size))
+        p = self.bound(doubles("p", p, (batch, self.layout.size)))
         if order not in (0, 1, 2):
             raise ValueRangeError(f"order is {order}, must be 0, 1 or 2")
         if order == 2:
@@ -161,7 +183,7 @@ class Dynamics:
         steps, n = fd.shape[1], self.nx
         for k in range(len(nodes)):
             z = np.concatenate([nodes[k, 2:], nodes[k, 1:-1], nodes[k, :-2]], axis=1).T  # (3n, N)
-            at = ca.repmat(ca.DM(p[k]), 1, steps)
+            at = self.seen(p[k], nodes[k, 2:])
             fd[k] = np.asarray(value.map(steps)(z, at)).T
             if jac is not None:
                 jac[k] = np.asarray(jacobian.map(steps)(z, at)).T.reshape(steps, n, 3 * n)
@@ -190,8 +212,10 @@ def check_surroundings(terrain: object, law: object, model: object = None) -> No
     """
     if isinstance(model, Dynamics) and (terrain is not None or law is not None):
         raise ProblemError("terrain and law belong to a Character: a Dynamics brings its own")
-    if not isinstance(terrain, (Plane, Terrain, NoneType)):
-        raise ProblemError(f"terrain is {said(terrain)}, must be an octo.Plane or an octo.Terrain")
+    if not isinstance(terrain, (Plane, Terrain, World, NoneType)):
+        raise ProblemError(
+            f"terrain is {said(terrain)}, must be an octo.Plane, an octo.Terrain or an octo.World"
+        )
     if law is not None and not all(hasattr(law, name) for name in ("parameters", "reach", "force")):
         raise ProblemError(
             f"law is {said(law)}, must be one of octo.laws, or have parameters, reach and force"
@@ -205,18 +229,15 @@ class RobotDynamics(Dynamics):
     generated = Dynamics.generated | {"symbolic"}
 
     def __init__(
-        self,
-        character: Character,
-        law: ContactLaw | None = None,
-        terrain: Plane | Terrain | None = None,
+        self, character: Character, law: ContactLaw | None = None, terrain: Ground | None = None
     ):
         check_surroundings(terrain, law)
         self.character = character
         self.law: ContactLaw = Smooth() if law is None else law
-        self.terrain: Plane | Terrain = Plane() if terrain is None else terrain
+        self.terrain: Ground = Plane() if terrain is None else terrain
         self.nx = character.nx
         own = parameters_of(character.elements)
-        self.layout = robot_layout(self.law.parameters, self.terrain.parameters, own)
+        self.layout = robot_layout(self.law.parameters, own_parameters(self.terrain), own)
         for element in character.elements:
             element_law(element)  # what is wrong with it is said here
         self.actuated, self.unactuated = character.actuated, character.unactuated
@@ -225,6 +246,35 @@ class RobotDynamics(Dynamics):
     def symbolic(self) -> ca.Function:
         """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @property
+    def looks(self) -> int:  # type: ignore[override]
+        return len(self.character.terrain_contacts) if isinstance(self.terrain, World) else 0
+
+    def bound(self, p: Array) -> Array:
+        if not isinstance(self.terrain, World):
+            return p
+        place, own = self.layout.index(ADDRESS), np.array(p, dtype=float)
+        known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
+        known = known.reshape(own.shape[:-1])  # of another member of a batch
+        own[..., place] = np.where(known, own[..., place], address_of(self.terrain))
+        return own
+
+    def jets(self, p: Array, x: Array) -> Array:
+        """What the world says at the centre of each terrain contact, at configurations x (k, n):
+        (k, contacts, 3 + 20), the place in m and φ with its derivatives there; nothing where the
+        ground is no world."""
+        if not isinstance(self.terrain, World):
+            return np.empty((len(x), 0, LOOKED))
+        world = world_at(float(p[self.layout.index(ADDRESS)])) or self.terrain
+        own = list(self.character.terrain_contacts)
+        centers = sphere_centers(self.character, x)[..., own, :].reshape(-1, 3)
+        made = np.concatenate([centers, world.jets(centers, len(SIZES) - 1)], axis=1)
+        return made.reshape(len(x), len(own), LOOKED)
+
+    def seen(self, p: Array, x_next: Array) -> Array:
+        jets = self.jets(p, x_next)
+        return np.concatenate([super().seen(p, x_next), jets.reshape(len(x_next), -1).T])
 
     @property
     def jacobian_pattern(self) -> NDArray[np.bool_]:

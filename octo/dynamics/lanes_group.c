@@ -13,6 +13,7 @@ typedef struct {
   const double *from; /* the problem's nodes */
   int node, last;     /* the first node of ``nodes[ring]``, the last one there is */
   int apart;          /* the steps share no nodes */
+  int fresh;          /* nothing is loaded yet */
   int ring, touching; /* the pairs have written into slots that are zero otherwise */
 } octo_lanes;
 
@@ -63,18 +64,18 @@ static inline void octo_scatter(const real *from, const octo_slot *slot, int siz
   }
 }
 
-static void octo_lanes_load(octo_lanes *s, int first, real *out) {
+static void octo_lanes_load(octo_lanes *s, int first, const double *p, int order, real *out) {
   const double *from[STEPS];
   for (int k = 0; k < STEPS; ++k) from[k] = s->from + (size_t)(first + k < s->last ? first + k : s->last) * NX;
   octo_gather(from, NX, out);
   octo_kin(out, out + NX);
+  octo_look(p, order + 1, out + NX);
 }
 
 /* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
 static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
-  s->from = nodes, s->node = first, s->last = last, s->ring = s->apart = 0;
+  s->from = nodes, s->node = first, s->last = last, s->ring = s->apart = 0, s->fresh = 1;
   octo_work_begin(&s->work);
-  octo_lanes_load(s, first, s->nodes[0]);
 }
 
 /* Start at step ``first``, the last is ``last``, of steps with three nodes of their own each, (.., 3, NX), x_next first. */
@@ -90,6 +91,7 @@ static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int orde
     for (int k = 0; k < STEPS; ++k) from[k] = s->from + ((size_t)(s->node + k < s->last ? s->node + k : s->last) * 3 + node) * NX;
     octo_gather(from, NX, own[node]);
     octo_kin(own[node], own[node] + NX);
+    octo_look(p, order + 1, own[node] + NX);
   }
   s->node += STEPS;
   return (octo_input){{own[0], own[1], own[2]}, {own[0] + NX, own[1] + NX, own[2] + NX}, p, s->lam, order};
@@ -99,8 +101,10 @@ static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int orde
 static octo_input octo_lanes_turn(octo_lanes *s, const double *p, int order) {
   if (s->apart) return octo_lanes_turn_apart(s, p, order);
   const real *previous = s->nodes[s->ring];
+  if (s->fresh) octo_lanes_load(s, s->node, p, order, s->nodes[s->ring]);
+  s->fresh = 0;
   s->node += STEPS;
-  octo_lanes_load(s, s->node, s->nodes[!s->ring]);
+  octo_lanes_load(s, s->node, p, order, s->nodes[!s->ring]);
   octo_following(previous, s->nodes[!s->ring], NODE, s->now, s->next);
   s->ring = !s->ring;
   return (octo_input){{s->next, s->now, previous}, {s->next + NX, s->now + NX, previous + NX}, p, s->lam, order};

@@ -24,7 +24,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 
 Controls = Array | Callable[[float, Array, Array], Array]
 
@@ -250,7 +250,7 @@ def simulate(
     seconds: float | None = None,
     steps: int | None = None,
     dt: float = 0.025,
-    terrain: Plane | Terrain | None = None,
+    terrain: Ground | None = None,
     law: ContactLaw | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Motion:

@@ -16,10 +16,11 @@ import casadi as ca
 
 from octo.dynamics import symbolic
 from octo.dynamics.forms import about, axial, g_form, moved, q_form, raised, rows, wrench
-from octo.dynamics.laws import ContactLaw, View
+from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout, section
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, World, looked
 from octo.model.terrain import normal as normal_of
+from octo.world.jet import SIZES
 
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
@@ -72,14 +73,42 @@ def body(order: int, layout: Layout) -> ca.Function:
     return ca.Function(f"{PREFIX}body{order}", inputs, [rows(o) for o in out], OPTIONS)
 
 
-def gap(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
+class _Ground:
+    """A ground as a stage sees it: its ``view`` of p and, of a world, the jet that the stage gets
+    behind its other inputs, symbols ``own`` of it and of the place that it belongs to."""
+
+    def __init__(self, terrain: Ground, layout: Layout, p: ca.SX):
+        self.terrain, self.view = terrain, layout.view(p)
+        self.own: list[ca.SX] = []
+        if isinstance(terrain, World):
+            self.own = [ca.SX.sym("jet", SIZES[-1]), ca.SX.sym("at", 3)]
+            self.view = looked(self.view, *self.own)
+
+    @property
+    def inputs(self) -> list[ca.SX]:
+        return self.own[:1]
+
+    def at(self, center: ca.SX) -> list[ca.SX]:
+        """In the place of ``own``, of a sphere at ``center``."""
+        return [*self.own[:1], center] if self.own else []
+
+
+def reach(layout: Layout, law: ContactLaw) -> ca.Function:
+    """How far from the ground (m) a contact is still active. Input: p."""
+    p = ca.SX.sym("p", layout.size)
+    found = ca.densify(ca.SX(law.reach(section(layout.view(p), "contact."))))
+    return ca.Function(f"{PREFIX}reach", [p], [found], OPTIONS)
+
+
+def gap(layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:
     """Depth plus reach (m) of one contact: it is active where this is positive. Inputs: centre (3),
     radius, p."""
     center, radius, p = ca.SX.sym("center", 3), ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
-    view = layout.view(p)
-    reach = law.reach(section(view, "contact."))
-    depth = -symbolic.contact_height(radius, center, terrain, view)
-    return ca.Function(f"{PREFIX}gap", [center, radius, p], [ca.SX(depth + reach)], OPTIONS)
+    ground = _Ground(terrain, layout, p)
+    reach = law.reach(section(ground.view, "contact."))
+    depth = -symbolic.contact_height(radius, center, terrain, ground.view)
+    own = ca.substitute([ca.SX(depth + reach)], ground.own, ground.at(center))
+    return ca.Function(f"{PREFIX}gap", [center, radius, p, *ground.inputs], own, OPTIONS)
 
 
 class _Touch:
@@ -92,14 +121,15 @@ class _Touch:
     about c, those of the present node about U.
     """
 
-    def __init__(self, flat: list[ca.SX], sphere: ca.SX, terrain: Plane | Terrain, view: View):
+    def __init__(self, flat: list[ca.SX], sphere: ca.SX, ground: _Ground):
         (R, t), (R1, t1) = symbolic.pose_of(flat[0]), symbolic.pose_of(flat[1])
         self.center = R @ sphere[:3] + t
         point, pull = ca.SX.sym("point", 3), ca.SX.sym("pull", 3)
-        ground = section(view, "terrain.")
-        place = [point, ca.veccat(*ground.values())]
-        n = normal_of(terrain, point, ground)
-        at = self.center, place[1]
+        own = section(ground.view, "terrain.")
+        numbers = ca.veccat(*(value for name, value in own.items() if name not in ("jet", "at")))
+        place = [point, numbers, *ground.own]
+        n = normal_of(ground.terrain, point, own)
+        at = self.center, numbers, *ground.at(self.center)
         normal, bend = ca.Function("normal", place, [n, ca.jacobian(n, point)])(*at)
         self.radius, self.arm, self.bend = sphere[3], -sphere[3] * normal, -sphere[3] * bend
         second = ca.hessian(ca.dot(pull, n), point)[0]
@@ -117,45 +147,46 @@ class _Touch:
         return -self.radius * self._curvature(*self._at, along)
 
 
-def _force(
-    law: ContactLaw, terrain: Plane | Terrain, view: View, radius: ca.SX, c: ca.SX, U: ca.SX
-) -> ca.SX:
+def _force(law: ContactLaw, ground: _Ground, radius: ca.SX, c: ca.SX, U: ca.SX) -> ca.SX:
     """Force (3,) N on the body of a sphere at c whose contact point was at U one step ago."""
-    n = normal_of(terrain, c, section(view, "terrain."))
-    depth = -symbolic.contact_height(radius, c, terrain, view)
+    view = ground.view
+    n = normal_of(ground.terrain, c, section(view, "terrain."))
+    depth = -symbolic.contact_height(radius, c, ground.terrain, view)
     return law.force(depth, n, (c - radius * n - U) / view["dt"], section(view, "contact."))
 
 
-def structure(layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> tuple[Any, ...]:
+def structure(layout: Layout, law: ContactLaw, terrain: Ground) -> tuple[Any, ...]:
     """What tells the stages of one law and ground from those of others: the expressions of both,
     and the names of p."""
     center, point, before = (ca.SX.sym(name, 3) for name in ("center", "point", "before"))
     radius, p = ca.SX.sym("radius"), ca.SX.sym("p", layout.size)
-    view = layout.view(p)
+    ground = _Ground(terrain, layout, p)
     out = [
-        _force(law, terrain, view, radius, center, before),
-        normal_of(terrain, point, section(view, "terrain.")),
-        symbolic.contact_height(radius, center, terrain, view),
-        ca.SX(law.reach(section(view, "contact."))),
+        _force(law, ground, radius, center, before),
+        normal_of(terrain, point, section(ground.view, "terrain.")),
+        symbolic.contact_height(radius, center, terrain, ground.view),
+        ca.SX(law.reach(section(ground.view, "contact."))),
     ]
-    written = ca.Function("law", [center, point, before, radius, p], [ca.SX(o) for o in out])
+    inputs = [center, point, before, radius, p, *ground.own]
+    written = ca.Function("law", inputs, [ca.SX(o) for o in out])
     return layout.names, written.serialize()
 
 
-def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrain) -> ca.Function:
+def contact(order: int, layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:
     """Eq. 6 (or another law) of one contact. Inputs: poses next and now (12 each), sphere (4:
-    place, radius), p, V.
+    place, radius), p, V, and of a world its jet (20) at the sphere's centre.
 
     The law is differentiated with respect to the six numbers (c, U) alone; twists enter by the
     chain rule.
     """
     flat = [ca.SX.sym(name, 12) for name in ("next", "now")]
     sphere, p, V = ca.SX.sym("sphere", 4), ca.SX.sym("p", layout.size), ca.SX.sym("V", 6)
-    view = layout.view(p)
-    touch = _Touch(flat, sphere, terrain, view)
+    ground = _Ground(terrain, layout, p)
+    touch = _Touch(flat, sphere, ground)
     c, U, held = ca.SX.sym("c", 3), ca.SX.sym("U", 3), ca.SX.sym("delta", 3)
-    f = _force(law, terrain, view, sphere[3], c, U)
-    at_law, here = [c, U, sphere[3], p], [touch.center, touch.U, sphere[3], p]
+    f = _force(law, ground, sphere[3], c, U)
+    at_law = [c, U, sphere[3], p, *ground.own]
+    here = [touch.center, touch.U, sphere[3], p, *ground.at(touch.center)]
     force, f_c, f_U = ca.Function("force", at_law, [f, ca.jacobian(f, c), ca.jacobian(f, U)])(*here)
     arm = ca.skew(touch.arm)
     out = [-wrench(arm @ force, force, touch.center)]
@@ -172,7 +203,7 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Plane | Terrai
         out.append(about(K, touch.center, touch.center))
         out.append(about(T1, touch.center, touch.U))
         out.append(about(L1, touch.U, touch.U))
-    inputs = [*flat, sphere, p, V]
+    inputs = [*flat, sphere, p, V, *ground.inputs]
     return ca.Function(f"{PREFIX}contact{order}", inputs, [rows(ca.SX(o)) for o in out], OPTIONS)
 
 

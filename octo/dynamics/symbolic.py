@@ -6,6 +6,7 @@ Everything here is SX, so that any part can be differentiated or put into a cost
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,7 +19,8 @@ from octo.interrupts import postponed
 from octo.model.body import Body, Joint
 from octo.model.character import Character
 from octo.model.element import Element, names_of
-from octo.model.terrain import Plane, Terrain, normal
+from octo.model.terrain import Ground, World, distance, looked, normal
+from octo.world.jet import SIZES
 
 Pose = tuple[ca.SX, ca.SX]  # rotation (3, 3), translation (3,) m: body frame to world
 
@@ -104,20 +106,13 @@ class ContactState:
     force: ca.SX  # (3,) N on the body, world axes
 
 
-def contact_height(
-    radius: float | ca.SX, center: ca.SX, terrain: Plane | Terrain, view: View
-) -> ca.SX:
+def contact_height(radius: float | ca.SX, center: ca.SX, terrain: Ground, view: View) -> ca.SX:
     """Distance (m) of the sphere's surface from the ground, negative inside."""
-    return terrain.distance(center, section(view, "terrain.")) - radius
+    return distance(terrain, center, section(view, "terrain.")) - radius
 
 
 def contact_places(
-    local: ca.SX,
-    radius: float | ca.SX,
-    pose: Pose,
-    previous: Pose,
-    terrain: Plane | Terrain,
-    view: View,
+    local: ca.SX, radius: float | ca.SX, pose: Pose, previous: Pose, terrain: Ground, view: View
 ) -> tuple[ca.SX, ca.SX]:
     """Of a sphere of ``radius`` (m) at ``local`` (3,) m of a body now at ``pose``, one step ago at
     ``previous``: its centre, and where the body's point that is nearest to the ground now was one
@@ -133,7 +128,7 @@ def contact_state(
     before: ca.SX,
     radius: float | ca.SX,
     law: ContactLaw,
-    terrain: Plane | Terrain,
+    terrain: Ground,
     view: View,
 ) -> ContactState:
     """A sphere of ``radius`` (m) from its places (:func:`contact_places`)."""
@@ -147,18 +142,38 @@ def contact_state(
     return ContactState(depth, point, outward, velocity, force)
 
 
+# of a world, of each contact: where it was looked up (3,) m, and its jet there
+LOOKED = 3 + SIZES[-1]
+
+
+def looked_size(character: Character, terrain: Ground) -> int:
+    """How many numbers the functions of a step get behind p: of a world those of each contact at
+    x_next, else none."""
+    return LOOKED * len(character.terrain_contacts) if isinstance(terrain, World) else 0
+
+
+def views(character: Character, terrain: Ground, layout: Layout, p: ca.SX) -> list[View]:
+    """What each terrain contact sees of p and of what stands behind it (:func:`looked_size`)."""
+    view, count = layout.view(p), len(character.terrain_contacts)
+    if not isinstance(terrain, World):
+        return [view] * count
+    own = ca.vertsplit(p[layout.size :], LOOKED) if count else []
+    return [looked(view, one[3:], one[:3]) for one in own]
+
+
 def contact_states(
     character: Character,
     x_next: ca.SX,
     x: ca.SX,
     law: ContactLaw,
-    terrain: Plane | Terrain,
-    view: View,
+    terrain: Ground,
+    seen: Sequence[View],
 ) -> list[ContactState]:
-    """The state of every terrain contact, in the order of ``character.terrain_contacts``."""
+    """The state of every terrain contact, in the order of ``character.terrain_contacts``; ``seen``:
+    of :func:`views`."""
     poses, previous = body_poses(character, x_next), body_poses(character, x)
     states = []
-    for k in character.terrain_contacts:
+    for k, view in zip(character.terrain_contacts, seen, strict=True):
         sphere = character.contacts[k]
         place = (ca.SX(sphere.position), sphere.radius, poses[sphere.body], previous[sphere.body])
         states.append(
@@ -257,12 +272,13 @@ def inertial_energy(body: Body, pose: Pose, now: Pose, previous: Pose, view: Vie
 
 @postponed()
 def forward_dynamics(
-    character: Character, law: ContactLaw, terrain: Plane | Terrain, layout: Layout
+    character: Character, law: ContactLaw, terrain: Ground, layout: Layout
 ) -> ca.Function:
-    """FD(x_next, x, x_prev, p) (n,) of §4 as one SX function: N m or N, equal to Uᵀu."""
+    """FD(x_next, x, x_prev, p) (n,) of §4 as one SX function: N m or N, equal to Uᵀu; behind p
+    stands what a world says of the contacts at x_next (:func:`looked_size`)."""
     n = character.nx
     x_next, x, x_prev = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("x_prev", n)
-    p = ca.SX.sym("p", layout.size)
+    p = ca.SX.sym("p", layout.size + looked_size(character, terrain))
     view = layout.view(p)
     poses, now, previous = (body_poses(character, node) for node in (x_next, x, x_prev))
     potential = ca.SX(0)
@@ -274,7 +290,8 @@ def forward_dynamics(
         radii = spheres[0].radius + spheres[1].radius
         potential += pair_potential(ca.dot(first - second, first - second), radii, view)
     work, held, values = ca.SX(0), [], []
-    states = contact_states(character, x_next, x, law, terrain, view)
+    seen = views(character, terrain, layout, p)
+    states = contact_states(character, x_next, x, law, terrain, seen)
     for k, state in zip(character.terrain_contacts, states, strict=True):
         sphere = character.contacts[k]
         # virtual work f·∂P at a fixed force and material point

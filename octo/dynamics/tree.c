@@ -117,6 +117,53 @@ static void octo_kin(const real *x, real *kin) {
   for (int b = 0; b < NB; ++b) octo_pose(b, x, turn, kin);
 }
 
+#ifndef NG
+#define NG 0 /* contacts that a world is asked about */
+#endif
+
+#if NG > 0
+/* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
+#define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
+
+#ifndef ASKED_OF_WORLD
+#define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
+#endif
+static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
+static inline void octo_look_at(const double *p, int g, int order, real *kin) {
+  const double *world = (const double *)(size_t)p[WORLD], *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
+  double reach, *res[1] = {&reach};
+  octo_reach(arg, res);
+  const double beyond = octo_asked_of_world[g] ? INFINITY : sphere[3] + reach;
+  real center[3], *jet = LOOKED(kin, g);
+  octo_place(kin + 12 * octo_ground_body[g], sphere, center);
+#ifdef STEPS
+  /* Steps in a row are near each other: where φ cannot have come down to ``beyond`` since the one before, nobody looks. */
+  double from[3] = {0.0}, last = NAN, own[JET]; /* at first nothing is known */
+  const int size = octo_world_size(order);
+  for (int e = 1; e < size; ++e) jet[e] = ZERO;
+  for (int k = 0; k < STEPS; ++k) {
+    const double at[3] = {center[0][k], center[1][k], center[2][k]}, moved[3] = {at[0] - from[0], at[1] - from[1], at[2] - from[2]};
+    const double least = last - world[OCTO_WORLD_STEEPEST] * sqrt(octo_dot(moved, moved));
+    if (least >= beyond) { jet[0][k] = least; continue; }
+    octo_world_within(world, at, last < beyond ? INFINITY : beyond, order, own); /* one that was within is so again */
+    for (int e = 0; e < size; ++e) jet[e][k] = own[e];
+    for (int c = 0; c < 3; ++c) from[c] = at[c];
+    last = own[0];
+  }
+#else
+  octo_world_within(world, center, beyond, order, jet);
+#endif
+}
+
+static void octo_look(const double *p, int order, real *kin) {
+  for (int g = 0; g < NG; ++g) octo_look_at(p, g, order, kin);
+}
+#else
+#define octo_look(p, order, kin)
+#endif
+
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
 
 /* η = ad_V ξ_j at the next node. */
@@ -146,12 +193,21 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   const double *sphere = octo_contact_sphere + 4 * c;
   real center[3], gap;
   octo_place(in->kin[0] + at, sphere, center);
+#if NG > 0
+  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+  const ARGUMENT *place[4] = {center, sphere + 3, in->p, jet};
+#else
   const ARGUMENT *place[3] = {center, sphere + 3, in->p};
+#endif
   real *depth[1] = {&gap};
   STAGE(octo_gap, place, depth);
   k->active = NOT(gap <= 0.0);
   if (!ANY(k->active)) return;
+#if NG > 0
+  const ARGUMENT *arg[6] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V, jet};
+#else
   const ARGUMENT *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V};
+#endif
   real *res[6] = {k->W, k->B[0], k->B[1], k->T[0], k->T[1], k->L};
   if (in->order == 0) STAGE(octo_contact0, arg, res);
   else if (in->order == 1) STAGE(octo_contact1, arg, res);

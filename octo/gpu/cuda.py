@@ -165,6 +165,9 @@ class CudaDevice(Device):
         """Wait until everything launched is done."""
         self.xp.cuda.get_current_stream().synchronize()
 
+    def address(self, array: Array) -> int:
+        return int(array.data.ptr)
+
     def free_bytes(self) -> int:
         """What the GPU and CuPy's pool have left."""
         free, _ = self.xp.cuda.runtime.memGetInfo()

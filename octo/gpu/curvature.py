@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics.codegen import integers, macros
-from octo.dynamics.emit import function_of_numbers, switch
 from octo.dynamics.evaluate import Dynamics
+from octo.emit import function_of_numbers, switch
 from octo.gpu.device import Array, Device, Kernels, source
 from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import StateCurvature

@@ -133,6 +133,9 @@ class Device(Protocol):
     def synchronize(self) -> None:
         """Wait until everything launched is done."""
 
+    def address(self, array: Array) -> int:
+        """Where an array is, for kernels."""
+
     def free_bytes(self) -> int:
         """Memory that is left."""
 

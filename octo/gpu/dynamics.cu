@@ -7,7 +7,8 @@ extern "C" __global__ void octo_work_size(int *size) {
   if (threadIdx.x == 0) size[0] = WORK, size[1] = KIN;
 }
 
-/* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. */
+/* kin (KIN) of each node, bodies of one level of the tree at a time; shared: 2 NX + KIN doubles. A world is looked up by a
+ * kernel of its own. */
 extern "C" __global__ void __launch_bounds__(WARP, 8)
 octo_kin_of_nodes(const double *nodes, double *kin) {
 #if KIN > 0

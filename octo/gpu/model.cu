@@ -87,7 +87,7 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
 #ifdef CALLS
   octo_calls_of_steps(first, count, jac != 0);
 #endif
-  const double *arg[8];
+  const double *arg[9];
   double *res[1];
   int skipped = !jac ? 0 : CONTACT_VALUES, end = !jac ? CONTACT_VALUES : exact ? CONTACT_PIECES : CONTACT_MODEL;
   int jumped = jac && exact ? CONTACT_MODEL - CONTACT_SLOPES : 0; /* pieces of Gauss and Newton's model, after y' */
@@ -113,7 +113,11 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
       int s = e / NFC, c = e % NFC;
       octo_place_of_step at = octo_place_after(first, s);
       for (int node = 0; node < 3; ++node) arg[node] = at.kin - node * KIN + 12 * octo_cost_contact_body[c];
-      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q; arg[6] = octo_cost_contact_use + CR * c;
+      arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q;
+#if NG > 0
+      for (int node = 0; node < 2; ++node) arg[6 + node] = LOOKED(at.kin - node * KIN, octo_cost_contact_ground[c]);
+#endif
+      arg[NG > 0 ? 8 : 6] = octo_cost_contact_use + CR * c;
       res[0] = (jac ? touch + (s * NFC + c) * TOUCHED : r + s * MROWS + NR + c * CR) + octo_contact_piece_at[piece];
       octo_contact_piece(piece, arg, res);
     }

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.dynamics.codegen import integers, macros
-from octo.dynamics.emit import instructions, switch
+from octo.emit import instructions, switch
 from octo.problem.codegen import CostFunctions
 from octo.problem.contact_model import BLOCKS, ContactFunctions
 

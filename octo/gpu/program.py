@@ -36,7 +36,10 @@ DEFINED |= {"TILE": TILE, "TOGETHER": TOGETHER}
 BARRIER = 40  # numbers of each bounded row that an interior point has at the same time
 HELD = 48 * 1024  # bytes of a step's rows at the same time: four blocks fit a multiprocessor
 # of dynamics.cu
-DYNAMICS = ("octo_work_size", "octo_kin_of_nodes", "octo_value", "octo_jacobian", "octo_curvature")
+DYNAMICS = (
+    *("octo_work_size", "octo_kin_of_nodes", "octo_looks"),
+    *("octo_value", "octo_jacobian", "octo_curvature"),
+)
 
 
 class Program(Kernels):
@@ -89,6 +92,7 @@ def _texts(
     text = dynamics.text()
     if not text:
         raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
+    text = codegen.asked_of_world(functions, dynamics) + text
     pieces, stages = Pieces.of(functions), functions.calls.stages_text
     own = (pieces.functions, pieces.rows, pieces.columns)
     costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
@@ -100,8 +104,10 @@ def _texts(
     kept = codegen.kept_slopes(functions, dynamics, (pieces.rows, pieces.columns))
     if kept is not None:
         model += [kept.tables(), kept.turned_tables(), source("row_products.cu")]
-    first = "\n".join([text, *common, source("dynamics.cu")])
-    return (first, "\n".join([stages + text, *costs, *model])), pieces, kept
+    steps = [text, *common, source("dynamics.cu")]
+    if dynamics.looks:
+        steps.append(source("looks.cu"))
+    return ("\n".join(steps), "\n".join([stages + text, *costs, *model])), pieces, kept
 
 
 def contact_numbers(functions: CostFunctions) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from octo.dynamics.codegen import integers, macros
-from octo.dynamics.emit import function_of_numbers
+from octo.emit import function_of_numbers
 from octo.gpu.device import Array, Device, Kernels, source
 from octo.problem.basis import WINDOW
 from octo.problem.compiled import CompiledProblem

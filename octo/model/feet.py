@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from octo.model.kinematics import sphere_centers
 from octo.model.quantities import Array
-from octo.model.terrain import Plane, Terrain, signed_distance
+from octo.model.terrain import Ground, own_parameters, signed_distance
 from octo.model.tree import Tree
 
 # Places. A pose whose height nobody has chosen yet says only which contacts are lowest; where the
@@ -54,9 +54,7 @@ def low_contacts(character: Tree, x: NDArray) -> list[int]:
     return lowest_contacts(character, x, UNEVEN * float(np.ptp(terrain_bottoms(character, x))))
 
 
-def gaps(
-    character: Tree, terrain: Plane | Terrain, values: Mapping[str, float], x: NDArray
-) -> Array:
+def gaps(character: Tree, terrain: Ground, values: Mapping[str, float], x: NDArray) -> Array:
     """(c,) m between the ground and the spheres that may touch it, negative inside, at x (nx,).
 
     values: the terrain's parameters.
@@ -66,9 +64,9 @@ def gaps(
     return signed_distance(terrain, sphere_centers(character, x)[chosen], values) - radius
 
 
-def touching(character: Tree, terrain: Plane | Terrain, x: NDArray) -> list[int]:
+def touching(character: Tree, terrain: Ground, x: NDArray) -> list[int]:
     """Contacts that touch the ground at x (nx,), with the terrain's own parameters."""
-    gap = gaps(character, terrain, terrain.parameters, x)
+    gap = gaps(character, terrain, own_parameters(terrain), x)
     return [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
 
 

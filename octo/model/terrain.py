@@ -1,13 +1,16 @@
-"""The ground as a signed distance φ(P), positive above it: a plane, or any CasADi expression.
+"""The ground as a signed distance φ(P), positive above it: a plane, any CasADi expression, or a
+world of shapes.
 
 The outward normal of Eq. 6 is ∇φ, normalised. Terrain parameters are run-time parameters: changing
-them recompiles nothing.
+them recompiles nothing. A world is looked up by code (octo/world): φ is an expression of its jet,
+the value and the derivatives that the look-up gave.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from weakref import WeakValueDictionary
 
 import casadi as ca
 import numpy as np
@@ -15,9 +18,14 @@ import numpy as np
 from octo.checks import Array, instance, number
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.interrupts import postponed
+from octo.world.jet import polynomial
+from octo.world.world import World
 
 # names of a plane's numbers among the run-time parameters of the dynamics
 OF_PLANE = tuple(f"terrain.{name}" for name in ("normal_x", "normal_y", "normal_z", "height"))
+# where a world's numbers are in the memory of this process or device (octo_world in world/query.c);
+# filled in where p is handed over (RobotDynamics.bound), for it means nothing elsewhere
+ADDRESS = "terrain.address"
 
 
 @dataclass(frozen=True)
@@ -91,20 +99,66 @@ class Terrain:
         return self.expression(point, p)
 
 
+Ground = Plane | Terrain | World
+
+
+def own_parameters(terrain: Ground) -> Mapping[str, float]:
+    """The run-time parameters of a ground by name, with their defaults."""
+    return {"address": 0.0} if isinstance(terrain, World) else terrain.parameters
+
+
+def looked(view: Mapping[str, ca.SX], jet: ca.SX, at: ca.SX) -> dict[str, ca.SX]:
+    """Parameters of the dynamics and what a world says (20,) at a place ``at`` (3,) m: φ is known
+    near it, so it must be the point that is asked about, and its derivatives are zero."""
+    return {**view, "terrain.jet": jet, "terrain.at": at}
+
+
+def distance(terrain: Ground, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+    """φ (m) at ``point`` (3,) m, with the ground's parameters by name, and of a world its jet
+    (:func:`looked`)."""
+    if isinstance(terrain, World):
+        return polynomial(p["jet"], point - p["at"])
+    return ca.SX(terrain.distance(point, p))
+
+
 @postponed()
-def signed_distance(terrain: Plane | Terrain, points: Array, values: Mapping[str, float]) -> Array:
-    """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
+def distances(terrain: Ground, values: Mapping[str, float]) -> Callable[[Array], Array]:
+    """φ (k,) m of points (k, 3) m, with the terrain's parameters by name."""
+    if isinstance(terrain, World):
+        return terrain.distance
     point, p = ca.SX.sym("point", 3), {name: ca.SX(value) for name, value in values.items()}
     phi = ca.Function("phi", [point], [ca.SX(terrain.distance(point, p))])
-    return np.asarray(phi(points.T), dtype=float).reshape(len(points))
+    return lambda points: np.asarray(phi(points.T), dtype=float).reshape(len(points))
+
+
+def signed_distance(terrain: Ground, points: Array, values: Mapping[str, float]) -> Array:
+    """φ (k,) m at points (k, 3) m, with the terrain's parameters by name."""
+    return distances(terrain, values)(points)
+
+
+# by the address of their data, those that are in use
+_worlds: WeakValueDictionary[float, World] = WeakValueDictionary()
+
+
+def address_of(world: World) -> float:
+    """Where a world's numbers are in this process, as a number of p: exact, for an address has
+    fewer than 53 bits."""
+    address = float(world.data.ctypes.data)
+    _worlds[address] = world
+    return address
+
+
+def world_at(address: float) -> World | None:
+    """The world that :func:`address_of` gave an address of, while it is in use."""
+    return _worlds.get(address)
 
 
 @postponed()
-def normal(terrain: Plane | Terrain, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+def normal(terrain: Ground, point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
     """Outward unit normal ∇φ/|∇φ| (3,) at ``point``."""
     if isinstance(terrain, Plane):
         return ca.vertcat(p["normal_x"], p["normal_y"], p["normal_z"])
     # the point itself may be an expression, which CasADi cannot differentiate by
     free = ca.SX.sym("point", 3)
-    gradient = ca.substitute(ca.gradient(terrain.distance(free, p), free), free, point)
+    gradient = ca.substitute(ca.gradient(distance(terrain, free, p), free), free, point)
     return gradient / ca.norm_2(gradient)

@@ -17,7 +17,7 @@ from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.feet import touching
 from octo.model.mirror import mirror_of
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 from octo.problem import presets
 from octo.problem.closure import along_arc, arc_to
 from octo.problem.constraints import Constraint
@@ -46,7 +46,7 @@ class Journey:
     period: float | Sequence[float] | None = None  # s, of a stride; by default the robot's own
     starts: int = STARTS  # of the cycle, for each period
     seed: int = 0  # number of the first of them
-    terrain: Plane | Terrain | None = None
+    terrain: Ground | None = None
     law: ContactLaw | None = None
     pose: Array | None = None
     constraints: Sequence[Constraint] = ()  # what must hold in every piece of it

@@ -9,9 +9,10 @@ from octo.checks import Array, asked, instance, number, numbers, positive, takes
 from octo.dynamics.laws import ContactLaw
 from octo.goals import Goal
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, World
 from octo.motions.budget import Budget
 from octo.motions.journey import Journey
+from octo.motions.over import over
 from octo.motions.search import from_rest_to_rest
 from octo.problem.hard import Held, at_every_step, held
 from octo.progress import check_progress
@@ -26,7 +27,7 @@ class Steady(How, total=False):
     period: float | Sequence[float] | None
     starts: int
     seed: int
-    terrain: Plane | Terrain | None
+    terrain: Ground | None
     law: ContactLaw | None
     pose: Array | None
     constraints: Held
@@ -147,4 +148,7 @@ def _steady(robot: Character, goal: Goal, seconds: float | None, **given: Any) -
         time = positive("seconds", seconds, "s")
         journey = Journey(robot, goal.velocity[:2], rate, time, **given)
     wanted = {k: v for k, v in options.items() if v is not None}
-    return from_rest_to_rest(journey, Budget(wanted, held=bool(journey.constraints)))
+    budget = Budget(wanted, held=bool(journey.constraints))
+    if isinstance(journey.terrain, World):
+        return over(journey, journey.terrain, budget, lambda one: from_rest_to_rest(one, budget))
+    return from_rest_to_rest(journey, budget)

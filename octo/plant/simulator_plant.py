@@ -18,7 +18,7 @@ from octo.model.character import Character
 from octo.model.convention import from_chart, to_chart
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, distances
 from octo.plant.mujoco_plant import loaded
 
 
@@ -41,7 +41,7 @@ class SimulatorPlant:
         character: Character,
         *,
         law: ContactLaw | None = None,
-        terrain: Plane | Terrain | None = None,
+        terrain: Ground | None = None,
         parameters: Mapping[str, float] | None = None,
         timestep: float = 0.005,
         payload: float = 0.0,
@@ -56,10 +56,8 @@ class SimulatorPlant:
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
         self._ground = symbolic_contacts(self.dynamics)
-        point, p = ca.SX.sym("point", 3), ca.SX.sym("p", self.dynamics.layout.size)
-        view = section(self.dynamics.layout.view(p), "terrain.")
-        distance = self.dynamics.terrain.distance(point, view)
-        self._height = ca.Function("height", [point, p], [distance])
+        values = dict(zip(self.dynamics.layout.names, self._p.tolist(), strict=True))
+        self._height = distances(self.dynamics.terrain, section(values, "terrain."))
         self.x = character.start_pose
         self._before = self.x.copy()
 
@@ -89,7 +87,7 @@ class SimulatorPlant:
     @property
     def height(self) -> float:
         """m, of the base body's origin over the terrain: the signed distance from it."""
-        return float(self._height(self.base_place, self._p))
+        return float(self._height(np.asarray(self.base_place)[None])[0])
 
     def reset(self, q: Array, v: Array | None = None) -> None:
         """Time 0 at q (nq,) and v (nv,), at rest by default."""
@@ -121,7 +119,8 @@ class SimulatorPlant:
     def contacts(self) -> tuple[Array, Array]:
         """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m;
         world axes."""
-        force, point = self._ground(self.x, self._before, self._p)
+        seen = self.dynamics.seen(self._p, self.x[None])
+        force, point = self._ground(self.x, self._before, seen)
         return np.asarray(force).T, np.asarray(point).T
 
 
@@ -129,10 +128,11 @@ class SimulatorPlant:
 def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
     """Forces and points (3, c) of the contacts at (x_next, x, p)."""
     n = dynamics.nx
-    x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", dynamics.layout.size)
-    view = dynamics.layout.view(p)
-    own = (dynamics.law, dynamics.terrain, view)
-    states = symbolic.contact_states(dynamics.character, x_next, x, *own)
+    robot, terrain = dynamics.character, dynamics.terrain
+    size = dynamics.layout.size + symbolic.looked_size(robot, terrain)
+    x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", size)
+    seen = symbolic.views(robot, terrain, dynamics.layout, p)
+    states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
     columns = [[state.force for state in states], [state.point for state in states]]
     found = [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
     return ca.Function("contacts", [x_next, x, p], found)

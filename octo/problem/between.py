@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from octo.dynamics.emit import function_of_numbers, switch
+from octo.emit import function_of_numbers, switch
 from octo.interrupts import postponed
 from octo.problem.codegen import CostFunctions
 from octo.problem.curvature import nonzeros

@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from octo.checks import Array
-from octo.dynamics.codegen import HEAD, integers, lanes_text
-from octo.dynamics.emit import function_of_numbers
+from octo.dynamics.codegen import integers, lanes_text
+from octo.emit import HEAD, function_of_numbers
 from octo.errors import ProblemError, ShapeError
 from octo.problem.code_stage import LARGEST, CodeStage
 

@@ -21,7 +21,7 @@ from octo.errors import MirrorError, ProblemError
 from octo.model.character import Character
 from octo.model.element import tied_to_the_world
 from octo.model.mirror import Mirror, mirror_of
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, Plane
 from octo.problem.cycle import Cycle
 
 LEVEL = 1e-9  # of the normal's length: what counts as a plane without slope
@@ -56,7 +56,7 @@ class Closure:
 def closure_of(
     cycle: Cycle,
     robot: Character | None,
-    terrain: Plane | Terrain | None,
+    terrain: Ground | None,
     values: Mapping[str, float],
     start: Callable[[], Array],
 ) -> Closure:
@@ -207,7 +207,7 @@ def _arc(turn: float) -> Array:
     return np.array([[a, -b], [b, a]])
 
 
-def plane_normal(terrain: Plane | Terrain | None, values: Mapping[str, float]) -> Array:
+def plane_normal(terrain: Ground | None, values: Mapping[str, float]) -> Array:
     """(3,) of the plane that a cycle walks on.
 
     Raises

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array, doubles, flag, instance, numbers, whole
-from octo.dynamics.codegen import HEAD
+from octo.emit import HEAD
 from octo.errors import DeviceError, ProblemError, ShapeError, ValueRangeError
 
 NAME = re.compile(r"[A-Za-z_]\w*")

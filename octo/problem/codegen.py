@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.codegen import lanes_text, numbers_table
-from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
+from octo.emit import function_of_numbers
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
@@ -277,9 +277,10 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
         text.append(calls.in_lanes(functions.curvature.function, 2))
         text.append(functions.curvature.tables())
         own_parts = ("curvature.c",)
-    if functions.contact is not None:  # sphere, p, use
+    if functions.contact is not None:
         own = functions.contact
-        text += [lanes_text(function, {3, 4, 6}) for function in (own.value, own.model, own.exact)]
+        shared = {3, 4, own.model.n_in() - 1}  # sphere, p, use
+        text += [lanes_text(function, shared) for function in (own.value, own.model, own.exact)]
     sparsity = functions.state_sparsity
     rows = np.array(sparsity.row(), dtype=int)
     columns = np.array(sparsity.get_col(), dtype=int)
@@ -295,6 +296,14 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
     if kept is not None:
         parts.insert(-1, kept.c_text())
     return "\n".join([*text, tables, native.threads(), *parts])
+
+
+def asked_of_world(functions: CostFunctions, dynamics: Dynamics) -> str:
+    """C text, before that of the dynamics: which contacts of a world terms ask about."""
+    if not isinstance(dynamics, RobotDynamics) or not dynamics.looks:
+        return ""
+    asked = [int(k in functions.contact_spheres) for k in dynamics.character.terrain_contacts]
+    return f"#define ASKED_OF_WORLD {{{', '.join(map(str, asked))}}}\n" if any(asked) else ""
 
 
 @postponed()
@@ -368,6 +377,8 @@ def _tables(
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
+        if dynamics.looks:
+            tables["cost_contact_ground"] = [robot.terrain_contacts.index(k) for k in own.spheres]
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]

@@ -27,9 +27,11 @@ from octo.dynamics.laws import ContactLaw
 from octo.dynamics.symbolic import Pose, contact_places, perturbed, pose_of
 from octo.model.character import Character
 from octo.model.quantities import GRAVITY
+from octo.model.terrain import World, looked
 from octo.problem.contact_costs import ContactCost
 from octo.problem.references import References, blamed, sizes
 from octo.problem.symbols import ContactSymbols
+from octo.world.jet import SIZES
 
 # pairs of nodes (next, now, previous), as HESS in phases.c
 BLOCKS = ((0, 0), (0, 1), (0, 2), (1, 1), (2, 2), (1, 2))
@@ -40,7 +42,7 @@ TOUCHED = 18 + 36 * len(BLOCKS)
 @dataclass(frozen=True, eq=False)
 class ContactFunctions:
     """The terms over contacts: inputs T_next, T, T_prev (12 numbers each, R row by row), sphere
-    (4), p, q, use (CR,).
+    (4), p, q, of a world its jets (20 each) at the sphere's centre at x_next and at x, use (CR,).
 
     value: the residuals r (CR,), without the input use. model, exact: gradient and blocks
     (TOUCHED,) of Σ use·q·r², by Gauss and Newton and with all of their curvature; factors: what
@@ -87,23 +89,35 @@ class _Weightless:
         return ca.SX.zeros(3)
 
 
-def contact_symbols(dynamics: RobotDynamics, p: ca.SX) -> tuple[list[ca.SX], ContactSymbols]:
-    """The symbols T_next, T, T_prev of a body's poses, its sphere and y, and what a term sees of
-    them."""
+def contact_symbols(
+    dynamics: RobotDynamics, p: ca.SX
+) -> tuple[list[ca.SX], ContactSymbols, list[ca.SX]]:
+    """The symbols T_next, T, T_prev of a body's poses, its sphere and y; what a term sees of them;
+    of a world its jets at x_next and x, then the places that they belong to."""
     columns = [ca.SX.sym(f"T{k}", 12) for k in range(3)]
     sphere = ca.SX.sym("sphere", 4)
     place = ca.SX.sym("place", 12)
     next_, now, previous = (pose_of(column) for column in columns)
+    view, ground = dynamics.layout.view(p), []
+    seen = (view, view)
+    if isinstance(dynamics.terrain, World):
+        jets, at = ([ca.SX.sym(f"{name}{k}", size) for k in range(2)] for name, size in LOOKED_UP)
+        ground = [*jets, *at]
+        seen = (looked(view, jets[0], at[0]), looked(view, jets[1], at[1]))
     symbols = ContactSymbols(
         (next_, now, previous),
         ((place[:3], place[3:6]), (place[6:9], place[9:])),
         sphere[3],
         dynamics.law,
         dynamics.terrain,
-        dynamics.layout.view(p),
+        view,
         dynamics.character.mass * GRAVITY,
+        seen,
     )
-    return [*columns, sphere, place], symbols
+    return [*columns, sphere, place], symbols, ground
+
+
+LOOKED_UP = (("jet", SIZES[-1]), ("at", 3))
 
 
 def contact_inputs(robot: Character, contact: int, poses: Sequence[Sequence[Pose]]) -> list[ca.SX]:
@@ -149,12 +163,15 @@ class ContactResiduals:
         self, dynamics: RobotDynamics, references: References, feet: list[int], p: ca.SX, q: ca.SX
     ):
         self.p, self.q = p, q
-        (*self.columns, self.sphere, self.place), symbols = contact_symbols(dynamics, p)
-        view, sphere = dynamics.layout.view(p), (self.sphere[:3], self.sphere[3])
+        (*self.columns, self.sphere, self.place), symbols, ground = contact_symbols(dynamics, p)
+        sphere = self.sphere[:3], self.sphere[3]
         steps = [
             contact_places(*sphere, one, before, dynamics.terrain, view)
-            for one, before in pairwise(symbols.poses)
+            for (one, before), view in zip(pairwise(symbols.poses), symbols.seen, strict=True)
         ]
+        # of a world: inputs, and the places of their look-ups, which no derivative moves
+        self.jets, self.at = ground[:2], ground[2:]
+        self.centers = [center for center, _ in steps[: len(self.at)]]
         self.places = ca.vertcat(*steps[0], *steps[1])
         unloaded = replace(symbols, law=_Weightless(dynamics.law))
         residuals: list[ca.SX] = []
@@ -182,7 +199,7 @@ class ContactResiduals:
     @property
     def structure(self) -> tuple[Any, ...]:
         """What tells one list of terms from another."""
-        inputs = [*self.columns, self.sphere, self.place, self.p, self.q]
+        inputs = [*self.columns, self.sphere, self.place, self.p, self.q, *self.jets, *self.at]
         written = ca.Function("contact", inputs, [self.r]).serialize()
         return tuple(self.terms), written, self.use.tobytes(), self.spheres
 
@@ -200,7 +217,19 @@ class ContactResiduals:
 
     def at_poses(self, expression: ca.SX) -> ca.SX:
         """An expression of y as one of the poses."""
-        return ca.densify(ca.substitute(expression, self.place, self.places))
+        if self.at:
+            own = [self.place[:3], self.place[6:9]]
+            expression = ca.substitute([expression], self.at, own)[0]
+        return self._here(ca.densify(ca.substitute(expression, self.place, self.places)))
+
+    def _here(self, expression: ca.SX) -> ca.SX:
+        """With the look-ups where the sphere is."""
+        if not self.at:
+            return expression
+        # equal places become one, and their differences nothing when all is written anew
+        made = ca.cse(ca.substitute([expression], self.at, self.centers)[0])
+        free = ca.symvar(made)
+        return ca.Function("anew", free, [made])(*free) if free else made
 
     def factors(self) -> Factors:
         """E of the contact, differentiated."""
@@ -220,9 +249,8 @@ class ContactResiduals:
             for square in (2.0 * rows.T @ ca.diag(coefficient) @ rows, curvature)
         )
         slopes, bend = self._moved(value, self.at_poses(gradient))
-        return Factors(
-            [*self.columns, self.sphere, self.p, self.q, use], slopes, model, exact, bend
-        )
+        inputs = [*self.columns, self.sphere, self.p, self.q, *self.jets, use]
+        return Factors(inputs, slopes, model, exact, bend)
 
     def _moved(self, y: ca.SX, gradient: ca.SX) -> tuple[ca.SX, ca.SX]:
         """y' (size, 18), and the blocks of ``gradient`` times y''."""
@@ -241,4 +269,4 @@ class ContactResiduals:
             block = ca.jacobian(pulled[nodes[b]], outer if a == b else inner)[:, nodes[a]]
             blocks.append(ca.vec(ca.densify(block)))
         bend = ca.substitute(ca.substitute(ca.vertcat(*blocks), *still), pull, gradient)
-        return ca.substitute(ca.jacobian(y, inner), *still), bend
+        return self._here(ca.substitute(ca.jacobian(y, inner), *still)), self._here(bend)

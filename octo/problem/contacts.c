@@ -6,6 +6,7 @@
 #define BLOCKS 6 /* 00 01 02 11 22 12: the last one FD does not have, its slots are kept for it */
 #define COMMON (36 * (BLOCKS - 1))
 #define TOUCHED (18 + 36 * BLOCKS)
+#define GIVEN_TO_CONTACT (NG > 0 ? 9 : 7) /* inputs of the terms: poses, sphere, p, q, of a world its jets, and use */
 
 /* Which contacts touched the ground in the step before the group's first one; nobody knows before the first group. */
 typedef struct { char known[NFC], touched[NFC]; int apart; } octo_rests;
@@ -20,7 +21,11 @@ static int octo_touches_now(const octo_input *in, int c) {
   const double *sphere = octo_cost_contact_data + 4 * c;
   real center[3], gap, *depth[1] = {&gap};
   octo_place(in->kin[1] + 12 * octo_cost_contact_body[c], sphere, center);
+#if NG > 0
+  const ARGUMENT *place[4] = {center, sphere + 3, in->p, LOOKED(in->kin[1], octo_cost_contact_ground[c])};
+#else
   const ARGUMENT *place[3] = {center, sphere + 3, in->p};
+#endif
   STAGE(octo_gap, place, depth);
   return ANY(NOT(gap <= 0.0)); /* a NaN is not skipped */
 }
@@ -38,13 +43,17 @@ static int octo_rest(octo_rests *s, const octo_work *work, const octo_input *in,
 
 static void octo_contact_arguments(const octo_input *in, const real *q, int c, const void **arg) {
   for (int node = 0; node < 3; ++node) arg[node] = in->kin[node] + 12 * octo_cost_contact_body[c];
-  arg[3] = octo_cost_contact_data + 4 * c, arg[4] = in->p, arg[5] = q, arg[6] = octo_cost_contact_use + CR * c;
+  arg[3] = octo_cost_contact_data + 4 * c, arg[4] = in->p, arg[5] = q;
+#if NG > 0
+  for (int node = 0; node < 2; ++node) arg[6 + node] = LOOKED(in->kin[node], octo_cost_contact_ground[c]);
+#endif
+  arg[GIVEN_TO_CONTACT - 1] = octo_cost_contact_use + CR * c;
 }
 
 /* Adds each term's share of E over contacts to terms (NTERM). */
 static void octo_sum_contacts(octo_rests *s, const octo_work *work, const octo_input *in, const real *q, real *terms) {
   for (int c = 0; c < NFC; ++c) {
-    const void *arg[7];
+    const void *arg[GIVEN_TO_CONTACT];
     real r[CR], *res[1] = {r};
     if (octo_rest(s, work, in, c)) continue;
     octo_contact_arguments(in, q, c, arg);
@@ -80,7 +89,7 @@ static int octo_touch_carried(octo_touched *s, const octo_input *in, int l, real
   }
   for (int k = octo_cost_contact_start[l]; k < octo_cost_contact_start[l + 1]; ++k) {
     const int c = octo_cost_contact_order[k];
-    const void *arg[7];
+    const void *arg[GIVEN_TO_CONTACT];
     real *res[1] = {s->one};
     if (octo_rest(s->rests, s->work, in, c)) continue;
     octo_contact_arguments(in, s->q, c, arg);

@@ -79,7 +79,7 @@ def lowered(problems: Sequence[Problem], functions: CostFunctions) -> tuple[Plan
         constant = node_values(basis.stencil(steps), ends, constant)
     rows = len(functions.bounded)
     data = Data(
-        np.stack([problem.p for problem in problems]),
+        np.stack([problem.dynamics.bound(problem.p) for problem in problems]),
         np.zeros((len(problems), steps, functions.numbers)),
         np.empty((len(problems), steps, rows)),
         np.empty((len(problems), steps, rows)),

@@ -25,6 +25,7 @@ from octo.problem.neighbours import NeighbourTerms
 from octo.problem.pair_blocks import PairTerms
 from octo.problem.plan import Plan
 from octo.problem.program import Program
+from octo.world.jet import SIZES
 
 
 class Interpreted:
@@ -49,6 +50,31 @@ class Interpreted:
         return list(self.program.functions.state.sx_in())
 
     @cached_property
+    def _jets(self) -> list[ca.SX]:
+        """What a world says of those contacts, one after the other, at x_next and at x."""
+        if not self._places_of_jets:
+            return []
+        size = SIZES[-1] * len(self._places_of_jets)
+        return [ca.SX.sym(name, size) for name in ("jets", "jets_now")]
+
+    @cached_property
+    def _places_of_jets(self) -> list[int]:
+        """Of those contacts, among all that touch the terrain; none where it is no world."""
+        dynamics, functions = self.program.dynamics, self.program.functions
+        if not isinstance(dynamics, RobotDynamics) or not dynamics.looks:
+            return []
+        return [dynamics.character.terrain_contacts.index(c) for c in functions.contact_spheres]
+
+    def _with_jets(self, k: int, given: list[Array]) -> list[Array]:
+        """A member's arguments, with those jets over the steps behind them."""
+        dynamics = self.program.dynamics
+        if not self._places_of_jets or not isinstance(dynamics, RobotDynamics):
+            return given
+        made = [dynamics.jets(self.data.p[k], np.asarray(node).T) for node in given[:2]]
+        own = [jets[:, self._places_of_jets, -SIZES[-1] :] for jets in made]
+        return [*given, *(jets.reshape(len(jets), -1).T for jets in own)]
+
+    @cached_property
     @postponed()
     def _contacts(self) -> list[tuple[int, list[ca.SX], Array]]:
         """Of each contact that has a term: its body, the inputs of the terms' functions, and
@@ -60,7 +86,8 @@ class Interpreted:
         robot, made = dynamics.character, []
         poses = [symbolic.body_poses(robot, node) for node in self._inputs[:3]]
         for k, index in enumerate(functions.contact.spheres):
-            inputs = [*contact_inputs(robot, index, poses), p, q]
+            jets = [ca.vertsplit(node, SIZES[-1])[k] for node in self._jets]
+            inputs = [*contact_inputs(robot, index, poses), p, q, *jets]
             use = functions.contact.use[k].astype(float)
             made.append((robot.contacts[index].body, inputs, use))
         return made
@@ -79,7 +106,7 @@ class Interpreted:
             mask += use.tolist()
         r = ca.densify(ca.vertcat(*parts))
         return (
-            ca.Function("residuals", self._inputs, [r], {"cse": True}),
+            ca.Function("residuals", [*self._inputs, *self._jets], [r], {"cse": True}),
             np.array(terms, dtype=np.intp),
             np.array(mask),
         )
@@ -114,8 +141,9 @@ class Interpreted:
                 hess[places[a], places[b]] += block
                 if a != b:
                     hess[places[b], places[a]] += block.T
+        inputs, out = [*self._inputs, *self._jets], [ca.densify(gradient), ca.densify(hess)]
         # without "cse", which takes 30 times longer and leaves nine in ten instructions
-        return ca.Function("touch", self._inputs, [ca.densify(gradient), ca.densify(hess)])
+        return ca.Function("touch", inputs, out)
 
     @cached_property
     def _between(self) -> NeighbourTerms | None:
@@ -155,7 +183,8 @@ class Interpreted:
         value, terms, mask = self._values
         first = self._squares
         for k in range(len(nodes)):
-            r = rows_over(value, self._arguments(k, nodes, fd), self.plan.steps)
+            given = self._with_jets(k, self._arguments(k, nodes, fd))
+            r = rows_over(value, given, self.plan.steps)
             rows[k] = r[:, first : first + rows.shape[-1]]
             weighted = squares(self.data.q[k][:, terms] * mask, r)
             out[k] = by_term(weighted, terms, out.shape[-1])
@@ -271,7 +300,7 @@ class Interpreted:
         for k, exact in enumerate(curved.tolist()):
             if exact not in self._touches:
                 self._touches[exact] = self._touch(exact)
-            slope, flat = self._touches[exact].map(steps)(*given[k])
+            slope, flat = self._touches[exact].map(steps)(*self._with_jets(k, given[k]))
             gradient[k] += np.asarray(slope).T
             hess[k] += np.asarray(flat).reshape(size, steps, size).transpose(1, 0, 2)
 

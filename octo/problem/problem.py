@@ -25,7 +25,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground
 from octo.problem import scales
 from octo.problem.basis import Basis, Hermite, basis_named
 from octo.problem.closure import Closure, closure_of
@@ -91,7 +91,7 @@ class Problem(Shown):
     dt: float = 0.0
     costs: Sequence[Cost]
     basis: str | Basis = "nodes"
-    terrain: Plane | Terrain | None = None
+    terrain: Ground | None = None
     law: ContactLaw | None = None
     x0: Array | None = None
     pose: Array | Literal["balanced"] | None = None

@@ -12,7 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.problem.between import BetweenCode
-from octo.problem.codegen import CostFunctions, cost_text, kept_slopes
+from octo.problem.codegen import CostFunctions, asked_of_world, cost_text, kept_slopes
 from octo.problem.row_products import RowSlopes
 
 
@@ -26,7 +26,7 @@ class Program:
 
     def c_text(self) -> str:
         """A time step in every lane, then assemble.c, and between.c where a term needs it."""
-        stages = self.functions.calls.stages_text
+        stages = self.functions.calls.stages_text + asked_of_world(self.functions, self.dynamics)
         text = stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
         between = self.between
         return text if between is None else f"{text}\n{between.c_text()}"
@@ -54,11 +54,11 @@ class Program:
         if not isinstance(dynamics, RobotDynamics):
             raise ProblemError("user-written dynamics have no contacts")
         x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
-        p = ca.SX.sym("p", dynamics.layout.size)
-        view = dynamics.layout.view(p)
-        states = symbolic.contact_states(
-            dynamics.character, x_next, x, dynamics.law, dynamics.terrain, view
-        )
+        robot, terrain = dynamics.character, dynamics.terrain
+        size = dynamics.layout.size + symbolic.looked_size(robot, terrain)
+        p = ca.SX.sym("p", size)  # as Dynamics.seen
+        seen = symbolic.views(robot, terrain, dynamics.layout, p)
+        states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
         depth = ca.vertcat(ca.SX(0, 1), *(s.depth for s in states))
         outputs = [
             ca.horzcat(ca.SX(3, 0), *(getattr(s, name) for s in states))

@@ -14,7 +14,7 @@ from octo.dynamics.parameters import section
 from octo.errors import ProblemError, StaticPoseError
 from octo.model.character import Character
 from octo.model.feet import gaps
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, Plane
 
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
@@ -23,7 +23,7 @@ def check_above(
     name: str,
     x: Array | None,
     robot: Character | None,
-    terrain: Plane | Terrain | None,
+    terrain: Ground | None,
     values: Mapping[str, float],
 ) -> None:
     """Refuse a state in which a whole contact sphere is buried: Eq. 6 would shoot it out.

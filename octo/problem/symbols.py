@@ -3,8 +3,10 @@ problem."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,9 +22,13 @@ from octo.model.character import Character
 from octo.model.feet import touching
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.model.quantities import GRAVITY
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import ADDRESS, Ground, World, looked
 from octo.problem.calls import Call
 from octo.problem.code_stage import CodeStage
+from octo.problem.look_up import look_up
+from octo.world.jet import SIZES
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +44,7 @@ class Setting:
     torque_limit: Array  # (nu,)
     torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
     character: Character | None  # None for user-written dynamics
-    terrain: Plane | Terrain | None = None  # the same
+    terrain: Ground | None = None  # the same
 
     @cached_property
     def feet(self) -> list[int]:
@@ -166,19 +172,47 @@ class StepSymbols:
         )
         position = ca.SX(ca.DM(sphere.position))
         radius = ca.SX(sphere.radius)
-        terrain = self.robot.terrain
-        places = (
-            symbolic.contact_places(position, radius, next_, now, terrain, self.dynamics),
-            symbolic.contact_places(position, radius, now, previous, terrain, self.dynamics),
-        )
-        weight = character.mass * GRAVITY
-        return ContactSymbols(
-            (next_, now, previous), places, radius, self.robot.law, terrain, self.dynamics, weight
-        )
+        terrain, poses = self.robot.terrain, (next_, now, previous)
+        seen: Sequence[Mapping[str, ca.SX]] = (self.dynamics, self.dynamics)
+        if isinstance(terrain, World):
+            seen = Lazy([partial(self._looked, position, pose) for pose in poses[:2]])
+
+        def place(k: int) -> tuple[ca.SX, ca.SX]:
+            center, before = symbolic.contact_places(
+                position, radius, poses[k], poses[k + 1], terrain, seen[k]
+            )
+            return seen[k].get("terrain.at", center), before
+
+        places = Lazy([partial(place, k) for k in range(2)])
+        law, weight = self.robot.law, character.mass * GRAVITY
+        return ContactSymbols(poses, places, radius, law, terrain, self.dynamics, weight, seen)
+
+    def _looked(self, position: ca.SX, pose: Pose) -> dict[str, ca.SX]:
+        """The parameters, with what the world says at a point (3,) m of a body at ``pose``."""
+        center = pose[0] @ position + pose[1]
+        value = self.call(look_up(), ca.vertcat(center, self.dynamics[ADDRESS]))
+        return looked(self.dynamics, ca.vertcat(value, ca.SX(SIZES[-1] - SIZES[1], 1)), center)
 
 
 def _body(robot: Character, name: str | None) -> int:
     return robot.base_body if name is None else robot.body_index(name)
+
+
+class Lazy(Sequence[T]):
+    """Values that are made when they are first asked for: a look-up that no term asks for is not
+    made."""
+
+    def __init__(self, makers: Sequence[Callable[[], T]]):
+        self._makers: Sequence[Callable[[], T]] = makers
+        self._made: dict[int, T] = {}
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+    def __getitem__(self, k: Any) -> Any:
+        if k not in self._made:
+            self._made[k] = self._makers[k]()
+        return self._made[k]
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,12 +221,14 @@ class ContactSymbols:
 
     poses: tuple[Pose, Pose, Pose]  # of its body at x_next, x, x_prev
     # of contact_places: of this step, and of the one before
-    places: tuple[tuple[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
+    places: Sequence[tuple[ca.SX, ca.SX]]
     radius: ca.SX  # m
     law: ContactLaw  # of the problem
-    terrain: Plane | Terrain  # of the problem
+    terrain: Ground  # of the problem
     dynamics: dict[str, ca.SX]  # the run-time parameters of FD by name
     weight: float  # N, mg
+    # the same parameters in this step and in the one before, with what a world says there
+    seen: Sequence[Mapping[str, ca.SX]]
 
     def call(self, stage: object, argument: ca.SX) -> ca.SX:
         """Stages of code are called by terms over a step alone: take ``step.contact(name)`` there.
@@ -208,7 +244,7 @@ class ContactSymbols:
 
     def _state(self, step: int) -> symbolic.ContactState:
         return symbolic.contact_state(
-            *self.places[step], self.radius, self.law, self.terrain, self.dynamics
+            *self.places[step], self.radius, self.law, self.terrain, self.seen[step]
         )
 
     @cached_property

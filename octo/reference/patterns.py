@@ -24,7 +24,8 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     A residual's square couples what the residual depends on, and its curvature no more.
     """
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
-    z, p, lam = (ca.SX.sym(*s) for s in (("z", 3 * n), ("p", dynamics.layout.size), ("lam", n)))
+    sizes = {"z": 3 * n, "p": dynamics.symbolic.numel_in(3), "lam": n}
+    z, p, lam = (ca.SX.sym(*each) for each in sizes.items())
     fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
     pull = ca.densify(ca.gradient(ca.dot(lam, fd), z))
     rows = pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))

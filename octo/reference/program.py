@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from octo.checks import Array, instance, numbers
 from octo.dynamics import symbolic
 from octo.dynamics.evaluate import RobotDynamics
+from octo.errors import ProblemError
 from octo.interrupts import postponed
+from octo.model.terrain import World
 from octo.problem.basis import Hermite
 from octo.problem.calls import Calls
 from octo.problem.compiled import CompiledProblem
@@ -252,6 +254,11 @@ def step_function(compiled: CompiledProblem) -> ca.Function:
     *nodes, _, p, q = functions.state.sx_in()[:6]
     given = functions.state.sx_in()[6:]
     scale = ca.SX.sym("scale", compiled.m)
+    if isinstance(dynamics, RobotDynamics) and isinstance(dynamics.terrain, World):
+        raise ProblemError(
+            "octo.reference.nlp writes the ground as an expression, an octo.World has none: "
+            "terrain must be an octo.Plane or an octo.Terrain"
+        )
     fd = dynamics.symbolic(*nodes, p)
     u = fd[[int(j) for j in dynamics.actuated]]
     r = functions.state(*nodes, u, p, q, *given)

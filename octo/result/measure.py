@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from octo.checks import Array
@@ -13,6 +12,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
+from octo.model.terrain import ADDRESS, distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
@@ -36,12 +36,14 @@ def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
 
 def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str, Any]:
     """The fields of a Trajectory, of one member's iterate."""
-    described, dynamics = problem.problems[member], problem.dynamics
+    described = problem.problems[member]
+    dynamics = described.dynamics  # its ground is its own
     reduced, pointwise = violations(problem, at)
     names = [term.label for term in described.costs]  # constraints, which come last, have no part
     energies = problem.term_values(at)[member, : len(names)]
     robot: Character | None = described.character
     p = problem.p[member]
+    named = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
     return {
         "name": robot.name if robot is not None else "custom",
         "character": robot,
@@ -57,7 +59,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
-        "parameters": dict(zip(dynamics.layout.names, p.tolist(), strict=True)),
+        "parameters": {name: v for name, v in named.items() if name != ADDRESS},
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
         "residuals": residuals_of(problem, at, member),
@@ -96,7 +98,7 @@ def _contacts(
     if not isinstance(dynamics, RobotDynamics) or count == 0:
         empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
         return {**empty, "contact_depth": np.zeros((steps, 0)), "contact_names": (), "ground": {}}
-    at = ca.repmat(ca.DM(p), 1, steps)
+    at = dynamics.seen(p, nodes[2:])
     *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
     out: dict[str, Any] = {
         name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0)
@@ -117,13 +119,12 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
-    point, symbol = ca.SX.sym("point", 3), ca.SX.sym("p", dynamics.layout.size)
-    distance = dynamics.terrain.distance(point, section(dynamics.layout.view(symbol), "terrain."))
-    phi = ca.Function("phi", [point, symbol], [distance])
-    grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")])
-    below, above = np.full(grid.shape[1], low[2] - 3.0), np.full(grid.shape[1], high[2] + 3.0)
+    values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
+    phi = distances(dynamics.terrain, section(values, "terrain."))
+    grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
+    below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
     for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
         middle = 0.5 * (below + above)
-        inside = np.asarray(phi(np.vstack([grid, middle]), ca.DM(p))).ravel() < 0.0
+        inside = phi(np.column_stack([grid, middle])) < 0.0
         below, above = np.where(inside, middle, below), np.where(inside, above, middle)
     return {"x": x, "y": y, "z": (0.5 * (below + above)).reshape(len(x), len(y))}

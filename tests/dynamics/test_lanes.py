@@ -12,8 +12,8 @@ from test_tree_pass import TERRAINS, harden, inflate, sink, touching, trajectory
 
 from octo import native
 from octo.dynamics import codegen
-from octo.dynamics.emit import function_of_numbers
 from octo.dynamics.evaluate import CustomDynamics, RobotDynamics, unfold
+from octo.emit import function_of_numbers
 from octo.errors import ModelError
 from octo.model.gallery import CHARACTERS
 

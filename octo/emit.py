@@ -16,6 +16,15 @@ import casadi as ca
 
 from octo.errors import ModelError
 
+# of every text
+HEAD = """#ifndef __CUDACC_RTC__
+#include <math.h>
+#include <stddef.h>
+#elif !defined(NAN)
+#define NAN __longlong_as_double(0x7ff8000000000000LL)
+#define INFINITY __longlong_as_double(0x7ff0000000000000LL)
+#endif
+"""
 ARITHMETIC = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "-{0}",

@@ -1,0 +1,179 @@
+"""A closed triangle mesh as a shape: a grid of distances near its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from octo.checks import Array, numbers, positive, room
+from octo.errors import ModelError, ProblemError, ShapeError
+from octo.world import build
+from octo.world.grid import KIND, OVERSHOOT
+from octo.world.shape import Kind, Shape
+from octo.world.spline import Indices
+from octo.world.surface import edges_of, volume, wound_alike
+from octo.world.units import check_size
+
+MERGED = 1e-7  # of its longest edge: vertices so near to each other are one (STL has three a face)
+FLAT = 1e-9  # of the cube of its longest edge: a volume that is none
+FINE, CELLS = (
+    0.02,
+    200,
+)  # m, and cells along the longest edge: the larger cell's limit, and the rest
+MOST = 1e8  # doubles that a grid is made in, of a cell that is not given: 0.8 GB
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh(Shape):
+    """A closed triangle mesh: φ is the spline of a grid of signed distances.
+
+    Every sample within four cells of the surface is kept, and every fourth one elsewhere, so that
+    it takes memory in proportion to its surface. Edges are rounded over a cell or two, and what is
+    thinner than two cells is lost, which is said. The grid is made by libigl when it is first
+    needed, and kept in octo's cache. Parts that overlap are a union, and parts within others whose
+    faces look inwards are cavities.
+
+    Parameters
+    ----------
+    vertices: (n, 3) m.
+    faces: (m, 3) three vertices each, counted from 0; wound alike, as seen from outside, or they
+        are turned.
+    cell: m; None: a 200th of its longest edge, at most 2 cm, and more for hundreds of m².
+    scale: metres of what the vertices are in: 0.001 for millimetres.
+    position, rotation, name: see Shape.
+
+    Raises
+    ------
+    ModelError: a mesh that is open: how many edges border one face only, and where.
+    ValueRangeError, ShapeError: numbers that are not finite, a cell that is not positive, a mesh
+        larger than 200 m or smaller than 5 cm.
+    MissingExtraError: libigl is not installed.
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    cell: float | None = None
+    scale: float = 1.0
+    kind: ClassVar[Kind] = KIND
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        scale = positive(f"scale of {self.label}", self.scale)
+        vertices, faces = self._checked()
+        low, high = scale * vertices.min(axis=0), scale * vertices.max(axis=0)
+        check_size(self.label, high - low, scale)
+        cell = positive(f"cell of {self.label}", FINE if self.cell is None else self.cell, "m")
+        if self.cell is None:
+            cell = min(FINE, float((high - low).max()) / CELLS)
+            while build.doubles_for(scale * vertices, faces, cell) > MOST:
+                cell *= 1.25
+        needed = build.doubles_for(scale * vertices, faces, cell)
+        room(f"distances to {self.label} at a cell of {cell:g} m", needed)
+        for name, value in (("vertices", vertices), ("faces", faces), ("cell", cell)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_file(cls, path: str | Path, **options: Any) -> Mesh:
+        """The mesh of a file: STL, OBJ, PLY, GLB and what else trimesh reads.
+
+        Parameters
+        ----------
+        path: of the file.
+        options: cell, scale, position, rotation and name, which is the file's without one.
+        """
+        file = Path(path)
+        vertices, faces = build.read(file)
+        return cls(vertices, faces, **{"name": file.stem, **options})
+
+    def _checked(self) -> tuple[Array, Indices]:
+        """Vertices and faces of a closed mesh: each vertex once, faces wound alike."""
+        vertices = numbers(f"vertices of {self.label}", self.vertices)
+        given = numbers(f"faces of {self.label}", self.faces)
+        for name, array in (("vertices", vertices), ("faces", given)):
+            if array.ndim != 2 or array.shape[1] != 3 or not len(array):
+                raise ShapeError(f"{name} of {self.label}", array.shape, "(n, 3)")
+        faces = given.astype(np.int64)
+        if (faces != given).any() or faces.min() < 0 or faces.max() >= len(vertices):
+            allowed = f"whole numbers from 0 to {len(vertices) - 1}"
+            raise ProblemError(f"faces of {self.label} must be {allowed}, its vertices")
+        vertices, faces = _merged(vertices, faces)
+        if not len(faces):
+            raise ModelError(f"{self.label} has no inside: all of its faces are lines or points")
+        border, against = _borders(faces)
+        if len(border):
+            raise ModelError(self._open(vertices, border))
+        if len(against):
+            faces = wound_alike(faces)
+            against = _borders(faces)[1]
+        if len(against):
+            place = _place(self.scale * vertices[against[0]].mean(axis=0))
+            raise ModelError(
+                f"{self.label} has no inside: its faces cannot all be wound alike, near {place}"
+            )
+        if abs(volume(vertices, faces)) < FLAT * float(np.ptp(vertices, axis=0).max()) ** 3:
+            raise ModelError(f"{self.label} has no inside: the faces on both sides are one")
+        return vertices, faces
+
+    def _open(self, vertices: Array, border: Indices) -> str:
+        """What an open mesh is refused with."""
+        edges = coo_array((np.ones(len(border)), tuple(border.T)), shape=[len(vertices)] * 2)
+        labels = connected_components(edges, directed=False)[1][border[:, 0]]
+        holes, sizes = np.unique(labels, return_counts=True)
+        largest = np.unique(border[labels == holes[sizes.argmax()]])
+        corners = self.scale * vertices[largest]
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        one = len(border) == 1
+        return (
+            f"{self.label} is open: {len(border)} {'edge borders' if one else 'edges border'} one "
+            f"face only, around {len(holes)} {'hole' if len(holes) == 1 else 'holes'}, the largest "
+            f"from {_place(low)} to {_place(high)}; only a closed mesh has an inside: close it, or "
+            "use HeightField for a ground"
+        )
+
+    @cached_property
+    def own(self) -> Array:
+        vertices = self.scale * np.asarray(self.vertices)
+        assert self.cell is not None
+        return build.grid(self.label, vertices, np.asarray(self.faces), self.cell)
+
+    @property
+    def steepest(self) -> float:
+        return float(OVERSHOOT * np.sqrt(3.0))  # distances, along each axis by 1 m a metre
+
+    def own_bounds(self) -> Array:
+        vertices = self.scale * np.asarray(self.vertices)
+        assert self.cell is not None
+        return np.stack([vertices.min(axis=0) - self.cell, vertices.max(axis=0) + self.cell])
+
+
+def _place(point: Array) -> str:
+    return f"({', '.join(f'{x:.3g}' for x in point)}) m"
+
+
+def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Vertices at one place as one, without faces of fewer than three places."""
+    quantum = MERGED * max(float(np.ptp(vertices, axis=0).max()), 1e-300)
+    low = vertices.min(axis=0)
+    _, first, to = np.unique(
+        np.round((vertices - low) / quantum), axis=0, return_index=True, return_inverse=True
+    )
+    faces = to.reshape(-1)[faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    used, local = np.unique(faces, return_inverse=True)
+    return vertices[first][used], local.reshape(faces.shape)
+
+
+def _borders(faces: Indices) -> tuple[Indices, Indices]:
+    """Edges (k, 2) that border an odd number of faces, and (k, 2) those of faces that are wound
+    against each other."""
+    edges, which, way = edges_of(faces)
+    odd = np.bincount(which) % 2 == 1
+    return edges[odd], edges[~odd & (np.bincount(which, way) != 0)]
