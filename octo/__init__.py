@@ -36,10 +36,12 @@ _NAMES = {  # by the module that defines them
     "octo.jump": "jump",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
-    "octo.model.element": "Element SpringDamper",
+    "octo.model.element": "DryFriction Element SpringDamper",
     "octo.model.export_mjcf": "export_mjcf",
     "octo.model.load": "load",
     "octo.model.mirror": "mirror_of",
+    "octo.model.scene": "Scene",
+    "octo.model.solid": "Solid",
     "octo.model.terrain": "Plane Terrain",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
@@ -72,6 +74,7 @@ _MODULES = {
     "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "mpc": "octo.mpc",
+    "objects": "octo.model.objects",
     "plant": "octo.plant",
     "reference": "octo.reference",
     "shapes": "octo.world.shapes",
@@ -131,13 +134,17 @@ if TYPE_CHECKING:
     from octo.jump import jump as jump
     from octo.model import gallery as gallery
     from octo.model import kinematics as kinematics
+    from octo.model import objects as objects
     from octo.model.character import Character as Character
     from octo.model.describe import describe as describe
+    from octo.model.element import DryFriction as DryFriction
     from octo.model.element import Element as Element
     from octo.model.element import SpringDamper as SpringDamper
     from octo.model.export_mjcf import export_mjcf as export_mjcf
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
+    from octo.model.scene import Scene as Scene
+    from octo.model.solid import Solid as Solid
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.motions import go_to as go_to

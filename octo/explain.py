@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from octo.checks import Array, asked
+from octo.continuation import leaps
 from octo.continuation.member import CONTACT
 from octo.errors import ProblemError, ShapeError, said
 from octo.problem.block_nlp import BlockNLP
@@ -22,7 +23,7 @@ from octo.problem.evaluation import Evaluation
 from octo.problem.phased import compiled_of, parts_of
 from octo.problem.phases import Described, Phases, times_of
 from octo.problem.problem import Problem
-from octo.result.explanation import Conflict, Explanation
+from octo.result.explanation import LIMITED, Conflict, Explanation
 from octo.result.phased import all_bounds_kept, row_labels
 from octo.result.solution import Solution, solution_of
 from octo.solver import sqp
@@ -81,6 +82,8 @@ def explain(problem: Described, solution: Solution | str | os.PathLike[str]) -> 
     if found.x.shape != (problem.steps + 2, problem.dynamics.nx):
         expected = f"({problem.steps + 2}, {problem.dynamics.nx}), as the problem has"
         raise ShapeError("solution.x", found.x.shape, expected)
+    if any(LIMITED in own for own in found.passes):
+        problem = leaps.limited(problem)
     own = found.explain()
     hints = tuple(hint for hint in own.hints if "octo.explain" not in hint)
     return replace(own, hints=hints, conflict=_Search(problem, found).conflict())

@@ -10,6 +10,7 @@ import numpy as np
 
 from octo.errors import OctoError
 from octo.model.character import Character
+from octo.model.scene import Scene
 from octo.mpc.log import Log
 from octo.picture import filmstrip
 from octo.problem.problem import Problem
@@ -21,9 +22,10 @@ Row = tuple[str, str]
 Known = Character | Problem | Solution | Log
 
 
-def html(value: Known) -> str:
+def html(value: Known | Scene) -> str:
     """A table and a picture as HTML; the table alone without the extra 'view', or where there is
     nothing to draw."""
+    value = value.character if isinstance(value, Scene) else value
     title, rows = _facts(value)
     head = f"<caption style='text-align:left'><b>{markup.escape(title)}</b></caption>"
     cells = "".join(

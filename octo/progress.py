@@ -26,8 +26,13 @@ class Progress:
         self.doing = f"{doing}: " if doing else ""
         self.last = time.perf_counter()
 
-    def __call__(self, at: Iterate, final: bool = False) -> None:
+    def __call__(self, at: Iterate | str, final: bool = False) -> None:
+        """Of an iterate, or a sentence that stays."""
         now = time.perf_counter()
+        if isinstance(at, str):
+            start = "\r\033[K" if self.terminal else ""
+            print(f"{start}octo: {self.doing}{at}", file=sys.stderr, flush=True)
+            return
         if not final and now - self.last < (0.1 if self.terminal else 5.0):
             return
         self.last = now

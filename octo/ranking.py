@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from octo.problem.phases import Described
+from octo.result.explanation import LIMITED
 from octo.result.gait import flaws
 from octo.result.solution import Solution
 
@@ -24,7 +25,7 @@ def rank(member: Solution) -> tuple[bool, int, bool, int, float]:
     """Converged first, then those that got through more passes, of cycles those whose gait has
     fewer flaws, then by E."""
     feasible = member.violation <= 1e-3 * member.weight
-    done = sum(bool(record["converged"]) for record in member.passes)
+    done = sum(bool(own["converged"]) for own in member.passes if LIMITED not in own)
     flawed = 0 if member.cycle is None else flaws(member.gait, member.length)
     last = member.energy if feasible else member.violation
     return not member.converged, -done, not feasible, flawed, last

@@ -63,6 +63,8 @@ class Contest:
         shape = (self.problem.steps + 2, self.problem.dynamics.nx)
         if self.start is not None and self.start.x.shape != shape:
             raise ShapeError("start", self.start.x.shape, shape)
+        if self.problem.character is None:  # the others see the constraints that are written
+            self.problem = self.problem.replace(step_limit=None)
         self.plan = schedule(self.problem, self.passes)
         self.problems = [self._for_pass(stage) for stage in self.plan]
         self.ready: dict[tuple[str, int], Any] = {}

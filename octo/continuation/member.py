@@ -40,10 +40,18 @@ class Member:
     seconds: float = 0.0
     processor_seconds: float = 0.0
 
-    def add(self, compiled: Compiled, result: sqp.Result, place: int, setup_seconds: float) -> bool:
+    def add(
+        self,
+        compiled: Compiled,
+        result: sqp.Result,
+        place: int,
+        setup_seconds: float,
+        instead: bool = False,
+    ) -> bool:
         """One more pass, of which this is the member at ``place``: whether it converged.
 
-        Where it did not, the motion of the last converged pass stays, near its optimum.
+        Where it did not, the motion of the last converged pass stays, near its optimum; but not
+        where this one is ``instead`` of it.
         """
         number, status = len(self.passes) + 1, result.status[place]
         found = motion_of(compiled, result.at, place)
@@ -59,7 +67,7 @@ class Member:
         self.factorizations += factorizations
         self.seconds += seconds
         self.processor_seconds += float(result.processor_seconds)
-        if status.converged or number == 1:
+        if status.converged or number == 1 or instead:
             own = {"multipliers": result.lam[place].copy(), "setup_seconds": setup_seconds}
             if result.slacks is not None:
                 own["slacks"] = result.slacks.plain(place)

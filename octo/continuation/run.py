@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.continuation import leaps
 from octo.continuation.member import Member
 from octo.continuation.schedule import (
     INTERMEDIATE_ITERATIONS,
@@ -19,9 +20,11 @@ from octo.continuation.schedule import (
     shifted,
     stiffened,
 )
+from octo.errors import OctoError
 from octo.problem.phased import Compiled, compiled_of
 from octo.problem.phases import Described
 from octo.problem.problem import Array
+from octo.result.explanation import LEFT_OUT, LIMITED
 from octo.result.solution import Solution
 from octo.solver import sqp
 from octo.solver.backend import Backend
@@ -67,6 +70,8 @@ class Continuation:
                 if not at_work or self.monitor.stopped:
                     break
                 self._select(np.flatnonzero(converged), result)
+            else:
+                self._limited([members[k] for k in at_work])
         except KeyboardInterrupt:  # between two passes
             if not all(member.motion for member in members):
                 raise
@@ -83,6 +88,50 @@ class Continuation:
         self.nodes = result.at.nodes[members]
         self.lam = np.ascontiguousarray(result.lam[members])
         self.slacks = None if result.slacks is None else result.slacks.select(members)
+
+    def _limited(self, members: Sequence[Member]) -> None:
+        """One more pass for those members at work whose motions leap where no constraint says how
+        far they may: with a limit."""
+        problems: tuple[Described, ...] = self.compiled.problems
+        found = []
+        for place, own in enumerate(zip(members, problems, self.nodes, strict=True)):
+            member, problem, nodes = own
+            if leap := leaps.leap_of(problem, nodes):
+                if why_not := leaps.cannot(problem, self.options):
+                    member.passes[-1][LEFT_OUT] = why_not
+                else:
+                    found.append((place, member, leap))
+        if not found:
+            return
+        places, leaping, why = zip(*found, strict=True)
+        many = "" if len(members) == 1 else f"{len(found)} of {len(members)} motions leap: "
+        self.monitor.say(f"{many}{why[0]}; going on with {leaps.NAME}")
+        try:
+            self._within_steps([problems[place] for place in places], list(places))
+            self.monitor.begin(self.monitor.number + 1, self.monitor.passes + 1)
+            result = self._solve(self.options.max_iterations)
+        except OctoError as error:
+            for member in leaping:
+                member.passes[-1][LEFT_OUT] = str(error)
+            return
+        except KeyboardInterrupt:  # while it was compiled
+            self.monitor.stopped = True
+            for member in leaping:
+                member.status = Status.INTERRUPTED
+            return
+        for place, (member, leap) in enumerate(zip(leaping, why, strict=True)):
+            member.add(self.compiled, result, place, self.setup_seconds, instead=True)
+            member.passes[-1][LIMITED] = leap.why_added
+
+    def _within_steps(self, problems: Sequence[Described], places: list[int]) -> None:
+        """Go on with the members at some places alone, from where they are, as ``problems`` whose
+        steps have limits."""
+        began = time.perf_counter()
+        limited = compiled_of([leaps.limited(problem) for problem in problems], self.threads)
+        self.backend.prepare(limited, self.options)
+        self.compiled, self.nodes, self.slacks = limited, self.nodes[places], None
+        self.lam = None if self.lam is None else self.lam[places]
+        self.setup_seconds += time.perf_counter() - began
 
     def _stiffer(self, ends: Sequence[Schedule]) -> sqp.Result:
         """From the end of one pass to the end of the next, in steps of the stiffness."""

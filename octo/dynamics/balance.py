@@ -41,7 +41,7 @@ class Balance:
 
     def __post_init__(self) -> None:
         robot = self.dynamics.character
-        self.free = robot.unactuated
+        self.free = np.setdiff1d(robot.unactuated, robot.loose)  # objects stay where they are
         self.dt = float(self.p[self.dynamics.layout.index("dt")])
         self.weight = robot.mass * GRAVITY  # N
         self.root, self.lift = self._vertical_slide()
@@ -77,9 +77,9 @@ class Balance:
         return np.asarray(phi).reshape(k), np.asarray(outward).T
 
     def gaps(self, x: Array) -> Array:
-        """Distance (contacts,) m of the terrain contacts from the ground at x, negative inside."""
+        """Distance (contacts,) m of the robot's contacts from the ground at x, negative inside."""
         robot = self.dynamics.character
-        chosen = list(robot.terrain_contacts)
+        chosen = list(robot.own_contacts)
         radius = np.array([robot.contacts[k].radius for k in chosen])
         return self.ground(sphere_centers(robot, x)[chosen])[0] - radius
 
@@ -87,6 +87,8 @@ class Balance:
         """The body that an unactuated, steep slide lifts, and that slide; else the base, None."""
         robot = self.dynamics.character
         for b, body in enumerate(robot.bodies):
+            if robot.of_objects[b]:
+                continue
             for j, joint in enumerate(body.joints, start=int(robot.first_joint[b])):
                 steep = abs(float((body.rotation @ joint.axis)[2])) > 0.7
                 if body.parent == -1 and joint.kind == "slide" and not joint.actuated and steep:
@@ -122,7 +124,7 @@ class Balance:
     def _touching(self, x: Array) -> Array:
         """x with the robot raised or lowered until its lowest contacts carry mg."""
         robot, j = self.dynamics.character, self.lift
-        if j is None or not robot.terrain_contacts:
+        if j is None or not robot.own_contacts:
             return x
         x = x.copy()
         up = float(self._lifting_axis()[2])
@@ -144,7 +146,7 @@ class Balance:
     def _length(self) -> float:
         """ℓ (m): height of the centre of the base over the lowest contact."""
         robot = self.dynamics.character
-        if not robot.terrain_contacts:
+        if not robot.own_contacts:
             return 1.0
         _, origin = body_poses(robot, self.start)
         height = self.ground(origin[None, self.root])[0][0] - np.min(self.gaps(self.start))
@@ -308,7 +310,7 @@ class Balance:
     def _base_clearance(self, x: Array) -> float:
         """m, lowest contact of the base body above the ground; infinite where it has none."""
         robot = self.dynamics.character
-        bodies = [robot.contacts[c].body for c in robot.terrain_contacts]
+        bodies = [robot.contacts[c].body for c in robot.own_contacts]
         own = [k for k, body in enumerate(bodies) if body == self.root]
         return float(np.min(self.gaps(x)[own])) if own and self.lift is not None else np.inf
 
@@ -319,7 +321,7 @@ class Balance:
             degrees = np.rad2deg(self.tilt(x))
             return f"{robot.bodies[self.root].name} tips over by {degrees:.0f} degrees"
         if not residual <= TOLERANCE:
-            if self.lift is not None and not robot.terrain_contacts:
+            if self.lift is not None and not robot.own_contacts:
                 return "it has no contact to stand on"
             return f"a residual of {residual:.1e} mg is left"
         if self.clearance > 0.1 * self.length and self._base_clearance(x) < 0.0:

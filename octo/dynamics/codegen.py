@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array
-from octo.dynamics import slots, stages
+from octo.dynamics import between_bodies, slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.laws import ContactLaw
@@ -55,10 +55,12 @@ def robot_text(
     every lane of a vector."""
     own = _stages_of(layout, law, terrain)
     elements = elements_of(character, layout, Links(character).of)
-    length = own.length + sum(function.n_instructions() for function in elements.functions)
+    mutuals = between_bodies.mutuals_of(character, layout, law, Links(character).of)
+    functions = [*elements.functions, *mutuals.stages]
+    length = own.length + sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
-    sizes, tables = _tables(character, elements)
+    sizes, tables = _tables(character, elements, mutuals)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     head = [HEAD]
     if isinstance(terrain, World):
@@ -67,7 +69,9 @@ def robot_text(
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
-    made = [own.text(lanes), *(_stage_text(function, lanes) for function in elements.functions)]
+    if mutuals.stages:
+        common += [mutuals.text(), source("bodies.c")]
+    made = [own.text(lanes), *(_stage_text(function, lanes) for function in functions)]
     if not lanes:
         return "\n".join([*head, *made, macros(sizes), *tables, *common, source("phases.c")])
     places, coupled, jac, hess = slots.of_robot(character)
@@ -136,8 +140,8 @@ def _stage_text(function: ca.Function, lanes: bool) -> str:
 
 def _shared(name: str) -> Collection[int]:
     """Inputs of a stage that are the same for all lanes."""
-    stage = name.removeprefix(stages.PREFIX).rstrip("012")
-    return stages.SHARED.get(stage, SHARED_OF_ELEMENTS)
+    stage = name.removeprefix(stages.PREFIX).split("_")[0].rstrip("012")
+    return {**between_bodies.SHARED, **stages.SHARED}.get(stage, SHARED_OF_ELEMENTS)
 
 
 @postponed()
@@ -228,7 +232,9 @@ def _literal(value: float) -> str:
     return f"{np.sign(value)}e300" if np.isinf(value) else float(value).hex()
 
 
-def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], list[str]]:
+def _tables(
+    character: Character, elements: Elements, mutuals: between_bodies.Mutuals
+) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
     links = Links(character)
     live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
@@ -241,6 +247,7 @@ def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], l
         "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
         **elements.sizes,
+        **mutuals.sizes,
     }
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
@@ -255,6 +262,8 @@ def _tables(character: Character, elements: Elements) -> tuple[dict[str, int], l
     if character.elements:
         tables += [integers(f"element_{name}", own) for name, own in elements.integers.items()]
         tables.append(numbers_table("element_points", elements.points))
+    tables += [integers(f"mutual_{name}", own) for name, own in mutuals.integers.items()]
+    tables += [numbers_table(f"mutual_{name}", own) for name, own in mutuals.numbers.items()]
     return sizes, tables + _pair_tables(character, sizes)
 
 

@@ -24,6 +24,7 @@ from octo.interrupts import postponed
 from octo.model.character import Character
 from octo.model.element import parameters_of
 from octo.model.kinematics import sphere_centers
+from octo.model.scene import Scene
 from octo.model.terrain import (
     ADDRESS,
     Ground,
@@ -203,6 +204,21 @@ def unfold(blocks: Array) -> Array:
     return hess.reshape(*blocks.shape[:-3], 3 * n, 3 * n)
 
 
+def modelled(model: object) -> Character | Dynamics:
+    """What a ``model`` describes, of a Scene its character.
+
+    Raises
+    ------
+    ProblemError: it is none.
+    """
+    if isinstance(model, Scene):
+        return model.character
+    if not isinstance(model, (Character, Dynamics)):
+        what = f"model is a {type(model).__name__}"
+        raise ProblemError(f"{what}, must be a Character, a Scene or a Dynamics")
+    return model
+
+
 def check_surroundings(terrain: object, law: object, model: object = None) -> None:
     """Refuse a ground or a contact law that is none, and beside a Dynamics any; None is octo's own.
 
@@ -229,18 +245,21 @@ class RobotDynamics(Dynamics):
     generated = Dynamics.generated | {"symbolic"}
 
     def __init__(
-        self, character: Character, law: ContactLaw | None = None, terrain: Ground | None = None
+        self,
+        character: Character | Scene,
+        law: ContactLaw | None = None,
+        terrain: Ground | None = None,
     ):
         check_surroundings(terrain, law)
-        self.character = character
+        self.character = character.character if isinstance(character, Scene) else character
         self.law: ContactLaw = Smooth() if law is None else law
         self.terrain: Ground = Plane() if terrain is None else terrain
-        self.nx = character.nx
-        own = parameters_of(character.elements)
+        self.nx = self.character.nx
+        own = parameters_of(self.character.elements)
         self.layout = robot_layout(self.law.parameters, own_parameters(self.terrain), own)
-        for element in character.elements:
+        for element in self.character.elements:
             element_law(element)  # what is wrong with it is said here
-        self.actuated, self.unactuated = character.actuated, character.unactuated
+        self.actuated, self.unactuated = self.character.actuated, self.character.unactuated
 
     @cached_property
     def symbolic(self) -> ca.Function:

@@ -20,6 +20,9 @@ typedef struct {
   octo_elements elements;
   octo_touch_blocks end[SOME(NEND)];
 #endif
+#if NMUTUAL > 0
+  octo_mutuals mutuals;
+#endif
   real V[SOME(NX)][6], eta[SOME(NX)][6]; /* order 2: virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a, and η_j = ad_{V_j} ξ_j */
 } octo_work;
 
@@ -80,6 +83,12 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
     if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
   }
 #endif
+#if NMUTUAL > 0
+  for (int m = 0; m < 2 * NMUTUAL; ++m) {
+    const octo_touch_blocks *k = &s->mutuals.of[m / 2];
+    if (octo_mutual_link[m] == l && ANY(k->active)) octo_mutual_add(k, m % 2, order, to);
+  }
+#endif
   for (int child = NLINK - 1; child > l; --child)
     if (octo_link_parent[child] == l) octo_add(order == 0 ? 6 : order == 1 ? 114 : 294, s->link[octo_link_slot[child]].W, to->W);
   if (order == 2 && s->adder) s->adder(s->adds, in, l, to);
@@ -133,8 +142,8 @@ static inline void octo_write_curvature(const octo_input *in, const octo_work *s
   }
 }
 
-#if NREACH > 0
-/* Elements make J unsymmetric, also where pairs couple: every entry has a slot, but those that are equal in H00 and H11. */
+#if NREACH > 0 || NMUTUALREACH > 0
+/* Elements and contacts between bodies make J unsymmetric, also where pairs couple: every entry has a slot, but those that are equal in H00 and H11. */
 static inline void octo_element_jacobian(int node, int i, int j, real value, real *jac) {
   jac[octo_jac_slot[(3 * i + node) * NX + j]] += value;
 }
@@ -169,6 +178,9 @@ static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo
 #if NELEMENT > 0
   for (int e = 0; e < 3 * NELEMENT; ++e) octo_element(in, e / 3, e % 3, s->V, s->end, &s->elements.element[e / 3]);
 #endif
+#if NMUTUAL > 0
+  for (int m = 0; m < NMUTUAL; ++m) octo_mutual(in, m, s->V, &s->mutuals.of[m]);
+#endif
   for (int l = NLINK - 1; l >= 0; --l) {
     octo_composite(in, s, l);
     const octo_link_blocks *k = &s->link[octo_link_slot[l]];
@@ -185,6 +197,9 @@ static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo
   int touching = NREACH > 0;
 #if NREACH > 0
   octo_write_elements(in, &s->elements, s->V, jac, hess);
+#endif
+#if NMUTUAL > 0
+  touching |= octo_write_mutuals(in, &s->mutuals, s->V, jac, hess);
 #endif
 #if NPAIR > 0
   for (int k = 0; k < NPAIR; ++k) touching |= ANY(s->pairs.pair[k].phi[0] != 0.0);

@@ -46,7 +46,7 @@ static inline void octo_couple_curvature(int i, int j, double value, double *hes
   if (i != j) HESS(0, j, i) += value;
 }
 
-#if NREACH > 0
+#if NREACH > 0 || NMUTUAL > 0
 static inline void octo_element_jacobian(int node, int i, int j, double value, double *jac) { JAC(i, node, j) += value; }
 static inline void octo_element_mixed(int i, int j, double value, double *hess) { HESS(1, i, j) += value; }
 static inline void octo_element_symmetric(int block, int i, int j, double value, double *hess) {
@@ -65,6 +65,9 @@ typedef struct {
   octo_loops pairs;
 #if NELEMENT > 0
   octo_elements elements;
+#endif
+#if NMUTUAL > 0
+  octo_mutuals mutuals;
 #endif
   /* order 2 */
   double V[SOME(NX)][6], eta[6][PAD]; /* virtual twists V_j, and η_j = ad_{V_j} ξ_j */
@@ -177,6 +180,13 @@ static void octo_composites(int order, octo_work *s) {
     octo_add_contacts(s, 72, 78, 114); /* T */
     octo_add_contacts(s, 36, 150, 222); /* L */
   }
+#if NMUTUAL > 0
+  BARRIER; /* entries of their own threads again */
+  for (int m = 0; m < 2 * NMUTUAL; ++m) {
+    const octo_touch_blocks *k = &s->mutuals.of[m / 2];
+    if (octo_mutual_link[m] >= 0 && k->active) octo_mutual_add(k, m % 2, order, &s->link[octo_mutual_link[m]]);
+  }
+#endif
   BARRIER; /* the entries of W, T and L belong to other threads below */
   SPAN(e, count, order == 0 ? 6 : order == 1 ? 114 : 294)
     for (int l = NLINK - 1; l > 0; --l)
@@ -257,6 +267,9 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
 #if NELEMENT > 0
   EACH_FROM(112, e, 3 * NELEMENT) octo_element(&in, e / 3, e % 3, s->V, s->touch + NC, &s->elements.element[e / 3]);
 #endif
+#if NMUTUAL > 0
+  EACH_FROM(128, m, NMUTUAL) octo_mutual(&in, m, s->V, &s->mutuals.of[m]);
+#endif
   octo_pairs(&in, &s->pairs);
   BARRIER;
   octo_composites(order, s);
@@ -272,5 +285,8 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
   octo_write_pairs(&in, &s->pairs, fd, jac, hess);
 #if NELEMENT > 0
   octo_write_elements(&in, &s->elements, s->V, jac, hess);
+#endif
+#if NMUTUAL > 0
+  octo_write_mutuals(&in, &s->mutuals, s->V, jac, hess);
 #endif
 }

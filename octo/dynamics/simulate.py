@@ -20,10 +20,11 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings, modelled
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
+from octo.model.scene import Scene
 from octo.model.terrain import Ground
 
 Controls = Array | Callable[[float, Array, Array], Array]
@@ -242,7 +243,7 @@ def step(dynamics: Dynamics, x: Array, x_prev: Array, u: Array | None, p: Array)
 
 
 def simulate(
-    model: Character | Dynamics,
+    model: Character | Scene | Dynamics,
     x0: Array,
     v0: Array | None = None,
     controls: Controls | None = None,
@@ -258,7 +259,7 @@ def simulate(
 
     Parameters
     ----------
-    model: a Character, or any Dynamics (then without terrain and law).
+    model: a Character, a Scene, or any Dynamics (then without terrain and law).
     x0, v0: (nx,) the start and its velocity, rad, m, rad/s, m/s; v0 is zero by default.
     controls: (N, nu) N m or N, or a callable ``controls(t, q, v) -> (nu,)``; zero by default.
     seconds, steps: how long; one of them, or neither with an array of controls.
@@ -271,12 +272,8 @@ def simulate(
         allowed.
     """
     check_surroundings(terrain, law, model)
-    if isinstance(model, Dynamics):
-        dynamics = model
-    elif isinstance(model, Character):
-        dynamics = RobotDynamics(model, law, terrain)
-    else:
-        raise ProblemError(f"model is a {type(model).__name__}, must be a Character or a Dynamics")
+    model = modelled(model)
+    dynamics = model if isinstance(model, Dynamics) else RobotDynamics(model, law, terrain)
     dt = time_step(dt) if isinstance(dynamics, RobotDynamics) else positive("dt", dt, "s")
     p = parameters_of(dynamics, dt, {} if parameters is None else parameters)
     x0 = numbers("x0", x0, (dynamics.nx,))

@@ -42,6 +42,17 @@ def reaches(character: Character) -> list[list[int]]:
     return made
 
 
+def mutual_ends(character: Character) -> list[tuple[int, int]]:
+    """The bodies of each contact between bodies: the sphere's, and the solid's."""
+    return [(character.contacts[c].body, character.solids[s].body) for c, s in character.touches]
+
+
+def mutual_reaches(character: Character) -> list[list[int]]:
+    """The same as ``reaches`` of each contact between bodies."""
+    ends = ((character.path[a], character.path[b]) for a, b in mutual_ends(character))
+    return [sorted({*a, *b}) if a and b else [] for a, b in ends]
+
+
 def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
     """Places, numbers that pairs alone couple, and the slots of lanes_step.c.
 
@@ -67,7 +78,7 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
         hess[block, below, above] = at + lower * start
         hess[block, above, below] = at + upper * start
     places = np.maximum(places, places.T)
-    if any(reaches(character)):
+    if any(reaches(character)) or any(mutual_reaches(character)):
         return places, _of_elements(character, start, jac, hess), jac, hess
     count = start
     for dofs, _ in loops(character):
@@ -82,8 +93,8 @@ def of_robot(character: Character) -> tuple[Integers, int, Integers, Integers]:
 
 
 def _of_elements(character: Character, start: int, jac: Integers, hess: Integers) -> int:
-    """Slots of what pairs and elements couple beyond the related ones, and their count: no two
-    entries of jac share one, and of hess H00 and H11 their equal ones."""
+    """Slots of what pairs, elements and contacts between bodies couple beyond the related ones, and
+    their count: no two entries of jac share one, and of hess H00 and H11 their equal ones."""
     used = [6 * start, 9 * start]
 
     def slot(table: Integers, which: int, *entries: tuple[int, int, int]) -> None:
@@ -93,7 +104,8 @@ def _of_elements(character: Character, start: int, jac: Integers, hess: Integers
                 table[entry] = used[which]
 
     both = [dofs for dofs, _ in loops(character)]
-    for dofs, nodes in [*((d, 1) for d in both), *((d, 2) for d in reaches(character))]:
+    coupled = [*reaches(character), *mutual_reaches(character)]
+    for dofs, nodes in [*((d, 1) for d in both), *((d, 2) for d in coupled)]:
         for i in dofs:
             for j in dofs:
                 slot(hess, 1, (0, i, j), (0, j, i))

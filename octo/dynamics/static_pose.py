@@ -10,6 +10,7 @@ import numpy as np
 from octo.checks import numbers
 from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.rest import at_rest
 from octo.errors import StaticPoseError
 from octo.model.character import Array, Character
 from octo.model.describe import lost_shapes
@@ -30,12 +31,19 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept. By default the
         character's default pose or zero; where that leans or falls, the joints are moved a little
         so that the centre of mass comes over the feet; after that every limited joint starts at the
-        middle of its range.
+        middle of its range. Objects of a scene are moved to where they rest, if that is within
+        5 cm.
 
     Raises
     ------
     StaticPoseError: no such pose stands; says why.
     """
+    standing = _standing(dynamics, p, pose)
+    return at_rest(dynamics, p, standing) if dynamics.character.objects else standing
+
+
+def _standing(dynamics: RobotDynamics, p: Array, pose: Array | None) -> Array:
+    """The pose of the robot, with the objects held."""
     robot = dynamics.character
     if pose is not None:
         candidates = iter([("the given pose", numbers("pose", pose, (robot.nx,)))])
@@ -44,7 +52,7 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     reasons, leaning = [], []
     for name, candidate in candidates:
         start = inside_limits(robot, candidate)
-        if len(robot.unactuated) == 0:
+        if len(np.setdiff1d(robot.unactuated, robot.loose)) == 0:
             return start
         balance = Balance(dynamics, p, start)
         try:
@@ -90,6 +98,7 @@ def inside_limits(robot: Character, pose: Array) -> Array:
     inside, span = pose.copy(), robot.upper - robot.lower
     margin = np.where(np.isfinite(span), MARGIN * span, MARGIN)
     low, high = pose <= robot.lower, pose >= robot.upper
+    low[robot.loose] = high[robot.loose] = False  # a closed door stays closed
     inside[low] = (robot.lower + margin)[low]
     inside[high] = (robot.upper - margin)[high]
     return inside
@@ -97,6 +106,7 @@ def inside_limits(robot: Character, pose: Array) -> Array:
 
 def _middle(robot: Character, pose: Array) -> Array:
     limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    limited[robot.loose] = False
     middle = pose.copy()
     middle[limited] = 0.5 * (robot.lower[limited] + robot.upper[limited])
     return middle
@@ -106,7 +116,7 @@ def over_the_feet(robot: Character, pose: Array) -> Array:
     """``pose`` (nx,) with the actuated joints moved as little as brings the centre of mass over the
     lowest contacts."""
     joints = robot.actuated
-    if not len(joints) or not robot.terrain_contacts:
+    if not len(joints) or not robot.own_contacts:
         return pose
     feet = low_contacts(robot, pose)
 

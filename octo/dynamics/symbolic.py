@@ -14,11 +14,13 @@ import numpy as np
 
 from octo.dynamics.laws import ContactLaw, View
 from octo.dynamics.parameters import Layout, section
+from octo.dynamics.slots import mutual_ends
 from octo.errors import ModelError
 from octo.interrupts import postponed
 from octo.model.body import Body, Joint
 from octo.model.character import Character
 from octo.model.element import Element, names_of
+from octo.model.solid import surface
 from octo.model.terrain import Ground, World, distance, looked, normal
 from octo.world.jet import SIZES
 
@@ -252,6 +254,37 @@ def _place(pose: Pose, local: ca.SX) -> ca.SX:
     return pose[0] @ local + pose[1]
 
 
+def mutual_force(
+    character: Character, k: int, poses: list[Pose], now: list[Pose], law: ContactLaw, view: View
+) -> tuple[ca.SX, ca.SX]:
+    """Contact between bodies ``k`` (an index into ``character.touches``): the force (3,) N on the
+    sphere's body, and where it acts (3,) m, world.
+
+    The velocity is that of the sphere's material point relative to the solid's body, as one that
+    turns with the body sees it.
+    """
+    c, s = character.touches[k]
+    sphere, solid = character.contacts[c], character.solids[s]
+    (R, t), (R_now, t_now) = poses[sphere.body], now[sphere.body]
+    (R_b, t_b), (R_b_now, t_b_now) = poses[solid.body], now[solid.body]
+    center = R @ ca.SX(sphere.position) + t
+    rotation, position, numbers = np.split(solid.numbers, (9, 12))
+    local = ca.SX.sym("local", 3)  # in the body's frame
+    place = ca.SX(ca.DM(rotation.reshape(3, 3))), ca.SX(position)
+    phi = surface(solid, local, *place, ca.SX(numbers))
+    slope = ca.gradient(phi, local)
+    at = R_b.T @ (center - t_b)
+    value, slope = ca.Function("phi", [local], [phi, slope])(at)
+    outward = R_b @ (slope / ca.norm_2(slope))
+    point = center - sphere.radius * outward
+    before = R_now @ (R.T @ (point - t)) + t_now
+    carried = R_b @ (R_b_now.T @ (before - t_b_now)) + t_b
+    own = section(view, "contact.")
+    depth = sphere.radius - value
+    inside = law.force(depth, outward, (point - carried) / view["dt"], own)
+    return ca.if_else(depth > -law.reach(own), inside, ca.SX.zeros(3)), point
+
+
 def mass_matrix_of_points(body: Body) -> np.ndarray:
     """∫ρ p̄p̄ᵀ (3, 3) kg m² of a body about its centre of mass, from its rotational inertia."""
     return 0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia
@@ -304,6 +337,15 @@ def forward_dynamics(
         law_force, way = element_force(character, k, poses, now, view)
         force = ca.SX.sym("f", 3)
         work += ca.dot(force, way)
+        held += [force]
+        values += [law_force]
+    for k in range(len(character.touches)):
+        law_force, where = mutual_force(character, k, poses, now, law, view)
+        force, material = ca.SX.sym("f", 3), [ca.SX.sym("P", 3), ca.SX.sym("Q", 3)]
+        for sign, b, local in zip((1.0, -1.0), mutual_ends(character)[k], material, strict=True):
+            work += sign * ca.dot(force, _place(poses[b], local))
+            held.append(local)
+            values.append(poses[b][0].T @ (where - poses[b][1]))
         held += [force]
         values += [law_force]
     fd = ca.gradient(potential - work, x_next)

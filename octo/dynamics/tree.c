@@ -142,7 +142,7 @@ static inline void octo_look_at(const double *p, int g, int order, real *kin) {
   /* Steps in a row are near each other: where φ cannot have come down to ``beyond`` since the one before, nobody looks. */
   double from[3] = {0.0}, last = NAN, own[JET]; /* at first nothing is known */
   const int size = octo_world_size(order);
-  for (int e = 1; e < size; ++e) jet[e] = ZERO;
+  for (int e = 1; e < size; ++e) jet[e] = ZERO + (double)(e == 3); /* level, as octo_world_within has it */
   for (int k = 0; k < STEPS; ++k) {
     const double at[3] = {center[0][k], center[1][k], center[2][k]}, moved[3] = {at[0] - from[0], at[1] - from[1], at[2] - from[2]};
     const double least = last - world[OCTO_WORLD_STEEPEST] * sqrt(octo_dot(moved, moved));

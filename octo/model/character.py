@@ -13,6 +13,7 @@ from octo.model import describe
 from octo.model.body import Body, ContactSphere, Joint, floating_base
 from octo.model.element import checked
 from octo.model.quantities import LARGEST, Array, array, choice, text, tuple_of
+from octo.model.solid import Solid
 from octo.model.tree import Tree
 from octo.shown import Shown, listed
 
@@ -39,6 +40,10 @@ class Character(Tree, Shown):
     dropped: sentences naming what the robot's file says and octo does not model.
     poses: further configurations (nx,) by name: the keyframes of the robot's file.
     elements: forces between points of two bodies, or a body and the world (octo.SpringDamper).
+    solids: surfaces that spheres of other bodies may touch.
+    touches: index pairs into ``contacts`` and ``solids`` that touch each other by the problem's
+        contact law.
+    objects: names of the bodies that begin a scene's objects (octo.Scene), which come last.
     """
 
     def __post_init__(self) -> None:
@@ -53,6 +58,7 @@ class Character(Tree, Shown):
             ("bodies", self.bodies),
             ("joints", self.joints),
             ("contacts", self.contacts),
+            ("solids", self.solids),
         ):
             names = [thing.name for thing in things]
             if len(set(names)) < len(names):
@@ -77,28 +83,56 @@ class Character(Tree, Shown):
                     f"pair {pair}: must be two different indices of the {len(self.contacts)} "
                     "contact spheres"
                 )
+        self._check_touches()
         self._check_poses()
         self._check_inertia()
 
     def _check_kinds(self) -> None:
         text("character", self.name)
         which, keep = f"character {self.name!r}", object.__setattr__
-        for field_name, kind in (("bodies", Body), ("contacts", ContactSphere)):
+        kinds = (("bodies", Body), ("contacts", ContactSphere), ("solids", Solid))
+        for field_name, kind in kinds:
             things = tuple_of(f"{which}: {field_name}", getattr(self, field_name), kind)
             keep(self, field_name, things)
         choice(f"{which}: base", self.base, ("floating", "fixed"))
         choice(f"{which}: chart", self.chart, ("zyx", "zxy"))
-        try:
-            keep(
-                self, "pairs", tuple((operator.index(a), operator.index(b)) for a, b in self.pairs)
-            )
-        except (TypeError, ValueError):
-            raise ModelError(
-                f"{which}: pairs is {said(self.pairs)}, must be pairs of indices of contact spheres"
-            ) from None
+        ends = {"pairs": "contact spheres", "touches": "a contact sphere and a solid"}
+        for name, words in ends.items():
+            given = getattr(self, name)
+            try:
+                keep(self, name, tuple((operator.index(a), operator.index(b)) for a, b in given))
+            except (TypeError, ValueError):
+                raise ModelError(
+                    f"{which}: {name} is {said(given)}, must be pairs of indices of {words}"
+                ) from None
         keep(self, "dropped", tuple_of(f"{which}: dropped", self.dropped, str, "sentences"))
         names = [body.name for body in self.bodies]
         keep(self, "elements", checked(which, self.elements, names))
+
+    def _check_touches(self) -> None:
+        """Contacts between bodies join a sphere and a solid of two bodies; objects are bodies."""
+        for solid in self.solids:
+            if not 0 <= solid.body < len(self.bodies):
+                raise ModelError(
+                    f"solid {solid.name!r}: body index {solid.body} is not in "
+                    f"0…{len(self.bodies) - 1}"
+                )
+        for c, s in self.touches:
+            if not (0 <= c < len(self.contacts) and 0 <= s < len(self.solids)):
+                raise ModelError(
+                    f"touch {(c, s)}: must be an index of the {len(self.contacts)} contact spheres "
+                    f"and one of the {len(self.solids)} solids"
+                )
+            if self.contacts[c].body == self.solids[s].body:
+                raise ModelError(
+                    f"touch {(c, s)}: contact {self.contacts[c].name!r} and solid "
+                    f"{self.solids[s].name!r} are on one body, must be on two"
+                )
+        objects = tuple_of(f"character {self.name!r}: objects", self.objects, str, "names")
+        object.__setattr__(self, "objects", objects)
+        for name in objects:
+            if self.bodies[self.body_index(name)].parent >= 0:
+                raise ModelError(f"object {name!r}: is carried by another body, must be by none")
 
     def _check_base(self) -> None:
         """A floating base begins with the joints of :func:`floating_base`, where anything moves."""

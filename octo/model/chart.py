@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from octo.model.quantities import Array
 
+Chart = Literal["zyx", "zxy"]
 SINGULAR = 1e-5  # cosine of the middle angle under which the outer two cannot be told apart
 
 
@@ -103,3 +104,10 @@ def chart_angles(rotation: Array, chart: str) -> list[float]:
         math.asin(np.clip(R[2, 1], -1.0, 1.0)),
         math.atan2(-R[2, 0], R[2, 2]),
     ]
+
+
+def least_singular_chart(rotation: Array) -> Chart:
+    """zyx, unless the base stands so near to its singular pitch that zxy is better."""
+    # sines of the middle angles of zyx and of zxy
+    pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])
+    return "zxy" if pitch > 0.87 and roll < pitch else "zyx"

@@ -13,14 +13,13 @@ from octo.errors import RobotFileError
 from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, reflected
 from octo.model.body import Body, Joint, floating_base, joined
 from octo.model.character import Character
-from octo.model.chart import chart_angles
+from octo.model.chart import Chart, chart_angles, least_singular_chart
 from octo.model.contacts import contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Limit, RobotFile, import_mujoco, name_of, named
 
-Chart = Literal["zyx", "zxy"]
 WORDS = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}
 # of the hinges of a ball joint; the body's own axes unless its motors pull about others
 BALL_CHART = "zyx"
@@ -46,7 +45,7 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
     _check_numbers(source)
     tree = Tree()
     if source.free_body is not None:
-        tree.chart = _least_singular_chart(rotation_of(model.body_quat[source.free_body]))
+        tree.chart = least_singular_chart(rotation_of(model.body_quat[source.free_body]))
     with named(source.file):
         for b in _body_order(source):
             _add_body(tree, source, b, notes)
@@ -270,10 +269,3 @@ def configuration(tree: Tree, source: RobotFile, qpos: Array) -> Array:
             else:
                 x.append(qpos[address])
     return np.array(x, dtype=float)
-
-
-def _least_singular_chart(rotation: Array) -> Chart:
-    """zyx, unless the base stands so near to its singular pitch that zxy is better."""
-    # sines of the middle angles of zyx and of zxy
-    pitch, roll = abs(rotation[2, 0]), abs(rotation[2, 1])
-    return "zxy" if pitch > 0.87 and roll < pitch else "zyx"

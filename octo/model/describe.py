@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -32,10 +33,11 @@ def describe(character: Tree) -> dict[str, Any]:
     """What a character is, as plain lists, names and numbers; None where there is no limit.
 
     Name, sizes and mass (kg); the names of bodies, contacts and pairs; what its file says and octo
-    does not model; its ``elements`` (points in m, a body that is None is the world); the base;
-    ``height`` (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre
-    of mass, both in the default pose; ``joints`` in the order of the coordinates; ``links``: mass,
-    centre of mass (m, body axes) and inertia (3, 3) about it; ``poses`` by name; ``units``.
+    does not model; its ``elements`` (points in m, a body that is None is the world); ``objects``,
+    ``solids`` (name and kind) and ``touches`` (contact spheres and solids); the base; ``height``
+    (m) of the base over the lowest contact and ``inertia`` (3, 3) kg m² about the centre of mass,
+    both in the default pose; ``joints`` in the order of the coordinates; ``links``: mass, centre of
+    mass (m, body axes) and inertia (3, 3) about it; ``poses`` by name; ``units``.
     """
     instance("character", character, Tree, "a Character: what octo.load gives")
     names = [contact.name for contact in character.contacts]
@@ -48,6 +50,9 @@ def describe(character: Tree) -> dict[str, Any]:
         "pairs": [[names[a], names[b]] for a, b in character.pairs],
         "dropped": list(character.dropped),
         "elements": _elements(character),
+        "objects": list(character.objects),
+        "solids": [[solid.name, solid.shape.word] for solid in character.solids],
+        "touches": [[names[c], character.solids[s].name] for c, s in character.touches],
         "base": character.base,
         "chart": character.chart,
         "height": default_height(character),
@@ -83,6 +88,13 @@ def _elements(character: Tree) -> list[dict[str, Any]]:
     ]
 
 
+def _touches(character: Tree) -> list[str]:
+    """A line that says how many spheres touch each solid; none where there is none."""
+    own = Counter(character.solids[s].name for _, s in character.touches)
+    parts = [f"{name} with {count} sphere{'s' * (count > 1)}" for name, count in own.items()]
+    return [f"touches   {len(character.touches)}: {', '.join(parts)}"] if parts else []
+
+
 def lost_shapes(character: Tree) -> str:
     """Which collision meshes could not be read, in one sentence; empty where all could."""
     start = "collision mesh "
@@ -114,6 +126,8 @@ def summary(character: Tree) -> Text:
             f"{name} ({element.body_a or 'world'} – {element.body_b or 'world'})"
             for name, element in named(character.elements)
         ]
+    if character.objects:
+        counted["objects"] = list(character.objects)
     lines = [
         f"name      {character.name}",
         f"base      {character.base}"
@@ -125,6 +139,7 @@ def summary(character: Tree) -> Text:
         "the lowest contact, default pose",
         f"inertia   ({moments}) kg m², principal, about the centre of mass, default pose",
         *(f"{key:10s}{_counted(values, key == 'dropped')}" for key, values in counted.items()),
+        *_touches(character),
     ]
     poses = {"default": pose, **character.poses}
     return Text("\n".join([*lines, "", *_joint_rows(character, poses), "", *_body_rows(character)]))
@@ -133,7 +148,7 @@ def summary(character: Tree) -> Text:
 def default_height(character: Tree) -> float | None:
     """m, of the base's origin over the lowest point of a contact in the default pose; None without
     contacts."""
-    if not character.terrain_contacts:
+    if not character.own_contacts:
         return None
     pose = character.start_pose
     lowest = terrain_bottoms(character, pose).min()

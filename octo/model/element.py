@@ -135,6 +135,35 @@ class SpringDamper(Element):
         return own | {"springlength": self.rest_length}
 
 
+@dataclass(frozen=True)
+class DryFriction(Element):
+    """f = -limit·v/√(|v|² + creep²), against the velocity v of point b relative to point a.
+
+    Of a hinge it is a torque: on a point r m beside the axis, ``limit`` N are limit·r N m. Between
+    two bodies it is meant for points that stay together. Nothing sticks: below the limit v is a
+    part of ``creep``.
+    """
+
+    limit: float = 0.0  # N
+    creep: float = 0.01  # m/s, the speed at which 0.7 of the limit acts
+
+    prefix: ClassVar[str] = "friction"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.limit < 0.0 or self.creep <= 0.0:
+            raise ModelError(
+                f"element DryFriction: limit is {self.limit} N, must not be negative, and creep "
+                f"{self.creep} m/s, must be positive"
+            )
+
+    def force(
+        self, p_a: ca.SX, v_a: ca.SX, p_b: ca.SX, v_b: ca.SX, p: Mapping[str, ca.SX]
+    ) -> ca.SX:
+        v = v_b - v_a
+        return -p["limit"] * v / ca.sqrt(ca.dot(v, v) + p["creep"] ** 2)
+
+
 def named(elements: Iterable[Element]) -> Iterator[tuple[str, Element]]:
     """Each element and what its parameters are named by: its prefix and its place."""
     return ((f"{element.prefix}{k}", element) for k, element in enumerate(elements))

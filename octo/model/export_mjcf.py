@@ -19,6 +19,7 @@ from octo.model.kinematics import body_poses
 from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
+from octo.world.shapes import Box, Capsule, Cylinder, Sphere
 
 UNLIMITED = 1e6  # rad or m: the side of a range that has no limit, MJCF has no infinity
 NARROWEST = 1e-6  # rad or m: MuJoCo takes an empty range for none
@@ -44,8 +45,9 @@ def export_mjcf(
     keyframes (``default`` and the character's poses) are octo's. A floating base becomes a free
     joint. Every actuated joint gets a torque motor, in the order of u: its control is u/gear, and
     its range the torque limit. Contact spheres become geoms without mass that collide with the
-    ground, and with each other only where the character has a pair; contact is MuJoCo's own. A
-    SpringDamper becomes a spatial tendon between two sites.
+    ground, and with each other only where the character has a pair; solids collide with the spheres
+    that touch them; contact is MuJoCo's own. A SpringDamper becomes a spatial tendon between two
+    sites.
 
     Parameters
     ----------
@@ -99,6 +101,7 @@ def mjcf_text(
         sphere["pos"] = _text(contact.position)
         sphere["conaffinity"] = str(int(contact.touches_terrain))
         SubElement(elements[contact.body], "geom", sphere, friction=f"{friction:.10g} {ROLLING}")
+    _add_solids(elements, character)
     _add_pairs(top, character, friction)
     _add_elements(top, world, elements, character)
     motors = SubElement(top, "actuator")
@@ -198,13 +201,44 @@ def _add_inertial(element: Element, body: Body) -> None:
     SubElement(element, "inertial", values, fullinertia=_text(full))
 
 
+def _add_solids(bodies: list[Element], character: Character) -> None:
+    """Geoms of the solids that something touches: they collide in its pairs alone. Boxes and
+    cylinders lose their rounding."""
+    for s in sorted({s for _, s in character.touches}):
+        solid = character.solids[s]
+        shape = solid.shape
+        size: list[float] = []
+        if isinstance(shape, Box):
+            size = [float(edge) / 2.0 for edge in np.asarray(shape.size)]
+        elif isinstance(shape, Sphere):
+            size = [shape.radius]
+        elif isinstance(shape, (Capsule, Cylinder)):
+            size = [shape.radius, 0.5 * shape.length]
+        values = {"name": solid_name(character, s), "type": solid.kind, "size": _text(size)}
+        values |= {"mass": "0", "contype": "0", "conaffinity": "0"}
+        values["pos"] = _text(np.asarray(shape.position))
+        values["quat"] = _text(quaternions(np.asarray(shape.rotation)[None])[0])
+        SubElement(bodies[solid.body], "geom", values)
+
+
+def solid_name(character: Character, s: int) -> str:
+    """Of a solid's geom: its own, or another where a sphere has that."""
+    name = f"{character.solids[s].name}_solid"
+    while name in [contact.name for contact in character.contacts]:
+        name = f"{name}_"
+    return name
+
+
 def _add_pairs(top: Element, character: Character, friction: float) -> None:
-    if not character.pairs:
+    if not character.pairs and not character.touches:
         return
     contact = SubElement(top, "contact")
     common = {"condim": "3", "friction": f"{friction:.10g} {friction:.10g} {ROLLING} 0.0001"}
     for first, second in character.pairs:
         names = {"geom1": character.contacts[first].name, "geom2": character.contacts[second].name}
+        SubElement(contact, "pair", names | common)
+    for c, s in character.touches:
+        names = {"geom1": character.contacts[c].name, "geom2": solid_name(character, s)}
         SubElement(contact, "pair", names | common)
 
 

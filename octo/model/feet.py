@@ -38,15 +38,15 @@ def bottoms(character: Tree, x: NDArray) -> Array:
 
 
 def terrain_bottoms(character: Tree, x: NDArray) -> Array:
-    """(..., c) m, those of the spheres that touch the terrain."""
-    return bottoms(character, x)[..., list(character.terrain_contacts)]
+    """(..., c) m, those of the robot's spheres that touch the terrain."""
+    return bottoms(character, x)[..., list(character.own_contacts)]
 
 
 def lowest_contacts(character: Tree, x: NDArray, within: float = LEVEL) -> list[int]:
-    """Contacts with the terrain at most ``within`` m over the lowest of them, at x (nx,)."""
+    """The robot's contacts with the terrain at most ``within`` m over the lowest, at x (nx,)."""
     heights = terrain_bottoms(character, x)
     low = heights <= heights.min(initial=math.inf) + within
-    return [k for k, is_low in zip(character.terrain_contacts, low, strict=True) if is_low]
+    return [k for k, is_low in zip(character.own_contacts, low, strict=True) if is_low]
 
 
 def low_contacts(character: Tree, x: NDArray) -> list[int]:
@@ -65,19 +65,21 @@ def gaps(character: Tree, terrain: Ground, values: Mapping[str, float], x: NDArr
 
 
 def touching(character: Tree, terrain: Ground, x: NDArray) -> list[int]:
-    """Contacts that touch the ground at x (nx,), with the terrain's own parameters."""
+    """The robot's contacts that touch the ground at x (nx,), with the terrain's own parameters."""
     gap = gaps(character, terrain, own_parameters(terrain), x)
-    return [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
+    found = [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
+    return [k for k in found if k in character.own_contacts]
 
 
 def chosen_contacts(
     character: Tree, contacts: Iterable[str] | Literal["feet"] | None, feet: Iterable[int]
 ) -> set[int]:
-    """Indices of ``contacts``, given by name, as "feet", or None for all that touch the terrain."""
+    """Indices of ``contacts``, given by name, as "feet", or None for all of the robot's own that
+    touch the terrain."""
     if contacts == "feet":
         return set(feet)
     if contacts is None:
-        return set(character.terrain_contacts)
+        return set(character.own_contacts)
     return {character.contact_index(name) for name in contacts}
 
 

@@ -10,16 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import numbers, whole
+from octo.checks import numbers, one_of, whole
 from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.character import Character
-from octo.model.element import Element, SpringDamper
+from octo.model.element import DryFriction, Element, SpringDamper
+from octo.model.solid import Solid
+from octo.world.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
 SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
 # elements that a file can give back: those of octo
-KINDS_OF_ELEMENTS: dict[str, type[Element]] = {"SpringDamper": SpringDamper}
+KINDS_OF_ELEMENTS: dict[str, type[Element]] = {
+    kind.__name__: kind for kind in (SpringDamper, DryFriction)
+}
+SHAPES_OF_SOLIDS: dict[str, type[Shape]] = {
+    kind.__name__: kind for kind in (Sphere, Box, Capsule, Cylinder)
+}
 # of the words of annotations
 KINDS: dict[str, Any] = {"str": str, "bool": bool, "int": int, "float": (int, float)}
 
@@ -28,6 +35,9 @@ def to_plain(value: Any) -> Any:
     """Dataclasses as dicts, arrays as lists, infinities as strings."""
     if isinstance(value, Element):
         return _plain_element(value)
+    if isinstance(value, Shape):
+        fields = {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"kind": value.word, **fields}
     if dataclasses.is_dataclass(value):
         return {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
@@ -48,6 +58,18 @@ def _plain_element(element: Element) -> dict[str, Any]:
     fields = dataclasses.fields(element if known else Element)
     values = {f.name: to_plain(getattr(element, f.name)) for f in fields}
     return {"kind": kind.__name__, "known": known, **values}
+
+
+def _solid(plain: dict[str, Any]) -> Solid:
+    values = dict(plain.get("shape") or {})
+    word = one_of("shape of a solid", values.pop("kind", None), SHAPES_OF_SOLIDS)
+    kind = SHAPES_OF_SOLIDS[word]
+    allowed = {field.name for field in dataclasses.fields(kind)}
+    for name in values:
+        one_of(f"field of a {word}", name, allowed)
+    return Solid(
+        str(plain.get("name")), whole("body of a solid", plain.get("body"), 0), kind(**values)
+    )
 
 
 def _elements(plain: dict[str, Any]) -> tuple[tuple[Element, ...], list[str]]:
@@ -111,6 +133,10 @@ def from_plain(plain: dict[str, Any]) -> Character:
     contacts = tuple(_make(ContactSphere, contact) for contact in _list("contacts", plain))
     pairs = tuple((whole("pair", a, 0), whole("pair", b, 0)) for a, b in _list("pairs", plain))
     size = (sum(len(body.joints) for body in bodies),)
+    solids = tuple(map(_solid, _list("solids", plain) if "solids" in plain else ()))
+    touches = tuple(
+        (whole("touch", a, 0), whole("touch", b, 0)) for a, b in plain.get("touches", ())
+    )
     elements, lost = _elements(plain)
     pose, poses = plain.get("default_pose"), plain.get("poses") or {}
     return _make(
@@ -123,6 +149,9 @@ def from_plain(plain: dict[str, Any]) -> Character:
         poses={str(name): numbers(f"pose {name}", values, size) for name, values in poses.items()},
         dropped=tuple(str(sentence) for sentence in [*plain.get("dropped", ()), *lost]),
         elements=elements,
+        solids=solids,
+        touches=touches,
+        objects=tuple(str(name) for name in plain.get("objects", ())),
     )
 
 

@@ -27,6 +27,7 @@ from octo.checks import one_of
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.element import Element
 from octo.model.quantities import Array
+from octo.model.solid import Solid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +44,9 @@ class Tree:
     dropped: tuple[str, ...] = ()
     poses: Mapping[str, Array] = field(default_factory=dict)
     elements: tuple[Element, ...] = ()
+    solids: tuple[Solid, ...] = ()
+    touches: tuple[tuple[int, int], ...] = ()
+    objects: tuple[str, ...] = ()
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -97,8 +101,28 @@ class Tree:
         return tuple(k for k, contact in enumerate(self.contacts) if contact.touches_terrain)
 
     @cached_property
+    def of_objects(self) -> NDArray[np.bool_]:
+        """(bodies,) whether a body is one of a scene's objects, or what such a one carries."""
+        inside: list[bool] = []
+        for body in self.bodies:
+            carried = body.parent >= 0 and inside[body.parent]
+            inside.append(carried or body.name in self.objects)
+        return np.array(inside, dtype=bool)
+
+    @cached_property
+    def own_contacts(self) -> tuple[int, ...]:
+        """Those of ``terrain_contacts`` that are the robot's: an object's corner is no foot."""
+        return tuple(k for k in self.terrain_contacts if not self.of_objects[self.contacts[k].body])
+
+    @cached_property
+    def loose(self) -> NDArray[np.intp]:
+        """Indices into x of the objects' coordinates."""
+        moved = [self.of_objects[b] for b, body in enumerate(self.bodies) for _ in body.joints]
+        return np.flatnonzero(moved).astype(np.intp)
+
+    @cached_property
     def own(self) -> NDArray[np.bool_]:
-        """(bodies,) whether a body is the robot's, and not the world's.
+        """(bodies,) whether a body is the robot's, and neither an object nor the world's.
 
         The robot is what the floating base carries. On a fixed base it is the trees that are driven
         (or, where none is, that move), with what they stand on: a door beside an arm moves, but its
@@ -110,7 +134,11 @@ class Tree:
         if self.base == "floating":
             kept = {root[self.base_body]} if self.bodies else set()
         else:
-            moving = {root[b] for b, body in enumerate(self.bodies) if body.joints}
+            moving = {
+                root[b]
+                for b, body in enumerate(self.bodies)
+                if body.joints and not self.of_objects[b]
+            }
             moved = [(b, joint) for b, body in enumerate(self.bodies) for joint in body.joints]
             driven = {root[b] for b, joint in moved if joint.actuated}
             kept = driven or moving or set(root)

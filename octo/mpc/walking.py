@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from octo.checks import instance, number, numbers, positive
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.feet import low_contacts, terrain_bottoms
+from octo.model.feet import gaps, low_contacts, terrain_bottoms
+from octo.model.kinematics import sphere_centers
 from octo.model.quantities import GRAVITY, Array
-from octo.model.terrain import plane_of
+from octo.model.terrain import World, plane_of
 from octo.mpc.controller import Controller
 from octo.mpc.stance import stance
 from octo.problem.presets import locomotion
@@ -24,6 +26,7 @@ SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
 ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
+ACROSS = 7  # points along a body at which the height of a world is looked up
 GOVERNOR = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
@@ -79,14 +82,15 @@ def walking_problem(
         raise ProblemError(
             f"walking needs a floating base, robot {robot.name!r} is fixed: try base='floating'"
         )
-    if not robot.terrain_contacts:
+    if not robot.own_contacts:
         raise ProblemError(
             f"walking needs feet, robot {robot.name!r} has no contact spheres that can touch the "
             "ground"
         )
     held = stance(robot) if pose is None else numbers("pose", pose, (robot.nx,))
     described |= {"steps": steps, "dt": dt, "costs": locomotion()}
-    draft = Problem(robot, x0=_on_the_ground(robot, held), **described)
+    placed = _on_the_ground(robot, held, described.get("terrain"))
+    draft = Problem(robot, x0=placed, **described)
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
     law = foot_law(robot, draft.length, len(low_contacts(robot, held)), friction, draft.gravity)
@@ -94,10 +98,13 @@ def walking_problem(
     return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
 
 
-def _on_the_ground(robot: Character, pose: Array) -> Array:
-    """``pose`` (nx,) with its lowest contact at height zero; only heights are read of it."""
-    placed = pose.copy()
-    placed[robot.base_coordinate + 2] -= float(terrain_bottoms(robot, pose).min())
+def _on_the_ground(robot: Character, pose: Array, terrain: Any) -> Array:
+    """``pose`` (nx,) with its lowest contact at height zero, or on the world; only heights are read
+    of it."""
+    placed, height = pose.copy(), robot.base_coordinate + 2
+    placed[height] -= float(terrain_bottoms(robot, pose).min())
+    if isinstance(terrain, World):
+        placed[height] -= float(gaps(robot, terrain, {}, placed).min())
     return placed
 
 
@@ -151,14 +158,50 @@ class VelocityCommand:
         velocity = _turned(self._now, yaw)
         target = self._place + dt * np.cumsum(velocity, axis=0)
         controller.reference("CenterOfMassVelocity", "velocity")[:, :2] = velocity
-        self._follow_the_ground(controller, velocity, target)
+        self._follow_the_ground(controller, velocity, target, (yaw, float(origin[2])))
         controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self._rate
         controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 2] = yaw
         controller.reference("Position", "target")[:, :2] = target
 
+    def _follow_the_ground(
+        self, controller: Controller, velocity: Array, target: Array, base: tuple[Any, float]
+    ) -> None:
+        """Heights are those of the ground under the command's places (N, 2); ``base``: its heading
+        there (N,) rad, and how high it is now, m."""
+        dynamics = controller.problem.dynamics
+        if isinstance(dynamics, RobotDynamics) and isinstance(dynamics.terrain, World):
+            self._follow_the_world(controller, dynamics.terrain, target, base)
+        else:
+            self._follow_the_slope(controller, velocity, target)
+
     @staticmethod
-    def _follow_the_ground(controller: Controller, velocity: Array, target: Array) -> None:
-        """On a slope, heights are those of the ground under the command's places (N, 2)."""
+    def _follow_the_world(
+        controller: Controller, world: World, target: Array, base: tuple[Any, float]
+    ) -> None:
+        """On a world, they are the mean over a body's length along the heading."""
+        problem = controller.problem
+        robot, start = problem.character, problem.start
+        assert robot is not None
+        feet = sphere_centers(robot, start)[low_contacts(robot, start)]
+        reach = 0.5 * float(np.ptp(feet[:, :2], axis=0).max())
+        ahead = np.stack([np.cos(base[0]), np.sin(base[0])], axis=1)
+        along = np.linspace(-reach, reach, ACROSS)[:, None, None] * ahead
+        first = controller.convention.base(start)[0]
+
+        def under(places: Array, top: float) -> Array:
+            flat = places.reshape(-1, 2)
+            points = np.column_stack([flat, np.full(len(flat), top)])
+            return world.below(points).reshape(places.shape[:-1]).mean(axis=0)
+
+        above = first[2] - under(first[:2] + along[:, :1], float(first[2]))[0]
+        heights = under(target + along, base[1] + problem.length) + above
+        controller.reference("BaseHeight", "height")[:, 0] = heights
+        rise = np.gradient(heights, controller.dt)
+        controller.reference("CenterOfMassVelocity", "velocity")[:, 2] = rise
+
+    @staticmethod
+    def _follow_the_slope(controller: Controller, velocity: Array, target: Array) -> None:
+        """On a slope they rise with it."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
         plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
         if plane is None:

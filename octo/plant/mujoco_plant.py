@@ -227,6 +227,8 @@ class MujocoPlant:
             first, second = (self._contacts.get(int(geom)) for geom in geoms)
             if (first is None) == (second is None):
                 continue
+            if self.model.geom_bodyid[geoms[0 if first is None else 1]] != 0:
+                continue  # the solid of a body, and not the ground
             self._mujoco.mj_contactForce(self.model, self.data, k, six)
             # the force acts on the second geom
             sphere, sign = (first, -1.0) if second is None else (second, 1.0)

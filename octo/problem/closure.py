@@ -104,6 +104,11 @@ def _walker(robot: Character | None) -> Character:
         )
     if robot.nu == 0:
         raise ProblemError(f"cycle needs an actuator, robot {robot.name!r} has none")
+    if robot.objects:
+        raise ProblemError(
+            f"a cycle is of a robot alone: object {robot.objects[0]!r} would not come back, leave "
+            "it out"
+        )
     moving = {body.name for body, path in zip(robot.bodies, robot.path, strict=True) if path}
     tied = tied_to_the_world(robot.elements, moving)
     if tied:

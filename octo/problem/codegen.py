@@ -299,10 +299,13 @@ def cost_text(functions: CostFunctions, dynamics: Dynamics) -> str:
 
 
 def asked_of_world(functions: CostFunctions, dynamics: Dynamics) -> str:
-    """C text, before that of the dynamics: which contacts of a world terms ask about."""
+    """C text, before that of the dynamics: which contacts of a world terms ask about where they
+    carry nothing."""
     if not isinstance(dynamics, RobotDynamics) or not dynamics.looks:
         return ""
-    asked = [int(k in functions.contact_spheres) for k in dynamics.character.terrain_contacts]
+    own = functions.contact
+    rests = {} if own is None else dict(zip(own.spheres, own.resting, strict=True))
+    asked = [int(not rests.get(k, True)) for k in dynamics.character.terrain_contacts]
     return f"#define ASKED_OF_WORLD {{{', '.join(map(str, asked))}}}\n" if any(asked) else ""
 
 

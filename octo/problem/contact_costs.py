@@ -130,7 +130,7 @@ class BodyLoad(ContactCost):
 
     def chosen(self, robot: Character, feet: Collection[int]) -> set[int]:
         feet = feet if self.contacts is None else super().chosen(robot, feet)
-        return set(robot.terrain_contacts).difference(feet)
+        return set(robot.own_contacts).difference(feet)
 
     def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return contact.normal_force

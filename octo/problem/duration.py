@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # times the longest, or the shortest over it, that a duration may be on the way: a fifth more lets a
 # step overshoot, and no time is spent on motions that are far too short or too long
 BEYOND = 1.2
+WHOLE = "the duration"  # the name of its row, which is of the whole motion and of no moment
 NARROW = 1e-6  # of the shortest: what a tolerance would not tell from a fixed duration
 
 
@@ -73,7 +74,7 @@ class DurationRange(Constraint):
         return self.lower / self.upper, 1.0
 
     def rows(self, setting: Setting) -> Sequence[Row]:
-        return [Row("the duration", "s", self.upper)]
+        return [Row(WHOLE, "s", self.upper)]
 
 
 def range_of(given: Any, steps: int, of_robot: bool) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import Array, asked
+from octo.checks import Array, asked, whole
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model.character import Character
@@ -89,6 +89,26 @@ class Phases:
             names = [term.label for term in (*problem.costs, *problem.constraints)]
             lines.append(listed(what, names))
         return "\n".join(lines)
+
+    def replace(self, phase: int, **changes: Any) -> Phases:
+        """The same with other fields of one phase, as :meth:`Problem.replace` has them; what E of
+        each phase counts with follows from its new duration.
+
+        Parameters
+        ----------
+        phase: which one, from 0; from the end where it is negative.
+
+        Raises
+        ------
+        OctoError: there is no such phase or field, or the phases do not go together any more.
+        """
+        count = len(self.problems)
+        at = whole("phase", phase, least=-count, most=count - 1) % count
+        # as they were given: the basis of the later ones is what joins them
+        first, *later = self.problems
+        given = [first, *(one.replace(basis=Nodes()) for one in later)]
+        given[at] = given[at].replace(**changes)
+        return phases(given)
 
     def with_numbers(self, problems: Sequence[Problem]) -> Phases:
         """The same phases with other numbers; E of each counts as before."""

@@ -21,10 +21,11 @@ from octo.checks import (
     time_step,
     whole,
 )
-from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings
+from octo.dynamics.evaluate import Dynamics, RobotDynamics, check_surroundings, modelled
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, UnknownNameError, said
 from octo.model.character import Character
+from octo.model.scene import Scene
 from octo.model.terrain import Ground
 from octo.problem import scales
 from octo.problem.basis import Basis, Hermite, basis_named
@@ -33,15 +34,16 @@ from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost, SizedCost
 from octo.problem.cycle import Cycle
 from octo.problem.duration import range_of, within
+from octo.problem.ends import STATES, check_ends, check_free
 from octo.problem.joint_costs import PoseTarget
 from octo.problem.lists import constraints_of, costs_of, sized
 from octo.problem.starts import check_above, static_start
+from octo.problem.step_limit import checked_step_limit
 from octo.problem.step_pairs import basis_of
 from octo.problem.symbols import Setting
 from octo.problem.terms import Term
 from octo.shown import Shown, listed
 
-STATES = ("x0", "v0", "x_end", "v_end", "displacement")  # fields that are a configuration
 ANCHOR = "Anchor"  # the term that holds a cycle in place …
 HOLD = 1e4  # … with this weight: on an arc it says how far the middle is, to micrometres
 
@@ -53,7 +55,7 @@ class Problem(Shown):
 
     Parameters
     ----------
-    model: a Character, or any Dynamics (user-written: CustomDynamics).
+    model: a Character, a Scene, or any Dynamics (user-written: CustomDynamics).
     steps: N.
     dt: s; where the duration is free it is where the search begins.
     costs: the terms of E.
@@ -76,6 +78,9 @@ class Problem(Shown):
         "DurationRange" is added to the constraints; ``octo.Duration`` prices time. By default
         steps·dt.
     parameters: run-time parameters of the dynamics by name ("contact.w_perp", "gravity_z", …).
+    step_limit: of dynamics that you wrote, the largest change a step, a number or (nx,): a motion
+        that :func:`octo.solve` finds and that leaps further is solved on with an octo.StepLimit of
+        it. "auto" is 1, None allows all; an octo.StepLimit among the constraints takes its place.
 
     Arrays, lists and dicts are copied: a problem, and the terms it holds, do not change with what
         they were made from.
@@ -86,7 +91,7 @@ class Problem(Shown):
         allowed.
     """
 
-    model: Character | Dynamics = field(kw_only=False)
+    model: Character | Scene | Dynamics = field(kw_only=False)
     steps: int = 0
     dt: float = 0.0
     costs: Sequence[Cost]
@@ -103,12 +108,10 @@ class Problem(Shown):
     parameters: Mapping[str, float] = field(default_factory=dict)
     constraints: Sequence[Constraint | Cost] = ()
     duration: tuple[float, float] | None = None
+    step_limit: float | Array | Literal["auto"] | None = "auto"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, (Character, Dynamics)):
-            raise ProblemError(
-                f"model is a {type(self.model).__name__}, must be a Character or a Dynamics"
-            )
+        object.__setattr__(self, "model", modelled(self.model))
         if self.cycle is not None:
             self._check_cycle(self.cycle)
         whole("steps", self.steps, most=MOST_STEPS)
@@ -124,6 +127,8 @@ class Problem(Shown):
         else:
             time_step(self.dt)
         check_surroundings(self.terrain, self.law, self.model)
+        limit = checked_step_limit(self.step_limit, self.dynamics.nx, users)
+        object.__setattr__(self, "step_limit", limit)
         object.__setattr__(self, "costs", costs_of(self.costs))
         hard = within(constraints_of(self.constraints), self.costs, self.duration, rounds)
         object.__setattr__(self, "constraints", hard)
@@ -137,21 +142,8 @@ class Problem(Shown):
             raise UnknownNameError("pose", self.pose, ("balanced",))
         for name in STATES if isinstance(self.pose, str) else (*STATES, "pose"):
             self._check_state(name)
-        if self.x0 is not None and self.pose is not None:
-            raise ProblemError(
-                "x0 and pose are both given: x0 is the start, pose is where a static one is "
-                "searched from"
-            )
-        if self.x_end is not None and self.displacement is not None:
-            raise ProblemError(
-                "x_end and displacement are both given: the last configuration is one or the other"
-            )
+        check_ends(vars(self))
         ends = self.displacement if self.x_end is None else self.x_end
-        if self.v_end is not None and ends is None:
-            raise ProblemError(
-                "v_end is given without x_end: a fixed last velocity needs the last "
-                "configuration too"
-            )
         if ends is not None:
             # refuses too few steps
             self.basis_object.fixed_end(int(self.steps), ends, ends, float(self.dt))
@@ -204,11 +196,7 @@ class Problem(Shown):
             raise ProblemError(
                 "a cycle is solved in the nodes basis: basis is 'hermite', must be 'nodes'"
             )
-        for name in STATES:
-            if getattr(self, name) is not None:
-                raise ProblemError(
-                    f"{name} is given with cycle: the first and last states of a cycle are unknown"
-                )
+        check_free(vars(self))
         steps, dt = cycle.sampling(int(self.steps), float(self.dt))
         object.__setattr__(self, "steps", steps)
         object.__setattr__(self, "dt", dt)

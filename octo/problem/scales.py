@@ -31,14 +31,15 @@ def size(robot: Character | None) -> float:
     5 cm."""
     if robot is None:
         return 1.0
-    spans = [float(np.linalg.norm(body.position)) for body in robot.bodies if body.parent >= 0]
+    carried = (b for b, own in zip(robot.bodies, ~robot.of_objects, strict=True) if own)
+    spans = [float(np.linalg.norm(body.position)) for body in carried if body.parent >= 0]
     return max(0.05, max(spans, default=0.3))
 
 
 def length(robot: Character, start: Array) -> float:
     """m, ℓ: the base's height over the lowest contact at ``start`` (nx,), at least 5 cm."""
     rotations, positions = body_poses(robot, start)
-    spheres = [robot.contacts[k] for k in robot.terrain_contacts]
+    spheres = [robot.contacts[k] for k in robot.own_contacts]
     base = float(positions[robot.base_body][2])
     bottoms = (
         float((rotations[s.body] @ s.position + positions[s.body])[2]) - s.radius for s in spheres

@@ -235,6 +235,8 @@ def _same_model(one: Dynamics, other: Dynamics) -> bool:
             return True
         if a.mass != b.mass or a.terrain_contacts != b.terrain_contacts:
             return False
+        if a.objects != b.objects:
+            return False
     return one.lanes_text() == other.lanes_text()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from octo.problem.bounds import SAME, bounded_rows
 from octo.problem.compiled import CompiledProblem, Evaluation
+from octo.problem.duration import WHOLE
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,12 @@ class Bound:
         """The row in words."""
         value = f"{self.value:.4g} {self.unit}".rstrip()
         allowed = f"{self.side} {self.bound:.4g}"
-        return f"{self.row} is {value} at {self.time:.4g} s, must be {allowed}"
+        return f"{self.row} is {value}{self.when}, must be {allowed}"
+
+    @property
+    def when(self) -> str:
+        """Its time in words, behind those of the row; nothing of what is of the whole motion."""
+        return "" if self.row == WHOLE else f" at {self.time:.4g} s"
 
     def plain(self) -> dict[str, Any]:
         """For files."""

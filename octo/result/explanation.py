@@ -15,6 +15,9 @@ from octo.solver.status import Status
 
 LARGE = 0.1  # of E: a term with less does not dominate
 MOST = 3  # terms, rows of C and constraints that hold, as many lines at most
+# of a pass's record, in a sentence: why its steps have a limit that no constraint says, or why they
+# have none though the motion leaps
+LIMITED, LEFT_OUT = "limited", "limit_left_out"
 # What usually helps, by how a solve ended.
 HELP = {
     Status.STALLED: "another start (start=, seeds=) or a smaller dt may get further",
@@ -88,11 +91,11 @@ class Conflict:
 
 def _where(row: Bound) -> str:
     """A constraint with the bound that is worst kept, in a sentence."""
-    when = f"{row.row} at {row.time:.4g} s"
+    what = f"{row.row}{row.when}"
     if row.side == "exactly" and row.bound == 0.0:  # the distance to a target
-        return f"{row.name} ({when})"
+        return f"{row.name} ({what})"
     allowed = f"{row.side} {row.bound:.4g} {row.unit}".rstrip()
-    return f"{row.name} ({when}, {allowed})"
+    return f"{row.name} ({what}, {allowed})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,6 +193,7 @@ def explained(
     missing = () if status.converged else tuple(own for own in residuals if not own.held)
     hints = [*motion.warnings, *([] if status.converged else _hints(status, bounds))]
     last = passes[-1] if passes else {}
+    hints += [f"pass {own['pass']}: {own[LIMITED]}" for own in passes if LIMITED in own]
     if status.converged and not last.get("converged", True):
         failed = f"pass {last.get('pass')} did not converge ({last.get('status')})"
         hints.append(f"{failed}: this is the motion of the pass before it")

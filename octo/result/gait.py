@@ -119,7 +119,7 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
     begin, end = _window(motion, first, last)
     part = _cut(motion, begin, end)
     force = part.normal_force
-    feet = np.flatnonzero(force.mean(axis=0) >= CARRYING * motion.weight)
+    feet = np.flatnonzero((force.mean(axis=0) >= CARRYING * motion.weight) & motion.own_contacts)
     standing = stances(motion.normal_force[:, feet], motion.weight)
     stance, swing, heights, begun = [], [], [], []
     for foot, on in zip(feet, standing.T, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -64,7 +64,21 @@ def fields_of(file: Archive) -> dict[str, Any]:
     count = Archive({}, {**DEFAULTS, **file.plain}).whole("phases")
     own = {name: value for name, value in file.arrays.items() if not name.startswith(PHASE)}
     made = _fields_of(Archive(own, file.plain))
-    return {**made, "phases": tuple(_phase(file, k) for k in range(count))}
+    phases = tuple(_phase(file, k) for k in range(count))
+    if phases:
+        _check_joined(made["x"], [phase["x"] for phase in phases])
+    return {**made, "phases": phases}
+
+
+def _check_joined(whole: Array, parts: Sequence[Array]) -> None:
+    """Refuse phases x (N+2, nx) that are not as many steps, or coordinates, as the motion."""
+    steps, wanted = [len(x) - 2 for x in parts], len(whole) - 2
+    if sum(steps) != wanted:
+        counts = " + ".join(map(str, steps))
+        raise ValueRangeError(f"phases have {counts} steps, must have {wanted} as x has")
+    for k, x in enumerate(parts):
+        if x.shape[1] != whole.shape[1]:
+            raise ShapeError(f"{PHASE}{k}_x", x.shape, f"(N+2, {whole.shape[1]}) as x")
 
 
 def _phase(file: Archive, k: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from octo.checks import Array, ending
 from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
-from octo.result.explanation import MOST, Explanation, explained, sentence_of
+from octo.result.explanation import LEFT_OUT, MOST, Explanation, explained, sentence_of
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.trajectory import VECTORS, Trajectory
 from octo.shown import Shown
@@ -138,6 +138,10 @@ class Solution(Trajectory, Shown):
         contradict each other, which costs solves.
         """
         return explained(self, self.status, self.passes)
+
+    def _why_leaps(self) -> str:
+        why = [f"; octo.solve does not: {own[LEFT_OUT]}" for own in self.passes if LEFT_OUT in own]
+        return "".join(why)
 
     @property
     def row_multipliers(self) -> Array:

@@ -14,6 +14,7 @@ from octo.model.character import Character
 from octo.model.feet import LOADED, stances
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
+from octo.problem.bounds import SAME
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import Stride
@@ -139,9 +140,19 @@ class Trajectory:
         return np.sum(self.contact_force * self.contact_normal, axis=-1)
 
     @property
+    def own_contacts(self) -> NDArray[np.bool_]:
+        """(c,) whether a contact is the robot's, and not that of one of a scene's objects."""
+        own, robot = np.ones(self.contact_force.shape[1], dtype=bool), self.character
+        if robot is not None:
+            own[
+                [c for c, k in enumerate(robot.terrain_contacts) if k not in robot.own_contacts]
+            ] = 0
+        return own
+
+    @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) contacts that carry at least 1 % of the weight."""
-        return self.normal_force >= LOADED * self.weight
+        """(N, c) the robot's contacts that carry at least 1 % of the weight."""
+        return (self.normal_force >= LOADED * self.weight) & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
@@ -256,7 +267,7 @@ class Trajectory:
         robot, unit = self.character, "rad or m"
         if robot is not None:
             unit = "rad" if robot.joints[int(coordinate)].kind == "hinge" else "m"
-        leaps = int((change > LEAP).any(axis=1).sum())
+        leaps = int((change > LEAP * (1.0 + SAME)).any(axis=1).sum())
         return {
             "change": float(change[step, coordinate]),
             "unit": unit,
@@ -266,18 +277,22 @@ class Trajectory:
             "leaps": leaps,  # steps in which a coordinate changes by more than LEAP
         }
 
+    def _why_leaps(self) -> str:
+        """Behind a warning, why nothing limits the steps, if anybody knows."""
+        return ""
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before the motion is used, whatever its status: leaps from one node to the
         next, a dt too long."""
         said, largest = list[str](), self.largest_step
-        if largest is not None and largest["change"] > LEAP:
+        if largest is not None and largest["leaps"]:
             leaps, which = largest["leaps"], "{coordinate} by {change:.3g} {unit} at {time:.3g} s"
             many = f"{leaps} steps change" if leaps > 1 else "one step changes"
             said.append(
                 f"{many} a coordinate by more than {LEAP:g} rad or m ({which.format(**largest)}): "
                 "between two nodes no law of physics is looked at, take a smaller dt or forbid it "
-                "with octo.StepLimit()"
+                f"with octo.StepLimit(){self._why_leaps()}"
             )
         fall = float(np.sqrt(self.length / GRAVITY))
         longest = float(self.intervals.max())

@@ -40,6 +40,12 @@ from octo.solver.limits import PART, Limits
 # walks of a mammal under all limits stalls (with it none), a cart-pole's swing-up takes 805
 # iterations for 590 over 18 starts, and of eight cycles one stalls with and without it
 LEAST = 0.1
+# a jam, out of which an elastic phase leads: so many steps in a row that bounds would make shorter
+# than that, of matrices whose weight sigma is so large; once, and only where nothing was eased
+# before. A walk of 400 steps from a stand breaks no limit after 100 iterations, for one by 0.3 of a
+# row. With 1 for 1e5 a phase begins in cycles and short walks too, half of which it helps; and a
+# cart-pole swings up with 17 short steps in a row, of matrices whose weight is zero
+JAM, HEAVY, JAMS = 10, 1e5, 1
 # elastic phases of a member and the width of their prices
 PHASES, WIDTH = 2, 1e-2
 # one begins a solve where this part of the rows is so far from the slacks: a cart-pole's 18 swings
@@ -89,6 +95,8 @@ class Barrier(Bounds):
         self._lowered = np.zeros(len(rows), dtype=bool)
         self._phases = np.zeros(len(rows), dtype=int)
         self._again = np.zeros(len(rows), dtype=bool)
+        self._short = np.zeros(len(rows), dtype=bool)  # the step at hand
+        self._jam = np.zeros(len(rows), dtype=int)  # short and heavy ones in a row
         own = self._first(rows) if slacks is None else self._warm(rows, slacks)
         self._placed: tuple[Numbers, Array] = (own.mu, _spread(own.mu, rows))
         self._hold(own)
@@ -153,6 +161,7 @@ class Barrier(Bounds):
         self.last = self.last[members]
         self._phases, self._outside = self._phases[members], self._outside[members]
         self._again = self._again[members]
+        self._short, self._jam = self._short[members], self._jam[members]
 
     # -- the problem at hand -----------------------------------------------------------------------
 
@@ -303,11 +312,15 @@ class Barrier(Bounds):
         most = (part.reshape(len(slope), -1).max(axis=1) for part in parts)
         *far, rest = hosts(*most, more.reshape(len(slope), -1).sum(axis=1))
         self._step = RowStep(lower, upper, equal, _longest(*far[:2]))
-        return np.maximum(_longest(*far[2:]), LEAST), slope + rest
+        longest = _longest(*far[2:])
+        self._short = longest < LEAST
+        return np.maximum(longest, LEAST), slope + rest
 
     def moved(self, at: Evaluation, after: Evaluation, by: Moved) -> Evaluation:
         """Members that found no step begin anew, with slacks next to their rows."""
         xp, own, limits, step = array_module(after.rows), self.slacks, self.limits, self._step
+        jams = by.accepted & self._short & (by.sigma > HEAVY)
+        self._jam = np.where(jams, self._jam + 1, 0)
         taken, anew = (like(mask.reshape(-1, 1, 1), own.s) for mask in (by.accepted, by.lost))
         s = xp.where(taken, self._after(at, after, by.length), own.s)
         if some(by.lost):
@@ -333,6 +346,10 @@ class Barrier(Bounds):
     def outside(self) -> Mask:
         return self._outside
 
+    @property
+    def jammed(self) -> Mask:
+        return np.asarray((self._jam >= JAM) & (self._phases < JAMS))
+
     def eased(self, members: Mask) -> Mask:
         self._phases = self._phases + members
         return members & (self._phases <= PHASES)
@@ -344,7 +361,7 @@ class Barrier(Bounds):
         first = AGAIN / at.rows.shape[1]
         self.slacks = replace(self.slacks, mu=np.where(members, first, self.slacks.mu))
         none = np.zeros(len(members), dtype=bool)
-        return self.moved(at, at, Moved(np.ones(len(members)), none, members, none))
+        return self.moved(at, at, Moved(np.ones(len(members)), none, members, none, none))
 
     def blamed(self, refused: Mask, mended: Mask) -> Mask:
         """Not where a correction helps: blamed again and again, at every third iteration, units

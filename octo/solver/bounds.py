@@ -58,13 +58,14 @@ class Slacks:
 @dataclass(frozen=True, eq=False)
 class Moved:
     """What a line search did with each member, (batch,): the length of its step; whether one was
-    accepted, or none was found at all (lost); and whether it was a step for the constraints alone,
-    with which multipliers stay (still)."""
+    accepted, or none was found at all (lost); whether it was a step for the constraints alone, with
+    which multipliers stay (still); and the weight ``sigma`` of the matrix that it is of."""
 
     length: Numbers
     accepted: Mask
     lost: Mask
     still: Mask
+    sigma: Numbers
 
 
 def joined(parts: Sequence[Slacks | None]) -> Slacks | None:
@@ -140,6 +141,11 @@ class Bounds:
         """(batch,) where rows are so far outside that an elastic phase is to begin with."""
         return np.zeros(0, dtype=bool)
 
+    @property
+    def jammed(self) -> Mask | bool:
+        """(batch,) where bounds shorten step after step, so that an elastic phase is to help."""
+        return False
+
     def eased(self, members: Mask) -> Mask:
         """(batch,) of ``members`` those that an elastic phase is to lead near their bounds, which
         is counted: not where that was done often enough."""
@@ -149,6 +155,11 @@ class Bounds:
         """The price of the bounds of ``problem`` in such a phase."""
         del problem
         return self
+
+    def kept(self, rows: Array) -> Mask:
+        """(batch,) where the rows of a phase's end (batch, N, rows), on the host, are between their
+        bounds, but for the width of their price."""
+        return np.ones(len(rows), dtype=bool)
 
     def anew(self, at: Evaluation, members: Mask) -> Evaluation:
         """Begin anew with some members (batch,) bool of ``at``: the iterate as seen."""

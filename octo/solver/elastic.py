@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from octo.arrays import Array, array_module, host, like
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
+from octo.solver.acceptance import Mask
 from octo.solver.bounds import Bounds
 
 
@@ -58,6 +59,10 @@ class Elastic(Bounds):
         summary, objective = at.summary.copy(), at.terms.sum(axis=(1, 2))
         summary[:, 0] = objective + self._prices(at.rows)[0].sum(axis=(1, 2))
         return at.summarised(summary, host(summary), host(objective))
+
+    def kept(self, rows: Array) -> Mask:
+        beyond = np.maximum(host(self.lower) - rows, rows - host(self.upper))
+        return np.asarray(beyond.reshape(len(beyond), -1).max(axis=1, initial=0.0) <= self.width)
 
     def take(self, members: NDArray[np.intp]) -> None:
         chosen = like(members, self.lower)

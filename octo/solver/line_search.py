@@ -159,7 +159,7 @@ class LineSearch:
         lam = choose(whole, lam + scaled(length, attempt.multipliers - lam), lam)
         lost = ~(found.accepted | converged)
         after, lam, failed = self._restore(found.at, lam, lost)
-        after = self.bounds.moved(at, after, Moved(length, found.accepted, lost, polish))
+        after = self.bounds.moved(at, after, Moved(length, found.accepted, lost, polish, sigma))
         if self.feasibility is not None:
             self.feasibility.learn(at, after)
         return Move(

@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, Numbers, array_module, choose, host, like, some
+from octo.arrays import Array, array_module, choose, host, like, some
 from octo.problem.block_nlp import BlockNLP, WeighedNLP
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
@@ -24,6 +24,7 @@ from octo.solver.barrier import bounds_of
 from octo.solver.bounds import Bounds, Slacks, joined
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
+from octo.solver.records import Records
 from octo.solver.rule import STAGES, Clock, Move, Rule
 from octo.solver.status import HISTORY, Status
 from octo.solver.trust_region import TrustRegion
@@ -84,6 +85,11 @@ class Monitor:
         self.stopped |= self.callback is not None and bool(self.callback(self.last))
         return self.stopped
 
+    def say(self, sentence: str) -> None:
+        """What is not of an iteration."""
+        if self.progress is not None:
+            self.progress(sentence)
+
     def end(self) -> None:
         if self.progress is not None and self.last is not None:
             self.progress(self.last, final=True)
@@ -116,52 +122,9 @@ class Result:
         return replace(self, history=joined, stages=stages, **sums)
 
 
-# iterations of an elastic phase, at most. It begins a solve whose rows are far outside; with none
-# of them strides within tight limits take 367 iterations for 228, with 100 (200) 217 (288)
+# iterations of an elastic phase, at most. Where one begins a solve: without any, strides within
+# tight limits take 367 iterations for 228, with 100 (200) 217 (288)
 ELASTIC = 50
-# iterations over which E settles before terms over contacts have all of their curvature
-SETTLING = 10
-
-
-def _level(energies: list[float], count: int, part: float) -> bool:
-    """Whether E has changed by ``part`` of itself at most over the last ``count`` iterations."""
-    window = energies[-count - 1 :]
-    return len(window) > count and max(window) - min(window) <= part * abs(window[-1])
-
-
-class _Records:
-    """Histories of all starts."""
-
-    def __init__(self, batch: int, options: SqpOptions):
-        self._options = options
-        # the members at work, their columns of HISTORY
-        self._iterations: list[tuple[NDArray[np.intp], tuple[Any, ...]]] = []
-        self._energies: list[list[float]] = [[] for _ in range(batch)]
-
-    def add(self, members: NDArray[np.intp], energy: Numbers, *columns: Any) -> NDArray[np.bool_]:
-        """Columns of HISTORY from E on, numbers or (members,): where E changed by less than a small
-        part of itself lately."""
-        self._iterations.append((members, (energy.copy(), *columns)))
-        for k, value in zip(members.tolist(), energy.tolist(), strict=True):
-            self._energies[k].append(value)
-        o = self._options
-        return np.array([_level(self._energies[k], o.plateau, o.plateau_change) for k in members])
-
-    def settled(self, members: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Where E has changed by less than a part of itself over the last SETTLING iterations."""
-        part = self._options.settled
-        return np.array([_level(self._energies[k], SETTLING, part) for k in members], dtype=bool)
-
-    def histories(self) -> list[dict[str, Array]]:
-        rows: list[list[Any]] = [[] for _ in self._energies]
-        for iteration, (members, columns) in enumerate(self._iterations):
-            table = np.empty((len(members), len(HISTORY)))
-            for k, values in enumerate((0.0, iteration, *columns)):
-                table[:, k] = values
-            for member, row in zip(members, table, strict=True):
-                rows[member].append(row)
-        tables = [np.array(own).reshape(-1, len(HISTORY)) for own in rows]
-        return [{name: table[:, k].copy() for k, name in enumerate(HISTORY)} for table in tables]
 
 
 def run(
@@ -215,7 +178,7 @@ class _Run:
         own = (self.bounds,) if kind is LineSearch else ()
         self.rule: Rule = kind(problem, self.at, options, self.clock, backend, *own)
         self.active = np.arange(problem.batch)
-        self.records = _Records(problem.batch, options)
+        self.records = Records(problem.batch, options)
         self.done: dict[int, tuple[Status, Evaluation, Array, Slacks | None]] = {}
         self.best, self.best_lam = self.at, self.lam
         self.best_score = np.full(problem.batch, np.inf)
@@ -232,7 +195,7 @@ class _Run:
             self._leave((~self.at.finite, Status.NOT_FINITE))
             if len(self.active) and some(self.bounds.outside):
                 self._remember()
-                self._eased(self.bounds.outside)
+                self._eased(self.bounds.outside, 0)
             while len(self.active):
                 everyone = np.ones(len(self.active), dtype=bool)
                 spent = iteration + self.elsewhere[self.active, 0]
@@ -262,9 +225,9 @@ class _Run:
         if self.options.hessian == "exact":
             self.settled |= self.records.settled(self.active)
         self.at, self.lam, self.moved = move.at, move.lam, move.accepted
-        lost = move.failed & ~move.converged
+        lost = (move.failed | self.bounds.jammed) & ~move.converged
         if some(lost):
-            move.failed &= ~self._eased(lost)
+            move.failed &= ~self._eased(lost, iteration + 1)
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
@@ -276,27 +239,35 @@ class _Run:
                 ended.append((~(move.converged | acceptable | stalled), Status.INTERRUPTED))
             self._leave(*ended)
 
-    def _eased(self, members: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Where ``members`` go on, from where an elastic phase of their bounds led the best iterate
-        so far."""
-        done = self.bounds.eased(members)
+    def _eased(self, members: NDArray[np.bool_], iterations: int) -> NDArray[np.bool_]:
+        """Where ``members`` go on, after so many ``iterations``, from where an elastic phase of
+        their bounds led the best iterate so far."""
+        rest = self.options.max_iterations - iterations - self.elsewhere[self.active, 0]
+        jammed = np.broadcast_to(self.bounds.jammed, len(members))
+        done = self.bounds.eased(members & (rest > 0))
         own = np.flatnonzero(done)
         if not len(own):
             return done
         problem = self.problem.take(own)
         left = max(self.options.time_limit - (time.perf_counter() - self.began), 1e-9)
-        most = min(ELASTIC, self.options.max_iterations)
+        most = min(ELASTIC, int(rest[own].min()))
         options = replace(self.options, dual_tolerance=1e-3, max_iterations=most, time_limit=left)
-        begun = self.best.unknowns[like(own, self.lam)]
+        start = self.best.unknowns[like(own, self.lam)]
         price = self.bounds.elastic(problem)
-        result = run(problem, begun, None, options, None, self.backend, bounds=price)
+        result = run(problem, start, None, options, None, self.backend, bounds=price)
         if Status.INTERRUPTED in result.status:
             raise KeyboardInterrupt  # it is this solve that was told to stop
-        self.at, self.lam = self.at.copy(), self.lam.copy()
-        self.at.put(own, problem.evaluate(like(result.at.unknowns, self.lam)))
-        self.lam[like(own, self.lam)] = like(result.lam, self.lam)
         spent = np.stack([result.iterations, result.factorizations], axis=1)
         self.elsewhere[self.active[own]] += spent
+        # out of a jam, but not into another one
+        inside = self.bounds.elastic(problem).kept(result.at.rows)
+        done[own] &= inside | ~jammed[own]
+        led, own = done[own], np.flatnonzero(done)
+        if not len(own):
+            return done
+        self.at, self.lam = self.at.copy(), self.lam.copy()
+        self.at.put(own, self.problem.take(own).evaluate(like(result.at.unknowns[led], self.lam)))
+        self.lam[like(own, self.lam)] = like(result.lam[led], self.lam)
         self.at = self.bounds.anew(self.at, done)
         self.rule.anew(own)
         self.moved = self.moved | done

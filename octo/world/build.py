@@ -90,7 +90,8 @@ def grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:
     def make(path: Path) -> None:
         np.save(path, _grid(label, vertices, faces, cell))
 
-    return np.asarray(np.load(cache.path_of(f"mesh-{key}.npy", make)))
+    # a world has a copy: the file's pages need no memory of their own
+    return np.asarray(np.load(cache.path_of(f"mesh-{key}.npy", make), mmap_mode="r"))
 
 
 def _grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:

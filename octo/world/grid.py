@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from octo.checks import Array, numbers, positive
 from octo.errors import ShapeError, ValueRangeError
 from octo.world import lattice, spline
-from octo.world.shape import FRACTION, Kind, Shape
+from octo.world.shape import FRACTION, Kind, Shape, fixed
 from octo.world.units import check_size
 
 OVERSHOOT = 1.25  # of the slopes of a spline through samples over those of the samples
@@ -32,9 +32,9 @@ class DistanceGrid(Shape):
 
     φ passes through the samples and is twice continuously differentiable everywhere. Where a
     distance has a kink (in front of an inner edge, and at the surface's own edges) φ is rounded
-    over two cells to each side, and farther away it is off by a tenth of a cell at most. Outside of
-    the grid it is what it is at the nearest point of the grid, plus the way there along the axes:
-    what is solid at a side of the grid ends there, with a slope of 45°.
+    over two cells to each side, by less than a fifth of one. Outside of the grid it is what it is
+    at the nearest point of the grid, plus the way there along the axes: what is solid at a side of
+    the grid ends there, with a slope of 45°.
 
     Parameters
     ----------
@@ -63,10 +63,11 @@ class DistanceGrid(Shape):
             allowed = "(nx, ny, nz) with at least 2 of each"
             raise ShapeError(f"values of {self.label}", values.shape, allowed)
         positive(f"cell of {self.label}", self.cell, "m")
-        numbers(f"origin of {self.label}", self.origin, (3,))
+        origin = numbers(f"origin of {self.label}", self.origin, (3,))
+        object.__setattr__(self, "origin", fixed(origin))
         scale = positive(f"scale of {self.label}", self.scale)
         check_size(self.label, self._cell * (np.array(values.shape) - 1), scale)
-        object.__setattr__(self, "values", values.copy())
+        object.__setattr__(self, "values", fixed(values))
         steepest = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3))
         if steepest > STEEPEST * self.cell:
             raise ValueRangeError(

@@ -18,7 +18,7 @@ from octo.checks import Array, flag, numbers, positive
 from octo.errors import ShapeError
 from octo.world import spline
 from octo.world.jet import AXES, SIZES
-from octo.world.shape import Kind, Shape
+from octo.world.shape import Kind, Shape, fixed
 from octo.world.units import check_size
 
 HEAD = 5  # numbers before the coefficients
@@ -55,7 +55,7 @@ class HeightField(Shape):
     """A map of heights, with everything below them solid.
 
     φ is the height of a point above the map, z − h(x, y), and not its distance, which is φ/√(1 +
-    |∇h|²) where the map is flat: what uses φ normalises ∇φ. h is twice continuously
+    |∇h|²) on an even slope: what uses φ normalises ∇φ. h is twice continuously
     differentiable. Beyond the map it goes on, smoothly, to what it is one cell from the edge:
     ``covers`` says which points have a map under them.
 
@@ -85,14 +85,15 @@ class HeightField(Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        heights = numbers(f"heights of {self.label}", self.heights).copy()
+        heights = numbers(f"heights of {self.label}", self.heights)
         if heights.ndim != 2 or min(heights.shape) < 2:
             raise ShapeError(
                 f"heights of {self.label}", heights.shape, "(nx, ny) with at least 2 of each"
             )
-        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "heights", fixed(heights))
         positive(f"cell of {self.label}", self.cell, "m")
-        numbers(f"origin of {self.label}", self.origin, (2,))
+        origin = numbers(f"origin of {self.label}", self.origin, (2,))
+        object.__setattr__(self, "origin", fixed(origin))
         flag(f"smooth of {self.label}", self.smooth)
         scale = positive(f"scale of {self.label}", self.scale)
         spans = [*(self.cell * (np.array(heights.shape) - 1.0)), np.ptp(heights)]

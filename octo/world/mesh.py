@@ -16,17 +16,15 @@ from octo.checks import Array, numbers, positive, room
 from octo.errors import ModelError, ProblemError, ShapeError
 from octo.world import build
 from octo.world.grid import KIND, OVERSHOOT
-from octo.world.shape import Kind, Shape
+from octo.world.shape import Kind, Shape, fixed
 from octo.world.spline import Indices
 from octo.world.surface import edges_of, volume, wound_alike
 from octo.world.units import check_size
 
 MERGED = 1e-7  # of its longest edge: vertices so near to each other are one (STL has three a face)
 FLAT = 1e-9  # of the cube of its longest edge: a volume that is none
-FINE, CELLS = (
-    0.02,
-    200,
-)  # m, and cells along the longest edge: the larger cell's limit, and the rest
+FINE = 0.02  # m: the largest cell that is not given, and how many there are along the longest edge
+CELLS = 200
 MOST = 1e8  # doubles that a grid is made in, of a cell that is not given: 0.8 GB
 
 
@@ -35,10 +33,10 @@ class Mesh(Shape):
     """A closed triangle mesh: φ is the spline of a grid of signed distances.
 
     Every sample within four cells of the surface is kept, and every fourth one elsewhere, so that
-    it takes memory in proportion to its surface. Edges are rounded over a cell or two, and what is
-    thinner than two cells is lost, which is said. The grid is made by libigl when it is first
-    needed, and kept in octo's cache. Parts that overlap are a union, and parts within others whose
-    faces look inwards are cavities.
+    it takes memory in proportion to its surface. Edges are rounded over two cells, by less than a
+    fifth of one, and walls thinner than one and a half cells are thinned or lost, which is warned
+    of. The grid is made by libigl when it is first needed, and kept in octo's cache. Parts that
+    overlap or touch are a union, and parts within others whose faces look inwards are cavities.
 
     Parameters
     ----------
@@ -76,7 +74,7 @@ class Mesh(Shape):
                 cell *= 1.25
         needed = build.doubles_for(scale * vertices, faces, cell)
         room(f"distances to {self.label} at a cell of {cell:g} m", needed)
-        for name, value in (("vertices", vertices), ("faces", faces), ("cell", cell)):
+        for name, value in (("vertices", fixed(vertices)), ("faces", fixed(faces)), ("cell", cell)):
             object.__setattr__(self, name, value)
 
     @classmethod

@@ -12,7 +12,10 @@ typedef struct {
 /* How many numbers a jet has. */
 static int octo_world_size(int order) { return order == 0 ? 1 : order == 1 ? 4 : order == 2 ? 10 : 20; }
 
-/* The jet of one shape in world axes. */
+/* The jet of one shape in world axes. On a GPU it is compiled once, and not for each of its calls. */
+#ifdef __CUDACC_RTC__
+__attribute__((noinline))
+#endif
 static void octo_world_of_shape(const double *world, int shape, const double *point, int order, double *jet) {
   const double *record = world + (int)world[OCTO_WORLD_RECORDS] + OCTO_WORLD_RECORD * shape;
   const double *own = world + (int)record[OCTO_WORLD_OWN];
@@ -143,7 +146,7 @@ static void octo_world_made(const double *world, const double *point, const octo
 }
 
 /* The same where nothing is known yet, and φ is less than ``beyond`` m; elsewhere the first number is a lower bound of φ that is not
- * less either, and the others are 0. NaN where the point is not finite, or farther from all shapes than numbers reach. */
+ * less either, and the others are those of level ground. NaN where the point is not finite, or farther from all shapes than numbers reach. */
 static void octo_world_within(const double *world, const double *point, double beyond, int order, double *jet) {
   const double place = point[0] + point[1] + point[2];
   if (place - place == 0.0 && world[OCTO_WORLD_COUNT] == 1.0 && beyond == INFINITY) { /* one map, as often */
@@ -162,8 +165,7 @@ static void octo_world_within(const double *world, const double *point, double b
     octo_world_made(world, point, &near, order, jet);
     return;
   }
-  jet[0] = least;
-  for (int k = 1; k < octo_world_size(order); ++k) jet[k] = 0.0;
+  for (int k = 0; k < octo_world_size(order); ++k) jet[k] = k == 0 ? least : k == 3;
 }
 
 /* The same, whatever φ is. */

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cache
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from octo.checks import Array, instance, numbers, positive
@@ -23,6 +23,7 @@ from octo.world.jet import ORDERS, derivatives
 FRACTION = 0.75  # φ outside a shape's box is at least this part of the distance from the box
 TURNED = 1e-6  # how far a matrix may be from a rotation, of which it becomes the nearest
 Own = TypeVar("Own", bound="Shape")
+Numbers = TypeVar("Numbers", bound=NDArray[Any])
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +36,13 @@ class Kind:
         int order, double *jet)``, C that is C++ and CUDA too, of the numbers of a shape and a point
         in its frame.
     jets: the same of the numbers (size,) and of points (k, 3) m: (k, SIZES[order]).
+    expression: of a φ in closed form ``expression(own, point) -> φ``, of CasADi's SX; else None.
     """
 
     name: str
     text: Callable[[], str]
     jets: Callable[[Array, Array, int], Array]
+    expression: Callable[[ca.SX, ca.SX], ca.SX] | None = None
 
 
 def closed_form(name: str, size: int, expression: Callable[[ca.SX, ca.SX], ca.SX]) -> Kind:
@@ -78,7 +81,7 @@ def closed_form(name: str, size: int, expression: Callable[[ca.SX, ca.SX], ca.SX
         columns = np.tile(own[:, None], len(points))
         return np.asarray(function(order)(columns, points.T), dtype=float).T
 
-    return Kind(name, text, jets)
+    return Kind(name, text, jets, expression)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,8 +108,8 @@ class Shape:
         if self.name is not None:
             instance(f"name of a {self.word}", self.name, str, "a text")
         place = numbers(f"position of {self.label}", self.position, (3,))
-        object.__setattr__(self, "position", _fixed(place))
-        object.__setattr__(self, "rotation", _fixed(_rotation(self.label, self.rotation)))
+        object.__setattr__(self, "position", fixed(place))
+        object.__setattr__(self, "rotation", fixed(_rotation(self.label, self.rotation)))
 
     @property
     def word(self) -> str:
@@ -168,7 +171,7 @@ def keep_lengths(shape: Shape, *names: str) -> None:
         if np.ndim(given) == 0:
             kept: float | Array = positive(f"{name} of {shape.label}", given, "m")
         else:
-            kept = _fixed(numbers(f"{name} of {shape.label}", given, (3,)))
+            kept = fixed(numbers(f"{name} of {shape.label}", given, (3,)))
             for k, one in enumerate(kept):
                 positive(f"{name}[{k}] of {shape.label}", float(one), "m")
         object.__setattr__(shape, name, kept)
@@ -183,9 +186,9 @@ def check_rounding(shape: Shape, rounding: float, most: float) -> None:
         )
 
 
-def _fixed(given: Array) -> Array:
+def fixed(given: Numbers) -> Numbers:
     """A copy that nobody can change."""
-    made = given.copy()
+    made: Numbers = given.copy()
     made.flags.writeable = False
     return made
 

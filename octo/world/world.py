@@ -17,6 +17,9 @@ from octo.world.jet import SIZES
 from octo.world.shape import FRACTION, Shape
 from octo.world.shapes import KINDS
 
+REACHED = 1e-6  # m, over a surface that a falling point has come to
+FALLEN = 1e4  # m, that it falls at most
+
 
 @dataclass(frozen=True, eq=False)
 class World:
@@ -109,6 +112,25 @@ class World:
         points: (k, 3) m.
         """
         return self.jets(points, 0)[:, 0]
+
+    def below(self, points: ArrayLike) -> Array:
+        """Heights (k,) m of the surface straight below points; a point inside a shape is its own,
+        and −∞ where there is nothing.
+
+        Parameters
+        ----------
+        points: (k, 3) m.
+        """
+        given = numbers("points", points).copy()
+        steepest = max(shape.steepest for shape in self.shapes)
+        lowest = max(self.bounds[0, 2] - 1.0, float(given[:, 2].min(initial=0.0)) - FALLEN)
+        falling = np.arange(len(given))
+        while len(falling):  # no point falls through a surface: φ is not that near
+            away = self.distance(given[falling]) / steepest
+            given[falling, 2] -= np.maximum(away, 0.0)
+            given[falling[given[falling, 2] < lowest], 2] = -np.inf
+            falling = falling[(away > REACHED) & np.isfinite(given[falling, 2])]
+        return given[:, 2]
 
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points have a shape above or below them, as seen from above.

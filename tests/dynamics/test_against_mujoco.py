@@ -3,14 +3,17 @@ robot file."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import octo
 from octo.dynamics.evaluate import RobotDynamics
 from octo.model.character import Character
+from octo.model.export_mjcf import mjcf_text
 from octo.model.kinematics import axis_rotation, body_poses
 from octo.model.load import load
 
@@ -160,6 +163,28 @@ def test_fd_converges_to_mujocos_inverse_dynamics(tmp_path: Path, seed: int, flo
     assert robot.base == ("floating" if floating else "fixed")
     model = mujoco.MjModel.from_xml_path(str(file))
     dynamics, at, t = RobotDynamics(robot), Trajectory(robot.nx, seed), 0.3
+    expected = mujoco_inverse(robot, model, at, t)
+    _, found = discrete(dynamics, at, t)
+    size = np.max(np.abs(expected))
+    error = np.max(np.abs(found - expected), axis=1) / size
+    np.testing.assert_allclose(error[-3:-1] / error[-2:], 2.0, rtol=0.05)  # first order
+    np.testing.assert_allclose(extrapolated(found), expected, atol=1e-8 * size)
+
+
+def test_a_robot_with_objects_converges_too(tmp_path: Path):
+    """Several roots: objects are slides and hinges in the file that octo writes."""
+    file = tmp_path / "robot.xml"
+    file.write_text(random_robot(1, True))
+    objects = [
+        octo.objects.box((0.2, 0.3, 0.4), 1.5, (1.0, 0.0, 1.0)),
+        octo.objects.ball(0.1, 0.4),
+        octo.objects.door(mass=2.0, lower=-9.0, upper=9.0, damping=0.3),
+    ]
+    scene = octo.Scene(load(file), objects, contacts=[]).character
+    robot = dataclasses.replace(scene, contacts=(), pairs=())
+    assert robot.mass == pytest.approx(load(file).mass) and robot.nx == load(file).nx + 13
+    model = mujoco.MjModel.from_xml_string(mjcf_text(robot))
+    dynamics, at, t = RobotDynamics(robot), Trajectory(robot.nx, 1), 0.3
     expected = mujoco_inverse(robot, model, at, t)
     _, found = discrete(dynamics, at, t)
     size = np.max(np.abs(expected))

@@ -249,6 +249,22 @@ def test_phases_in_words():
     assert "  2 terms in phase 1, 1 steps of 0.025 s: Effort, Posture" in said
 
 
+def test_one_phase_with_other_fields():
+    before = differing()
+    first = before.problems[0]
+    again = before.replace(1, steps=3, costs=[octo.Effort(), octo.Posture()])
+    middle = described(3, dt=0.025, costs=again.problems[1].costs, constraints=[])
+    last = described(4, dt=0.07, parameters={"gravity_z": -5.0})
+    made = octo.phases([first, middle, last])
+    assert repr(again) == repr(made) and again.steps == before.steps + 2
+    np.testing.assert_array_equal(again.shares, made.shares)
+    assert again.problems[1].law is before.problems[1].law
+    raised = before.replace(-1, x_end=before.start + 0.1)
+    np.testing.assert_array_equal(raised.problems[-1].end, before.start + 0.1)
+    moved = START + 0.01
+    assert all((one.start == moved).all() for one in before.replace(0, x0=moved).problems)
+
+
 # -- what is refused -------------------------------------------------------------------------------
 
 OTHER = octo.CustomDynamics(lambda a, b, c, p: a - 2 * b + c, 2, [0], {})
@@ -290,6 +306,9 @@ REFUSED = {
     "problems and phases cannot be solved as one batch": lambda: octo.solve(
         [differing(), described()]
     ),
+    "phase is 3, must be at most 2": lambda: differing().replace(3, steps=4),
+    "field of a Problem 'step' is not known": lambda: differing().replace(0, step=4),
+    "phase 1: it begins where phase 0 ends, leave it out": lambda: differing().replace(1, x0=START),
     "one of a batch has 2 phases and another 3": lambda: octo.solve([differing(), divided(4, 4)]),
     "steps differ between problems of one batch": lambda: octo.solve(
         [divided(4, 4), divided(4, 5)]

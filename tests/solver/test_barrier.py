@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 import octo
 from octo.problem.compiled import CompiledProblem
-from octo.solver import kkt
+from octo.solver import barrier, kkt
 from octo.solver.barrier import Barrier
+from octo.solver.elastic import Elastic
 from octo.solver.limits import Limits
 from octo.solver.options import SqpOptions
 from octo.solver.status import Status
@@ -225,6 +226,32 @@ def test_an_elastic_phase_begins_only_where_many_rows_are_far_outside() -> None:
     assert len(near.history["energy"]) == near.iterations
     few = octo.solve(swing_up(10.0), start=wild, max_iterations=7)
     assert few.status is Status.ITERATION_LIMIT and few.iterations == 7
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_an_elastic_phase_leads_out_of_a_jam(inside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Short steps one after the other; whose matrices are heavy is no matter here. Where the phase
+    does not end between the bounds, the solve goes on as if it had not been, and counts it."""
+    wild = 1e-3 * np.random.default_rng(1).standard_normal((62, 2))
+    plain = octo.solve(swing_up(8.0), start=wild)
+    assert len(plain.history["energy"]) == plain.iterations
+    monkeypatch.setattr(barrier, "JAM", 3)
+    monkeypatch.setattr(barrier, "HEAVY", -1.0)
+    monkeypatch.setattr(Elastic, "kept", lambda self, rows: np.full(len(rows), inside))
+    motion = octo.solve(swing_up(8.0), start=wild)
+    assert motion.status in CONVERGED and len(motion.history["energy"]) < motion.iterations
+    np.testing.assert_allclose(motion.energy, plain.energy, rtol=1e-3)
+    assert np.array_equal(motion.x, plain.x) is not inside
+    few = octo.solve(swing_up(8.0), start=wild, max_iterations=9)
+    assert few.status is Status.ITERATION_LIMIT and few.iterations == 9
+
+
+def test_a_phase_has_kept_bounds_that_rows_miss_by_the_width_of_the_price() -> None:
+    lower, upper = np.full((3, 2, 2), -np.inf), np.full((3, 2, 2), 1.0)
+    lower[..., 1] = upper[..., 1] = 0.5
+    rows = np.full((3, 2, 2), 0.5)
+    rows[0, 1, 0], rows[1, 0, 0], rows[2, 1, 1] = -9.0, 1.02, 0.505
+    np.testing.assert_array_equal(Elastic(lower, upper, 0.01).kept(rows), [True, False, True])
 
 
 def test_ctrl_c_in_an_elastic_phase_stops_the_solve(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,6 +75,7 @@ def test_a_duration_stays_in_its_range(ends: tuple[float, float]) -> None:
     np.testing.assert_allclose(200 * motion.dt, np.clip(best, *ends), rtol=1e-4)
     assert ends[0] * (1 - 1e-6) <= 200 * motion.dt <= ends[1] * (1 + 1e-6)
     assert [bound.held for bound in motion.bounds] == [True, True]
+    assert "the duration is " in str(motion) and f"is {200 * motion.dt:.4g} s, must" in str(motion)
 
 
 def test_phases_find_durations_of_their_own() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import octo
 from octo.dynamics.laws import Coulomb, Smooth
-from octo.errors import DeviceError
+from octo.errors import DeviceError, OctoError
 
 CART, POLE, LENGTH, GRAVITY = 1.0, 0.2, 0.5, 9.81
 FIRST, SECOND = 0.05, 0.02  # s, of two phases
@@ -244,6 +244,14 @@ def test_the_file_has_the_phases(cart_pole, tmp_path):
     found.to_csv(tmp_path / "both.csv")
     times = np.loadtxt(tmp_path / "both.csv", delimiter=",", skiprows=1)[:, 0]
     np.testing.assert_allclose(times, found.times, rtol=1e-9)
+
+
+def test_a_file_whose_phases_are_not_of_its_motion_is_refused(cart_pole, tmp_path):
+    found = octo.solve(two_phases(cart_pole))
+    shorter = dataclasses.replace(found, phases=found.phases[:1])
+    shorter.save(tmp_path / "short.npz")
+    with pytest.raises(OctoError, match="phases have 16 steps, must have 46 as x has"):
+        octo.Solution.load(tmp_path / "short.npz")
 
 
 def test_in_words(cart_pole):

@@ -1,0 +1,133 @@
+"""Problems with objects: every backend has the same numbers, and a box is pushed to where it is
+asked to be."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from walker import START, walker, wiggle_near_ground
+
+import octo
+from octo import native
+from octo.dynamics.laws import Smooth, Viscous
+from octo.gpu.problem import DeviceProblem
+from octo.model.character import Body, Character, ContactSphere, Joint
+from octo.problem.compiled import CompiledProblem
+from octo.problem.interpreted import Interpreted
+from tests import emulator
+from tests.emulator import EmulatedDevice
+
+TOLERANCE = 1e-10  # of the largest entry
+AXES = np.eye(3)[[0, 2]]
+LAW = Smooth(w_perp=2e4, onset=0.01, friction=Viscous(2e5))
+needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+
+
+def crowd():
+    """A walker whose foot is in a ball that lies on the ground beside a box."""
+    robot = dataclasses.replace(walker(), default_pose=START)
+    objects = [
+        octo.objects.ball(0.12, 0.7, (0.05, 0.05, 0.1)),
+        octo.objects.box((0.2, 0.2, 0.2), 0.8, (0.26, 0.05, 0.1)),
+    ]
+    pairs = [("foot", "ball"), ("ball", "box"), ("front", "box")]
+    return octo.Scene(robot, objects, contacts=pairs)
+
+
+def compiled(basis="nodes"):
+    scene = crowd()
+    costs = [
+        octo.Effort(),
+        octo.PointPosition(body="ball", target=(0.3, 0.0, 0.1)),
+        octo.CenterOfMassVelocity((0.3, 0.0, 0.0)),
+        octo.LoadSharing(),
+    ]
+    x0 = scene.character.start_pose
+    problem = octo.Problem(scene, steps=6, dt=0.05, costs=costs, basis=basis, x0=x0)
+    return CompiledProblem([problem, problem.replace(parameters={"contact.w_perp": 5e3})])
+
+
+def interpreted_model(problem, at, lam):
+    nc, ma = problem.nc, problem.ma
+    shapes = ((3, nc, nc), (3, ma, nc), (nc,), (ma,))
+    out = tuple(np.empty((2, problem.K, *shape)) for shape in shapes)
+    Interpreted(problem.program, problem.plan, problem.data).linearize(at, lam, None, out)
+    out[0][:, problem.fixed, 0] = np.eye(nc)
+    return out
+
+
+@needs_compiler
+@pytest.mark.parametrize("threads", [5, 160])
+def test_the_cuda_text_is_the_others(threads):
+    """Run on the CPU: FD, and with multipliers H and A, that is Jacobian and curvature."""
+    if emulator.compiler() is None:
+        pytest.skip("no C++ compiler")
+    problem, device = compiled(), EmulatedDevice(threads)
+    unknowns = wiggle_near_ground(problem)
+    lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
+    at, gpu = problem.evaluate(unknowns), DeviceProblem(problem, device)
+    own = gpu.evaluate(device.array(unknowns))
+    expected = interpreted_model(problem, at, lam)
+    native_model, device_model = problem.linearize(at, lam), gpu.linearize(own, device.array(lam))
+    np.testing.assert_allclose(own.fd, at.fd, rtol=0.0, atol=TOLERANCE * np.abs(at.fd).max())
+    for name, value in zip("HAbC", expected, strict=True):
+        for model in (native_model, device_model):
+            atol = TOLERANCE * np.abs(value).max()
+            np.testing.assert_allclose(getattr(model, name), value, rtol=0.0, atol=atol)
+
+
+@needs_compiler
+def test_hermite_controls_too():
+    problem = compiled(octo.Hermite(3))
+    unknowns = wiggle_near_ground(problem)
+    lam = np.random.default_rng(0).standard_normal((2, problem.K, problem.ma))
+    at = problem.evaluate(unknowns)
+    model = problem.linearize(at, lam)
+    for name, value in zip("HAbC", interpreted_model(problem, at, lam), strict=True):
+        atol = TOLERANCE * np.abs(value).max()
+        np.testing.assert_allclose(getattr(model, name), value, rtol=0.0, atol=atol)
+
+
+def hand():
+    """A ball on two driven slides, along x and up."""
+    rails = [Joint(n, "slide", axis, torque_limit=50.0) for n, axis in zip("xz", AXES, strict=True)]
+    body = Body("hand", -1, tuple(rails), mass=0.5, inertia=0.001 * np.eye(3))
+    tip = ContactSphere("tip", 0, np.zeros(3), 0.05)
+    pose = np.array([-0.145, 0.1])
+    return Character("hand", (body,), (tip,), base="fixed", default_pose=pose)
+
+
+@pytest.fixture(scope="module")
+def push():
+    """Half a metre along x in 1.2 s."""
+    scene = octo.Scene(hand(), [octo.objects.box((0.2, 0.2, 0.2), 1.0, (0.0, 0.0, 0.1))])
+    there = octo.PointPosition(body="box", target=(0.5, 0.0, 0.09), at="last", weight=10.0)
+    costs = [there, octo.Effort(weight=1e-5)]
+    return octo.Problem(scene, steps=60, dt=0.02, costs=costs, law=LAW)
+
+
+def test_a_hand_pushes_a_box_to_a_place(push, tmp_path):
+    solution = octo.solve(push, device="cpu")
+    assert solution.converged
+    place = solution.x[-1, push.character.joint_index("box_x")]
+    assert place == pytest.approx(0.5, abs=0.01)
+    assert solution.weight == pytest.approx(0.5 * 9.81)  # the hand's
+    # only the hand's own contact counts among its figures
+    assert solution.loaded[:, 1:].sum() == 0
+    assert solution.contact_names[1] == "box_0"
+    solution.save(tmp_path / "push.npz")
+    back = octo.Solution.load(tmp_path / "push.npz")
+    assert back.character.touches == push.character.touches
+    octo.view(solution, tmp_path / "push.html")
+    octo.filmstrip(solution, tmp_path / "push.png")
+
+
+@needs_compiler
+def test_octo_and_ipopt_agree(push):
+    short = push.replace(steps=12)
+    own = octo.solve(short, device="cpu", passes=1)
+    other = octo.reference.ipopt(short, start=own.x)
+    assert own.converged and other.solution.converged
+    assert other.solution.energy == pytest.approx(own.energy, rel=1e-6)
