@@ -58,9 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.perf_counter()
     problem = placed(robot, pose, steps, arguments)
     setup = time.perf_counter() - began
-    parameters = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     motion = simulate(
-        problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=parameters
+        problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=problem.values
     )
     solution = measured_motion(problem, motion, setup, time.perf_counter() - began - setup)
     write(folder, solution)

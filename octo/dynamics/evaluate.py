@@ -129,6 +129,10 @@ class Dynamics:
         numbers, where there is a world."""
         return p
 
+    def unbound(self, p: Array) -> Array:
+        """The same p without that: what is pickled, or of a copy."""
+        return p
+
     def seen(self, p: Array, x_next: Array) -> Array:
         """What ``symbolic`` takes for p in each of some steps, (…, steps): p (NP,) and behind it
         what the world says at x_next (steps, n)."""
@@ -296,6 +300,12 @@ class RobotDynamics(Dynamics):
         known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
         known = known.reshape(own.shape[:-1])  # of another member of a batch
         own[..., place] = np.where(known, own[..., place], address_of(self.terrain))
+        return own
+
+    def unbound(self, p: Array) -> Array:
+        own = np.array(p, dtype=float)
+        if isinstance(self.terrain, World):
+            own[..., self.layout.index(ADDRESS)] = 0.0
         return own
 
     def jets(self, p: Array, x: Array) -> Array:

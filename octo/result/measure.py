@@ -13,7 +13,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import ADDRESS, distances
+from octo.model.terrain import World, distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
@@ -46,7 +46,6 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
     energies = problem.term_values(at)[member, : len(names)]
     robot: Character | None = described.character
     p = problem.p[member]
-    named = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
     return {
         "name": robot.name if robot is not None else "custom",
         "character": robot,
@@ -63,7 +62,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
         "world": world_of(dynamics),
-        "parameters": {name: v for name, v in named.items() if name != ADDRESS},
+        "parameters": dynamics.layout.named(p),
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
         "residuals": residuals_of(problem, at, member),
@@ -134,10 +133,10 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
         return sampled(world.below, low, high)
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
-    values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
-    phi = distances(dynamics.terrain, section(values, "terrain."))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
-    below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
+    deepest = low[2] - 3.0
+    phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
+    below, above = np.full(len(grid), deepest), np.full(len(grid), high[2] + 3.0)
     for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
         middle = 0.5 * (below + above)
         inside = phi(np.column_stack([grid, middle])) < 0.0
