@@ -13,7 +13,7 @@ from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import World, distances
+from octo.model.terrain import distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo.checks import Array, positive, whole
+from octo.checks import Array, numbers, positive, whole
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError, said
 from octo.world import interpreted, layout, query, tree
 from octo.world.blend import PART
