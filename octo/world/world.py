@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo.checks import Array, positive, whole
+from octo.checks import Array, numbers, positive, whole
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError, said
 from octo.world import interpreted, layout, query, tree
 from octo.world.blend import PART
+from octo.world.drawn import Drawn, drawn, everywhere
 from octo.world.jet import SIZES
 from octo.world.shape import FRACTION, Shape, places
 from octo.world.shapes import KINDS
@@ -156,6 +157,17 @@ class World:
         points: (k, 3) m.
         """
         return np.any([shape.covers(points) for shape in self.shapes], axis=0)
+
+    def surface(self, around: ArrayLike | None = None) -> list[Drawn]:
+        """What it looks like: the triangles of each shape, as fine as the shape itself.
+
+        Parameters
+        ----------
+        around: (2, 2) m, the least and the largest x and y of the picture, which planes fill and
+            maps are cut to; by default around all that ends somewhere.
+        """
+        frame = everywhere(self.shapes) if around is None else numbers("around", around, (2, 2))
+        return drawn(self.shapes, frame)
 
     # -- motion ------------------------------------------------------------------------------------
 
