@@ -134,9 +134,8 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
-    deepest = low[2] - 3.0
     phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
-    below, above = np.full(len(grid), deepest), np.full(len(grid), high[2] + 3.0)
+    below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
     for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
         middle = 0.5 * (below + above)
         inside = phi(np.column_stack([grid, middle])) < 0.0
