@@ -36,7 +36,7 @@ WORDS = {
     "values": "run-time numbers by name, (size,) or (N, size).",
     "fixed_scale": "the number that the term of E is divided by.",
     "path": "where it is written.",
-    "terrain": "the ground, an ``octo.Plane`` or ``octo.Terrain``; level by default.",
+    "terrain": "the ground, an ``octo.Plane``, ``Terrain`` or ``World``; level by default.",
     "law": "the contact law, one of ``octo.laws``; Eq. 6 by default.",
     "pose": "(nx,) rad and m: where a static start is searched from.",
     "start": "what to start from instead of the static pose, as of ``octo.solve``.",

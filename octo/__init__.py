@@ -44,6 +44,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.scene": "Scene",
     "octo.model.solid": "Solid",
     "octo.model.terrain": "Plane Terrain",
+    "octo.model.world_file": "load_world",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
     "octo.plot": "plot",
@@ -79,6 +80,7 @@ _MODULES = {
     "plant": "octo.plant",
     "reference": "octo.reference",
     "shapes": "octo.world.shapes",
+    "worlds": "octo.worlds",
 }
 
 __all__ = sorted([*_HOME, *_MODULES])
@@ -89,6 +91,7 @@ if TYPE_CHECKING:
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
+    from octo import worlds as worlds
     from octo.costs import At as At
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
@@ -149,6 +152,7 @@ if TYPE_CHECKING:
     from octo.model.solid import Solid as Solid
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
+    from octo.model.world_file import load_world as load_world
     from octo.motions import go_to as go_to
     from octo.motions import stride as stride
     from octo.motions import turn as turn

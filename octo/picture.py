@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from octo.checks import STILLS, Array, ending, numbers, whole
+from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, surfaces, tile
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
+from octo.world.cut import halved, near
+from octo.world.drawn import Drawn, creases, drawn
+from octo.world.world import World
 
 if TYPE_CHECKING:
     from octo.figure import Figure
@@ -33,6 +38,12 @@ WIDEST = 13.0  # inches
 # edge of a painted triangle, in parts of the character's size: far to near is not defined for long
 # ones
 LONGEST = 0.12
+STONE = np.array([0.86, 0.84, 0.80])  # colour of the shapes of a world
+# in parts of the character's size: of the ground around its way, and of a world's shapes
+REACH, WIDE = 1.1, 1.6
+FINE, STEP = 0.06, 0.1  # of a triangle of a shape, and how far a shadow may go down a step
+SOLID = 0.89  # of a colour, below which a shape is not faded
+CREASE, LINE = np.array([0.45, 0.44, 0.42]), 0.04  # colour of an edge, and how far it is nearer
 
 
 @dataclass(frozen=True)
@@ -123,7 +134,7 @@ def filmstrip(
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
-    scene = Scene(camera, Ground.of(solution), size(solution.character))
+    scene = Scene(camera, Ground.of(solution), size(solution.character), solution.world)
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
     if not shift.any():
@@ -140,11 +151,16 @@ def filmstrip(
 class Scene:
     """Polygons with colours, collected and then painted from far to near."""
 
-    def __init__(self, camera: Camera, ground: Ground | None, scale: float):
-        self.camera, self.terrain, self.scale = camera, ground, scale
+    def __init__(
+        self, camera: Camera, ground: Ground | None, scale: float, world: World | None = None
+    ):
+        self.camera, self.terrain, self.scale, self.world = camera, ground, scale, world
         light = -0.45 * camera.axes[0] - 0.55 * camera.axes[2] + np.array([0.0, 0.0, 0.9])
         self.light = light / np.linalg.norm(light)
+        self.reach = (REACH if world is None else WIDE) * scale  # m, of the ground around the way
         self.bodies: list[tuple[Array, Array]] = []  # (f, 3, 3) m and (f, 3) colours
+        self.shapes: list[tuple[Array, Array]] = []  # of the world: the same
+        self.floors: list[Drawn] = []  # its planes
         self.shadows: list[Array] = []
         self.tiles: list[tuple[Array, Array]] = []  # (4, 3) m, (3,) colour
         self.prints = np.zeros((0, 3))
@@ -160,8 +176,10 @@ class Scene:
         for surface, R, t in zip(surfaces(character), rotation, origin, strict=True):
             if surface is not None:
                 self._add(surface, R, t + shift, color)
-        centers = sphere_centers(character, x)
+        centers, singles = sphere_centers(character, x), singles_of(character)
         for c, k in enumerate(character.terrain_contacts):
+            if k not in singles:  # a vertex of the surface that is drawn
+                continue
             radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
             if solution.loaded[:, c].any():
                 color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
@@ -174,31 +192,85 @@ class Scene:
         if self.terrain is not None:
             shadow = corners[normal[:, 2] > 0.0].copy()
             shadow[..., 2] = self.terrain.height(shadow)
+            if (
+                self.world is not None
+            ):  # none on what is steep, where it would be a curtain, or above
+                above = (shadow[..., 2] > corners[normal[:, 2] > 0.0][..., 2]).any(axis=1)
+                steep = np.ptp(shadow[..., 2], axis=1) > STEP * self.scale
+                shadow = shadow[~(above | steep)]
             self.shadows.append(shadow)
         front = normal @ self.camera.axes[2] < 0.0
-        corners, normal = _halved(corners[front], normal[front], LONGEST * self.scale)
+        corners, normal = halved(corners[front], normal[front], LONGEST * self.scale)
         bright = 0.50 + 0.55 * np.maximum(normal @ self.light, 0.0)
         halfway = self.light - self.camera.axes[2]
         shine = 0.25 * np.maximum(normal @ (halfway / np.linalg.norm(halfway)), 0.0) ** 30
         self.bodies.append((corners, np.clip(bright[:, None] * color + shine[:, None], 0.0, 1.0)))
 
     def ground_under(self, path: Array) -> None:
-        """Checkered tiles that fade with the distance from ``path`` (k, 3)."""
+        """Checkered tiles that fade with the distance from ``path`` (k, 3), or the shapes of a
+        world."""
         if self.terrain is None:
             return
-        edge, reach = tile(self.scale), 1.1 * self.scale
-        low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
-        first, last = np.floor(low / edge).astype(int), np.ceil(high / edge).astype(int)
-        square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
         thinned = path[:: max(1, len(path) // 200), :2]
+        if self.world is None:
+            self.tiles = self._tiles(self.terrain.height, thinned)
+            return
+        around = np.stack([thinned.min(axis=0) - self.reach, thinned.max(axis=0) + self.reach])
+        every = drawn(self.world.shapes, around)
+        self.floors = [one for one in every if one.plane is not None and one.plane[2] > 0.0]
+        for floor in self.floors:
+            for corners, color in self._tiles(floor.height, thinned):
+                self._add_part(corners[[[0, 1, 2], [0, 2, 3]]], np.stack([color, color]), thinned)
+        for surface in (one for one in every if one not in self.floors):
+            self._add_shape(surface.vertices[surface.faces], thinned)
+            self._add_creases(*creases(surface.vertices, surface.faces), thinned)
+
+    def _fade(self, places: Array, path: Array) -> Array:
+        """(k,) 1 where places (k, 2) are near the path (p, 2), 0 where they are out of reach."""
+        away = cKDTree(path).query(places)[0] / self.reach
+        return np.asarray(np.clip(1.35 * (1.0 - away), 0.0, 1.0))
+
+    def _tiles(self, height: Callable[[Array], Array], path: Array) -> list[tuple[Array, Array]]:
+        """Corners (4, 3) m and colours (3,) of the tiles of a ground in reach."""
+        edge = tile(self.scale)
+        first = np.floor((path.min(axis=0) - self.reach) / edge).astype(int)
+        last = np.ceil((path.max(axis=0) + self.reach) / edge).astype(int)
+        square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+        made = []
         for i in range(first[0], last[0]):
             for j in range(first[1], last[1]):
                 corners = edge * (square + (i, j))
-                away = np.linalg.norm(thinned - corners.mean(axis=0), axis=1).min() / reach
-                fade = np.clip(1.35 * (1.0 - away), 0.0, 1.0)
+                fade = self._fade(corners.mean(axis=0)[None], path)[0]
                 if fade > 0.0:
-                    points = np.column_stack([corners, self.terrain.height(corners)])
-                    self.tiles.append((points, 1.0 - fade * (1.0 - TILES[(i + j) % 2])))
+                    points = np.column_stack([corners, height(corners)])
+                    made.append((points, 1.0 - fade * (1.0 - TILES[(i + j) % 2])))
+        return made
+
+    def _add_shape(self, corners: Array, path: Array) -> None:
+        """Triangles (f, 3, 3) m of a shape of the world, those in sight."""
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+        front = normal @ self.camera.axes[2] < 0.0
+        bright = 0.72 + 0.28 * np.maximum(normal @ self.light, 0.0)
+        self._add_part(corners[front], bright[front, None] * STONE, path, faded=False)
+
+    def _add_part(self, corners: Array, colors: Array, path: Array, faded: bool = True) -> None:
+        """Triangles (f, 3, 3) m in colours (f, 3), cut fine; ``faded``: the colours are so
+        already."""
+        corners, colors = near(corners, colors, path, self.reach, FINE * self.scale)
+        fade = np.ones(len(corners)) if faded else self._fade(corners.mean(axis=1)[:, :2], path)
+        for floor in () if faded else self.floors:  # what is buried is not seen from above
+            level = floor.height(corners[..., :2].reshape(-1, 2)).reshape(-1, 3)
+            fade[(corners[..., 2] <= level).all(axis=1)] = 0.0
+        self.shapes.append(
+            (corners[fade > 0.0], (1.0 - fade[:, None] * (1.0 - colors))[fade > 0.0])
+        )
+
+    def _add_creases(self, ends: Array, normals: Array, path: Array) -> None:
+        """Edges (k, 2, 3) m of a shape as lines, where one of their faces (k, 2, 3) is in sight."""
+        seen = ((normals @ self.camera.axes[2]) < 0.0).any(axis=1)
+        lines = ends[seen][:, [0, 1, 1]] - LINE * self.scale * self.camera.axes[2]
+        self._add_part(lines, np.broadcast_to(CREASE, (len(lines), 3)), path, faded=False)
 
     def figure(self, make: type[Figure], path: Array | None) -> Figure:
         """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the
@@ -208,12 +280,15 @@ class Scene:
         flat, depth = self.camera.flat, self.camera.depth
         corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
         bodies = flat(corners).reshape(-1, 2)
-        low, high = _bounds([bodies, *(flat(points) for points, _ in self.tiles)])
+        ground = [flat(points).reshape(-1, 2) for points, _ in (*self.tiles, *self.shapes)]
+        low, high = _bounds([bodies, *ground])
         body_low, body_high = _bounds([bodies])
         margin = 0.22 * self.scale
         low = np.maximum(low, body_low - (margin, 1.6 * margin))
         high = np.minimum(high, body_high + (margin, margin))
-        high[1] = body_high[1] + 0.5 * margin
+        tops = [flat(part[tint.max(axis=1) < SOLID]).reshape(-1, 2) for part, tint in self.shapes]
+        top = max((float(points[:, 1].max()) for points in tops if len(points)), default=low[1])
+        high[1] = np.clip(top, body_high[1], body_high[1] + self.scale) + 0.5 * margin
         extent = high - low
         width = float(np.clip(2.2 * extent[0] / extent[1], 5.0, WIDEST))
         figure = make(figsize=(width, width * extent[1] / extent[0]))
@@ -231,13 +306,24 @@ class Scene:
         prints = flat(self.prints)
         dots = {"ms": 2.5, "mew": 0.0, "color": LOADED_FOOT, "alpha": 0.2, "zorder": 3}
         axes.plot(prints[:, 0], prints[:, 1], "o", **dots)
-        if self.shadows:
+        away = depth(corners.mean(axis=1))
+        if self.shadows and self.world is None:
             paint(flat(np.concatenate(self.shadows)), SHADOW, 2)
-        order = np.argsort(-depth(corners.mean(axis=1)))
+        elif self.shapes:  # a little farther than what stands on them, and than its shadow
+            shadows = np.concatenate([*self.shadows, np.zeros((0, 3, 3))])
+            parts, tints = (np.concatenate(part) for part in zip(*self.shapes, strict=True))
+            corners = np.concatenate([parts, shadows, corners])
+            colors = np.concatenate([tints, np.broadcast_to(SHADOW, (len(shadows), 3)), colors])
+            fine, lower = FINE * self.scale, depth(parts.mean(axis=1))
+            away = np.concatenate(
+                [lower + 1.5 * fine, depth(shadows.mean(axis=1)) + 0.5 * fine, away]
+            )
+        order = np.argsort(-away, kind="stable")
         paint(flat(corners[order]), colors[order], 5)
         if path is not None:
             line = flat(path)
-            axes.plot(line[:, 0], line[:, 1], color="black", lw=1.0, alpha=0.6, zorder=4)
+            over = 6 if self.shapes else 4
+            axes.plot(line[:, 0], line[:, 1], color="black", lw=1.0, alpha=0.6, zorder=over)
         return figure
 
 
@@ -251,24 +337,6 @@ def _chosen(
         allowed = f"two times from 0 to {end:g} s, in order"
         raise ValueRangeError(f"between is {between}, must be {allowed}")
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
-
-
-def _halved(corners: Array, normal: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles (f, 3, 3) m and normals, cut until no edge is over ``longest``."""
-    for _ in range(8):
-        # of corner k to k + 1
-        edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-        cut = edge.max(axis=1) > longest
-        if not cut.any():
-            break
-        first = np.argmax(edge[cut], axis=1)[:, None]
-        places = (((first + k) % 3)[..., None] for k in range(3))
-        a, b, c = (np.take_along_axis(corners[cut], k, axis=1)[:, 0] for k in places)
-        middle = 0.5 * (a + b)
-        halves = [np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-        corners = np.concatenate([corners[~cut], *halves])
-        normal = np.concatenate([normal[~cut], normal[cut], normal[cut]])
-    return corners, normal
 
 
 def _place(grid: Array, value: Array) -> tuple[NDArray[np.intp], Array]:

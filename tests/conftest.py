@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -14,25 +16,38 @@ from octo.solver.blocks import KKTBlocks
 LONGEST = (
     "test_sanitizers.py",
     "test_nvrtc.py",
-    "test_step_pairs.py",
-    "test_curvature.py",
-    "test_model.py",
     "test_benchmark.py",
+    "test_motions_within_limits.py",
+    "test_identical.py",
+    "test_free_time.py",
+    "test_docs.py",
+    "test_step_pairs.py",
+    "test_motions.py",
+    "test_curvature.py",
+    "test_textbook_bounds.py",
+    "test_package.py",
+    "test_model.py",
     "test_exact_terms.py",
-    "test_linear.py",
-    "test_bench.py",
 )
 
-# Their many libraries run a few steps and are compared with other code: compiled in a quarter of
-# the time. What is in neither list is compiled as a user's code is.
-PLAIN = ("dynamics", "extending", "problem", "reference", "test_exact_terms.py", "test_model.py")
-AS_SHIPPED = ("test_lanes.py", "test_native.py", "test_numbers.py")
+# Compiled as a user's code is, as is what asks how long something takes: the native code beside
+# other code, and solves that take longer than their compiling. All else runs a few steps, and is
+# compiled without optimisation, in a quarter of the time.
+AS_SHIPPED = (
+    "test_lanes.py",
+    "test_motions.py",
+    "test_motions_within_limits.py",
+    "test_native.py",
+    "test_numbers.py",
+    "test_robots.py",
+    "test_solve_command.py",
+)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        place = {item.path.parent.name, item.path.name}
-        if place.isdisjoint(AS_SHIPPED) and not place.isdisjoint(PLAIN):
+        timed = item.get_closest_marker("timed") is not None
+        if item.path.name not in AS_SHIPPED and not timed:
             item.fixturenames.insert(0, "plain_compiler")
     if hasattr(config, "workerinput"):  # a process of pytest-xdist
         order = {name: k for k, name in enumerate(LONGEST)}
@@ -72,24 +87,25 @@ def _random_system(
     )
 
 
-def _compiled_with(optimisation: str) -> Iterator[None]:
+@pytest.fixture(scope="module")
+def plain_compiler() -> Iterator[None]:
+    """Without optimisation, see AS_SHIPPED."""
     flags = native.FLAGS
-    native.FLAGS = tuple(optimisation if flag == "-O3" else flag for flag in flags)
+    native.FLAGS = tuple("-O0" if flag == "-O3" else flag for flag in flags)
     yield
     native.FLAGS = flags
 
 
-@pytest.fixture(scope="module")
-def quick_compiler() -> Iterator[None]:
-    """For the kernels in the emulator: compiled in half the time. What is neither this nor plain is
-    compiled as a user's code is."""
-    yield from _compiled_with("-O1")
-
-
-@pytest.fixture(scope="module")
-def plain_compiler() -> Iterator[None]:
-    """See PLAIN."""
-    yield from _compiled_with("-O0")
+@pytest.fixture(scope="session")
+def plain_environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Of other processes, which compile without optimisation then."""
+    words = native.compiler()
+    if words is None:
+        return {**os.environ}
+    script = tmp_path_factory.mktemp("compiler") / "cc"
+    script.write_text(f'#!/bin/sh\nexec {shlex.join(words)} "$@" -O0\n')
+    script.chmod(0o700)
+    return {**os.environ, "CC": str(script)}
 
 
 @pytest.fixture

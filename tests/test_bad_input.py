@@ -99,6 +99,7 @@ CASES = {
     "no actuator": ("solve no_actuator.xml", "no_actuator", "no actuator", "at least one"),
     "a walk on a fixed base": ("solve fixed.xml", "'walk'", "floating base"),
     "unknown base": ("solve mammal --base flying", "base", "flying", "auto, floating, fixed"),
+    "unknown contacts": ("solve mammal --contacts all", "contacts", "all", "few, vertices"),
     "a base the character has not": (
         "solve mammal --base fixed",
         "base is 'fixed'",

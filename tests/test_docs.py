@@ -180,12 +180,14 @@ def examples() -> list[Any]:
 
 
 @pytest.mark.parametrize("code", examples())
-def test_an_example_of_extending_runs_as_it_stands(code: str, tmp_path: Path) -> None:
+def test_an_example_of_extending_runs_as_it_stands(
+    code: str, tmp_path: Path, plain_environment: dict[str, str]
+) -> None:
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": paths},
+        env={**plain_environment, "PYTHONPATH": paths},
         capture_output=True,
         text=True,
     )

@@ -12,6 +12,7 @@ import pytest
 import octo
 from octo.errors import OctoError
 from octo.motions.journey import Journey
+from octo.motions.over import warn_of_its_end
 from octo.motions.search import standing_as
 from octo.problem.compiled import CompiledProblem
 from octo.result import measure
@@ -33,6 +34,19 @@ def test_it_goes_where_it_was_sent_from_rest_to_rest():
     np.testing.assert_allclose(motion.x[-1], motion.x[-2], atol=1e-12)
     feet = motion.normal_force.mean(axis=0) > 0.02 * motion.weight
     assert (motion.normal_force[-1, feet] > 0.05 * motion.weight).all()
+
+
+def test_a_world_that_ends_under_a_walk_is_said(caplog):
+    motion, shapes = walked(), octo.shapes
+    table = shapes.Box((2.0, 2.0, 1.0), position=(0.0, 0.0, -0.5))
+    warn_of_its_end(octo.World([table]), motion.character, motion)
+    (record,) = caplog.records
+    time, x, _ = record.args
+    assert x == pytest.approx(1.0, abs=0.02) and x > 1.0
+    assert motion.x[1 + round(time / motion.dt), 0] == x and "the world ends" in caplog.text
+    caplog.clear()
+    warn_of_its_end(octo.World([table, shapes.Ground()]), motion.character, motion)
+    assert not caplog.records
 
 
 def test_the_laws_hold_at_every_step():

@@ -29,6 +29,7 @@ from octo.model.describe import lost_shapes
 from octo.model.load import load
 from octo.model.quantities import Array
 from octo.model.terrain import Plane, Terrain
+from octo.model.world_file import ENDINGS
 from octo.problem.constraints import Constraint
 from octo.problem.hard import MU, Kind, limits
 
@@ -105,7 +106,13 @@ def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None
 ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
 BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
 POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt; lying:SEED with --goal up"
+CONTACTS = "few spheres of the collision shapes (default), or all vertices of their meshes"
 TERRAIN = "the ground; FUNCTION(point, p) is a signed distance in CasADi"
+WORLD = (
+    "shapes in place of --terrain: a name of octo.worlds with its sizes "
+    f"(stairs:rise=0.1,run=0.3,n=5), or a file ({', '.join(ENDINGS)}; map.png:cell=0.05,height=1)"
+)
+CELL = "m, from one sample of a map, or of a mesh's distances, to the next"
 LAW = (
     "a number or coulomb[:MU]: regularised Coulomb; viscous[:RATIO] (default): Eq. 6, "
     "w_par/w_perp in s/m"
@@ -115,9 +122,24 @@ LAW = (
 def add_base_arguments(parser: argparse.ArgumentParser) -> None:
     """What says which robot starts how, on what ground."""
     parser.add_argument("robot", metavar="ROBOT", help=ROBOT)
-    add_options(parser, ("--base", None, "auto", BASE), ("--pose", None, None, POSE, "NAME|FILE"))
+    add_options(
+        parser,
+        ("--base", None, "auto", BASE),
+        ("--contacts", None, "few", CONTACTS, "few|vertices"),
+        ("--pose", None, None, POSE, "NAME|FILE"),
+    )
     parser.add_argument(
         "--terrain", default="plane", metavar="plane|slope:DEGREES|FILE.py:FUNCTION", help=TERRAIN
+    )
+    add_world_arguments(parser)
+
+
+def add_world_arguments(parser: argparse.ArgumentParser) -> None:
+    """Shapes as the ground."""
+    add_options(
+        parser,
+        ("--world", None, None, WORLD, "FILE|NAME[:SIZES]"),
+        ("--cell", positive, None, CELL, "M"),
     )
 
 
@@ -203,7 +225,7 @@ def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
 def robot_of(arguments: argparse.Namespace) -> Character:
     """The robot of the command line; a line on stderr says which of its shapes could not be
     read."""
-    robot = load(arguments.robot, arguments.base)
+    robot = load(arguments.robot, arguments.base, arguments.contacts)
     lost = lost_shapes(robot)
     if lost:
         print(f"octo: {arguments.robot}: {lost}", file=sys.stderr)

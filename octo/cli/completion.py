@@ -11,14 +11,18 @@ from octo.errors import UnknownNameError
 from octo.goals import Kind, Preset
 from octo.model.gallery import CHARACTERS
 from octo.model.load import BASES
+from octo.worlds import WORLDS
 
 SHELLS = ("bash", "zsh", "fish")
 TAKES = (  # of options, the words that they take, or that begin what they take
-    "basis nodes hermite; device auto cpu cuda; terrain plane slope:; friction viscous coulomb; "
-    "limits soft hard; plant mujoco octo; feedback base none; with ipopt fatrop; period auto"
+    "basis nodes hermite; contacts few vertices; device auto cpu cuda; terrain plane slope:; "
+    "friction viscous coulomb; limits soft hard; plant mujoco octo; feedback base none; "
+    "with ipopt fatrop; period auto"
 )
 WORDS = {f"--{name}": tuple(words) for name, *words in map(str.split, TAKES.split("; "))}
 WORDS |= {"--goal": get_args(Kind), "--costs": get_args(Preset), "--base": BASES}
+WORDS |= {"--world": tuple(WORLDS)}
+OR_FILES = ("--world",)  # options that take a file as well
 OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
 # commands whose first word may be a robot's name
@@ -90,7 +94,8 @@ def _bash(commands: Parsers) -> str:
         for option in _options(parser):
             if _words(name, option):
                 words = shlex.quote(" ".join(_words(name, option)))
-                lines.append(f"      {name}:{option}) words={words} files= ;;")
+                alone = "" if option in OR_FILES else " files="
+                lines.append(f"      {name}:{option}) words={words}{alone} ;;")
         lines += [
             f"      {name}:*) words={first}",
             f"        [[ $current == -* ]] && words={options} files= ;;",

@@ -7,8 +7,9 @@ import json
 import os
 from typing import Any
 
-from octo.cli.arguments import BASE, add_options
+from octo.cli.arguments import BASE, CONTACTS, add_options, add_world_arguments
 from octo.cli.solve import finite
+from octo.cli.world import world_of
 from octo.devices import devices
 from octo.errors import UsageError
 from octo.model.character import Character
@@ -16,6 +17,7 @@ from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from octo.model.load import load
 from octo.saved import opened
+from octo.world.describe import described, table
 
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +28,11 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
         help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), "
         "or its folder",
     )
+    add_world_arguments(parser)
     add_options(
         parser,
         ("--base", None, "auto", BASE),
+        ("--contacts", None, "few", CONTACTS, "few|vertices"),
         ("--devices", bool, False, "what this machine can solve on"),
         ("--json", bool, False, "print JSON and nothing else"),
     )
@@ -41,19 +45,23 @@ def add_robots_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def info(arguments: argparse.Namespace) -> int:
-    if arguments.devices == (arguments.file is not None):
-        raise UsageError("octo info needs a FILE or --devices, and not both")
+    asked = (arguments.file is not None, arguments.devices, arguments.world is not None)
+    if sum(asked) != 1:
+        raise UsageError("octo info needs one of --world, FILE or --devices")
     file = arguments.file
     if arguments.devices:
         known = devices()
         width = max(len(key) for key in known) + 2
         lines = "\n".join(f"{key:{width}s}{value}" for key, value in known.items())
         print(as_json(known) if arguments.json else lines)
+    elif arguments.world is not None:
+        world = world_of(arguments.world, arguments.cell)
+        print(as_json(described(world)) if arguments.json else table(world))
     elif file.endswith(".npz") or (os.path.isdir(file) and file not in CHARACTERS):
         found = opened(file)
         print(as_json(found.report()) if arguments.json else found)
     else:
-        robot = load(file, arguments.base)
+        robot = load(file, arguments.base, arguments.contacts)
         print(as_json(describe(robot)) if arguments.json else robot.summary())
     return 0
 

@@ -18,18 +18,19 @@ from octo.cli.arguments import (
     pose_of,
     positive,
     robot_of,
-    terrain_of,
     whole,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
+from octo.cli.world import check_covered, ground_of_words
 from octo.errors import ProblemError, UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character
 from octo.model.robot_file import import_mujoco
-from octo.model.terrain import Plane, Terrain
+from octo.model.terrain import Ground, Plane
 from octo.replay.plan import ground_of
 from octo.result.solution import Solution
+from octo.world.world import World
 
 FILES = ("log.npz", "plot.png", "motion.html", "report.json")
 GOALS = ("walk", "stride", "turn", "stand")
@@ -45,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--goal", None, "walk", "walk, stride (sideways), turn or stand"),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
         ("--stride", None, None, "of octo cycle: its motion in place of goal and speed", "DIR"),
+        ("--blind", bool, False, "the plan knows of a level plane alone, the plant has the world"),
         ("--plant", None, "mujoco", "mujoco, or octo: its own implicit simulation"),
         # what the controller computes, how often and where
         ("--horizon", whole(3), 25, "steps of the plan"),
@@ -86,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments)
     goal.check(robot)
     stride = _stride(arguments.stride, robot)
-    terrain = terrain_of(arguments.terrain) if stride is None else ground_of(stride)
+    known, terrain = _grounds(arguments, stride)
+    check_covered(terrain, [arguments.seconds * speed for speed in goal.velocity[:2]])
     _check_plant(arguments, robot, terrain, push)
     from octo.mpc import Controller
     from octo.mpc import run as close_the_loop
@@ -94,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_device(arguments.device)
     if stride is None:
-        problem, guide = _problem(robot, goal, terrain, arguments)
+        problem, guide = _problem(robot, goal, known, arguments)
     else:
         problem, guide = _tracking(stride, arguments)
     controller = Controller(
@@ -110,8 +113,8 @@ def run(arguments: argparse.Namespace) -> int:
         name: getattr(arguments, name) for name in ("rate", "realtime", "noise", "delay", "seed")
     }
     log = close_the_loop(controller, plant, arguments.seconds, push=push, **own)
-    known = {"robot": robot.name, "goal": goal.kind}
-    _write(folder, log, {**known, "plant": arguments.plant, "seed": arguments.seed})
+    what = {"robot": robot.name, "goal": goal.kind}
+    _write(folder, log, {**what, "plant": arguments.plant, "seed": arguments.seed})
     print(log)
     print(f"written to {folder.path}")
     if log.interrupted:
@@ -133,8 +136,24 @@ def _check_words(arguments: argparse.Namespace) -> None:
             raise ValueRangeError(f"{name} is {getattr(arguments, name)}, must not be negative")
 
 
+def _grounds(arguments: argparse.Namespace, stride: Solution | None) -> tuple[Ground, Ground]:
+    """What the controller knows of the ground, and what the plant has.
+
+    Raises
+    ------
+    UsageError: --blind without a world.
+    """
+    if arguments.blind and arguments.world is None:
+        raise UsageError("--blind is of a controller on a world: it goes with --world")
+    if stride is not None:
+        plane = ground_of(stride)
+        return plane, plane if arguments.world is None else ground_of_words(arguments)
+    terrain = ground_of_words(arguments)
+    return (Plane() if arguments.blind else terrain), terrain
+
+
 def _problem(
-    robot: Character, goal: Goal, terrain: Plane | Terrain, arguments: argparse.Namespace
+    robot: Character, goal: Goal, terrain: Ground, arguments: argparse.Namespace
 ) -> tuple[Any, Any]:
     """The problem that the controller plans by, and the guide that gives it its velocity."""
     from octo.mpc import VelocityCommand, walking_problem
@@ -174,7 +193,7 @@ def _tracking(stride: Solution, arguments: argparse.Namespace) -> tuple[Any, Any
 
 
 def make_plant(
-    robot: Character, problem: Any, terrain: Plane | Terrain, arguments: argparse.Namespace
+    robot: Character, problem: Any, terrain: Ground, arguments: argparse.Namespace
 ) -> Any:
     """The machine of ``--plant``, in the time steps that the low level is damped for."""
     from octo.mpc.low_level import PERIOD
@@ -187,13 +206,13 @@ def make_plant(
         return SimulatorPlant(robot, terrain=terrain, timestep=PERIOD, **own)
     from octo.plant import MujocoPlant
 
-    assert isinstance(terrain, Plane)  # what _check_plant lets through
+    assert isinstance(terrain, (Plane, World))  # what _check_plant lets through
     own = {name: getattr(arguments, name) for name in ("friction", "payload", "bumps", "seed")}
     return MujocoPlant(robot, terrain=terrain, timestep=PERIOD, **own)
 
 
 def _check_plant(
-    arguments: argparse.Namespace, robot: Character, terrain: Plane | Terrain, push: Any
+    arguments: argparse.Namespace, robot: Character, terrain: Ground, push: Any
 ) -> None:
     from octo.mpc.loop import timing
     from octo.mpc.low_level import PERIOD
@@ -201,11 +220,13 @@ def _check_plant(
 
     if arguments.plant == "octo" and arguments.bumps > 0.0:
         raise UsageError("bumps need --plant mujoco: octo's own simulation has one smooth ground")
-    if arguments.plant == "mujoco" and not isinstance(terrain, Plane):
+    if arguments.plant == "mujoco" and not isinstance(terrain, (Plane, World)):
         raise UsageError(
-            "--plant mujoco has a plane or a slope for its ground: use --plant octo for another "
-            "terrain"
+            "--plant mujoco has a plane, a slope or a world for its ground: use --plant octo for "
+            "another terrain"
         )
+    if arguments.bumps > 0.0 and isinstance(terrain, World):
+        raise UsageError("--bumps lie on a plane: they do not go with --world")
     if arguments.plant == "mujoco":
         import_mujoco("a plant in MuJoCo")
     loaded(robot, arguments.payload)

@@ -18,10 +18,10 @@ from octo.cli.arguments import (
     positive,
     robot_of,
     steps_of,
-    terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
 from octo.cli.solve import write_json, write_page
+from octo.cli.world import ground_of_words
 from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
@@ -58,9 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.perf_counter()
     problem = placed(robot, pose, steps, arguments)
     setup = time.perf_counter() - began
-    parameters = dict(zip(problem.dynamics.layout.names, problem.p.tolist(), strict=True))
     motion = simulate(
-        problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=parameters
+        problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=problem.values
     )
     solution = measured_motion(problem, motion, setup, time.perf_counter() - began - setup)
     write(folder, solution)
@@ -78,7 +77,7 @@ def placed(
     start = inside_limits(robot, default if pose is None else pose)
     if arguments.hold:
         robot = held(robot, start)
-    terrain, law = terrain_of(arguments.terrain), law_of(arguments.friction)
+    terrain, law = ground_of_words(arguments), law_of(arguments.friction)
     own: dict[str, Any] = {"steps": steps, "dt": arguments.dt, "costs": [Effort()]}
     draft = Problem(robot, terrain=terrain, law=law, **own)
     assert isinstance(draft.dynamics, RobotDynamics)

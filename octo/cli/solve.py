@@ -27,9 +27,9 @@ from octo.cli.arguments import (
     robot_of,
     solver_options,
     steps_of,
-    terrain_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
+from octo.cli.world import check_covered, ground_of_words
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -103,6 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     start = None if arguments.start is None else Solution.load(arguments.start)
     robot = robot_of(arguments)
     goal.check(robot)
+    check_way(goal, arguments)
     # after the checks: it takes longer to import than they take
     from octo.devices import resolve_device
 
@@ -251,7 +252,7 @@ def got_up(
         pose,
         RISING if arguments.seconds is None else arguments.seconds,
         dt=arguments.dt,
-        terrain=terrain_of(arguments.terrain),
+        terrain=ground_of_words(arguments),
         law=law_of(arguments.friction),
         constraints=limits_of(robot, arguments),
     )
@@ -259,6 +260,15 @@ def got_up(
     options = {**solver_options(arguments), "seeds": arguments.seeds or 4}
     solution = solve_get_up(problems, start=start, progress=True, **options)
     return replace(solution, setup_seconds=solution.setup_seconds + prepared)
+
+
+def check_way(goal: Goal, arguments: argparse.Namespace) -> None:
+    """Refuse a ground that ends before the motion does."""
+    seconds = SECONDS if arguments.seconds is None else arguments.seconds
+    way = [seconds * speed for speed in goal.velocity[:2]]
+    if goal.kind in ("to", "jump"):
+        way = [*goal.place[:2]] if goal.kind == "to" else [goal.distance, 0.0]
+    check_covered(ground_of_words(arguments), way)
 
 
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
@@ -272,7 +282,7 @@ def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
 def surroundings(robot: Character, arguments: argparse.Namespace) -> dict[str, Any]:
     """Ground, contact law and pose, as a Problem calls them."""
     return {
-        "terrain": terrain_of(arguments.terrain),
+        "terrain": ground_of_words(arguments),
         "law": law_of(arguments.friction),
         "pose": pose_of(robot, arguments.pose),
     }

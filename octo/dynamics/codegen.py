@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array
-from octo.dynamics import between_bodies, slots, stages
+from octo.dynamics import between_bodies, crowd, slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.laws import ContactLaw
@@ -30,9 +30,8 @@ from octo.dynamics.symbolic import mass_matrix_of_points
 from octo.emit import HEAD, function_in_lanes, function_of_numbers
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import ADDRESS, Ground, World
+from octo.model.terrain import Ground, World
 from octo.world import query
-from octo.world.jet import SIZES
 
 HINT = "describe a robot, whose links octo knows, or use fewer coordinates, contacts or operations"
 
@@ -60,17 +59,19 @@ def robot_text(
     length = own.length + sum(function.n_instructions() for function in functions)
     what = "contact law, terrain and elements" if character.elements else "contact law and terrain"
     check_length(what, length, "write them in fewer operations")
-    sizes, tables = _tables(character, elements, mutuals)
+    crowds = crowd.tables_of(character, layout, terrain)
+    sizes, tables = _tables(character, elements, mutuals, crowds)
     sizes |= {"NP": layout.size, "CURVATURE": 5}
     head = [HEAD]
     if isinstance(terrain, World):
-        _add_looked(character, layout, sizes, tables)
         head += [query.text(), function_of_numbers(stages.reach(layout, law))]
     common = [source("tree.c"), source("pairs.c")]
     if character.elements:
         common += [elements.text(), source("elements.c")]
     if mutuals.stages:
         common += [mutuals.text(), source("bodies.c")]
+    if crowds.bodies:
+        common.append(source("crowd.c"))
     made = [own.text(lanes), *(_stage_text(function, lanes) for function in functions)]
     if not lanes:
         return "\n".join([*head, *made, macros(sizes), *tables, *common, source("phases.c")])
@@ -79,22 +80,6 @@ def robot_text(
     tables += [integers("coupled", places), slots.table(jac, hess)]
     steps = [source("lanes_step.c"), source("lanes_group.c")]
     return "\n".join([*head, source("lanes.c"), *made, macros(sizes), *tables, *common, *steps])
-
-
-def _add_looked(
-    character: Character, layout: Layout, sizes: dict[str, int], tables: list[str]
-) -> None:
-    """Of a world, what is looked up at each node, behind the poses and twists (octo_look)."""
-    spheres = [character.contacts[k] for k in character.terrain_contacts]
-    sizes |= {"NG": len(spheres), "JET": SIZES[-1], "WORLD": layout.index(ADDRESS)}
-    sizes["KIN"] += SIZES[-1] * len(spheres)
-    live = Links(character).of
-    here = [g for g, sphere in enumerate(spheres) if live[sphere.body] >= 0]
-    tables += [
-        integers("ground_body", [sphere.body for sphere in spheres]),
-        numbers_table("ground_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
-        integers("contact_ground", here),
-    ]
 
 
 class _Stages:
@@ -233,12 +218,13 @@ def _literal(value: float) -> str:
 
 
 def _tables(
-    character: Character, elements: Elements, mutuals: between_bodies.Mutuals
+    character: Character, elements: Elements, mutuals: between_bodies.Mutuals, crowds: crowd.Crowds
 ) -> tuple[dict[str, int], list[str]]:
     """Sizes and constant arrays of the character."""
     links = Links(character)
-    live = [k for k in character.terrain_contacts if links.of[character.contacts[k].body] >= 0]
-    sizes = {
+    singles = crowd.singles_of(character)
+    live = [k for k in singles if links.of[character.contacts[k].body] >= 0]
+    sizes: dict[str, int] = {
         "NX": character.nx,
         "NB": len(character.bodies),
         "NC": len(live),
@@ -247,21 +233,26 @@ def _tables(
         "LEVELS": 1 + max(_levels(character), default=-1),
         "KIN": 12 * len(character.bodies) + 6 * character.nx,
         **elements.sizes,
+        **crowds.sizes,
         **mutuals.sizes,
     }
+    sizes["KIN"] += sizes.get("NG", 0) * sizes.get("JET", 0)  # octo_look
     tables = _kinematic_tables(character) + links.tables() + _path_tables(character, sizes)
     spheres = [character.contacts[k] for k in live]
+    of = [links.of[body] for body in (*(sphere.body for sphere in spheres), *crowds.bodies)]
     tables += [
         numbers_table(
             "joint_table", [[getattr(j, name) for name in stages.JOINT] for j in character.joints]
         ),
         integers("contact_body", [sphere.body for sphere in spheres]),
-        integers("contact_link", [*(links.of[sphere.body] for sphere in spheres), *elements.links]),
+        integers("contact_link", [*of[: len(live)], *elements.links, *of[len(live) :]]),
         numbers_table("contact_sphere", [[*sphere.position, sphere.radius] for sphere in spheres]),
     ]
     if character.elements:
         tables += [integers(f"element_{name}", own) for name, own in elements.integers.items()]
         tables.append(numbers_table("element_points", elements.points))
+    tables += [integers(name, own) for name, own in crowds.integers.items()]
+    tables += [numbers_table(name, own) for name, own in crowds.numbers.items()]
     tables += [integers(f"mutual_{name}", own) for name, own in mutuals.integers.items()]
     tables += [numbers_table(f"mutual_{name}", own) for name, own in mutuals.numbers.items()]
     return sizes, tables + _pair_tables(character, sizes)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
+from octo.dynamics.crowd import singles_of
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, robot_layout
 from octo.dynamics.symbolic import LOOKED, element_law, forward_dynamics
@@ -37,6 +38,7 @@ from octo.model.terrain import (
 )
 from octo.world.jet import SIZES
 
+MOST_WRITTEN = 1000  # contacts in one expression: to build it takes 10 to 30 s
 Evaluation = tuple[Array, Array | None, Array | None]
 
 
@@ -51,7 +53,7 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
-    looks = 0  # contacts that a world is asked about, at each node
+    looks = 0  # contacts that a world is asked about, at each node: all but those of crowds
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
 
@@ -117,14 +119,18 @@ class Dynamics:
         fd = self.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
         jac = ca.densify(ca.jacobian(fd, z))
         hess = ca.densify(ca.jacobian(ca.gradient(ca.dot(lam, fd), z), z))
-        cse = {"cse": True}
-        value = ca.Function("fd", [z, p], [ca.densify(fd)], cse)
-        jacobian = ca.Function("jacobian", [z, p], [jac.T], cse)
-        return value, jacobian, ca.Function("curvature", [z, p, lam], [hess], cse)
+        # no search for common subexpressions: it takes 20 times longer and finds 3 % of them
+        value = ca.Function("fd", [z, p], [ca.densify(fd)])
+        jacobian = ca.Function("jacobian", [z, p], [jac.T])
+        return value, jacobian, ca.Function("curvature", [z, p, lam], [hess])
 
     def bound(self, p: Array) -> Array:
         """p (..., NP) as this process hands it to generated code: with the address of the world's
         numbers, where there is a world."""
+        return p
+
+    def unbound(self, p: Array) -> Array:
+        """The same p without that: what is pickled, or of a copy."""
         return p
 
     def seen(self, p: Array, x_next: Array) -> Array:
@@ -263,12 +269,29 @@ class RobotDynamics(Dynamics):
 
     @cached_property
     def symbolic(self) -> ca.Function:
-        """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it."""
+        """FD(x_next, x, x_prev, p), built when first asked for: the tree pass does not need it.
+
+        Raises
+        ------
+        ModelError: the robot has more than MOST_WRITTEN contacts with the terrain.
+        """
+        contacts = len(self.character.terrain_contacts)
+        if contacts > MOST_WRITTEN:
+            raise ModelError(
+                f"{self.character.name}: {contacts} contacts with the terrain, at most "
+                f"{MOST_WRITTEN} without a C compiler or for another solver: install gcc, or keep "
+                "fewer contacts"
+            )
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
 
     @property
+    def on_world(self) -> bool:
+        """Whether the ground is looked up."""
+        return isinstance(self.terrain, World)
+
+    @property
     def looks(self) -> int:  # type: ignore[override]
-        return len(self.character.terrain_contacts) if isinstance(self.terrain, World) else 0
+        return len(singles_of(self.character)) if isinstance(self.terrain, World) else 0
 
     def bound(self, p: Array) -> Array:
         if not isinstance(self.terrain, World):
@@ -277,6 +300,12 @@ class RobotDynamics(Dynamics):
         known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
         known = known.reshape(own.shape[:-1])  # of another member of a batch
         own[..., place] = np.where(known, own[..., place], address_of(self.terrain))
+        return own
+
+    def unbound(self, p: Array) -> Array:
+        own = np.array(p, dtype=float)
+        if isinstance(self.terrain, World):
+            own[..., self.layout.index(ADDRESS)] = 0.0
         return own
 
     def jets(self, p: Array, x: Array) -> Array:

@@ -14,6 +14,10 @@ typedef struct {
   octo_link_blocks link[SOME(NSLOT)];
   octo_touch_blocks touch;
   octo_mask active[SOME(NC)]; /* of each contact, in the step that was evaluated last */
+#if NCROWD > 0
+  unsigned char members[NMEMBER]; /* of each member of a crowd the same, a bit for each lane */
+  int evaluated; /* steps */
+#endif
   octo_adder *adder; void *adds; /* or NULL, and what it gets as ``from`` */
   octo_loops pairs;
 #if NELEMENT > 0
@@ -26,7 +30,12 @@ typedef struct {
   real V[SOME(NX)][6], eta[SOME(NX)][6]; /* order 2: virtual twists V_j = Σ_{a ⪯ j} lam_a ξ_a, and η_j = ad_{V_j} ξ_j */
 } octo_work;
 
-static inline void octo_work_begin(octo_work *s) { s->adder = 0; }
+static inline void octo_work_begin(octo_work *s) {
+  s->adder = 0;
+#if NCROWD > 0
+  s->evaluated = 0;
+#endif
+}
 
 static inline real octo_along(const real *a, const real *b) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5];
@@ -73,6 +82,16 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
     if (!ANY(k->active)) continue;
     octo_add_where(k->active, order == 0 ? 6 : 78, k->W, to->W);
     if (order == 2) { octo_add_where(k->active, 72, k->T[0], to->T[0]); octo_add_where(k->active, 36, k->L, to->L[0]); }
+  }
+#endif
+#if NCROWD > 0
+  for (int q = 0; q < NCROWD; ++q) {
+    octo_touch_blocks *k = &s->touch;
+    if (octo_contact_link[NC + NEND + q] != l) continue;
+    octo_crowd(in, q, V, k, s->members);
+    if (!ANY(k->active)) continue;
+    octo_add(order == 0 ? 6 : 78, k->W, to->W);
+    if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }
   }
 #endif
 #if NEND > 0
@@ -177,6 +196,9 @@ static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo
   }
 #if NELEMENT > 0
   for (int e = 0; e < 3 * NELEMENT; ++e) octo_element(in, e / 3, e % 3, s->V, s->end, &s->elements.element[e / 3]);
+#endif
+#if NCROWD > 0
+  ++s->evaluated;
 #endif
 #if NMUTUAL > 0
   for (int m = 0; m < NMUTUAL; ++m) octo_mutual(in, m, s->V, &s->mutuals.of[m]);

@@ -15,6 +15,7 @@ import numpy as np
 from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError
 from octo.model.quantities import GRAVITY, Array
+from octo.model.terrain import ADDRESS
 
 T = TypeVar("T")
 
@@ -48,6 +49,17 @@ class Layout:
     @property
     def size(self) -> int:
         return len(self.names)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names that a user may give: all but where a world's numbers are, which is filled in
+        where code reads it."""
+        return tuple(name for name in self.names if name != ADDRESS)
+
+    def named(self, p: Array) -> dict[str, float]:
+        """Those entries of p (NP,) by name."""
+        values = dict(zip(self.names, p.tolist(), strict=True))
+        return {name: values[name] for name in self.given}
 
     def index(self, name: str) -> int:
         if name not in self.names:

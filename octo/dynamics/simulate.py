@@ -294,7 +294,7 @@ def simulate(
 def parameters_of(dynamics: Dynamics, dt: float, parameters: Mapping[str, float]) -> Array:
     """p (NP,) with ``dt`` s and the given ones, which are checked, in place of the defaults."""
     for name, value in instance("parameters", parameters, Mapping, "numbers by name").items():
-        one_of("parameter", name, dynamics.layout.names)
+        one_of("parameter", name, dynamics.layout.given)
         number(f"parameter {name}", value)
     return dynamics.layout.pack(**{**parameters, "dt": dt})
 

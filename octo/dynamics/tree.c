@@ -44,7 +44,11 @@ static inline void octo_sincos(double angle, double *s, double *c) { *s = sin(an
 #endif
 
 #define SOME(count) ((count) > 0 ? (count) : 1)
-#define NTOUCH (NC + NEND) /* contacts, then the ends of elements */
+#ifndef NCROWD
+#define NCROWD 0
+#define NMEMBER 0
+#endif
+#define NTOUCH (NC + NEND + NCROWD) /* contacts, then the ends of elements, then crowds */
 
 typedef struct { real W[6], B[3][36], T[3][36], L[2][36]; } octo_link_blocks;      /* P, B1, B2; K, T1, T2; L1, L2 */
 typedef struct { real W[6], B[2][36], T[2][36], L[36]; octo_mask active; } octo_touch_blocks; /* of a contact: no x_prev */
@@ -118,13 +122,40 @@ static void octo_kin(const real *x, real *kin) {
 }
 
 #ifndef NG
-#define NG 0 /* contacts that a world is asked about */
+#define NG 0 /* contacts that a world is asked about at each node: all but those of crowds */
+#endif
+#ifndef JET
+#define JET 1
 #endif
 
-#if NG > 0
+#ifdef WORLD
 /* What the world says at the centres of the contact spheres stands behind the poses and twists of kin. */
 #define LOOKED(kin, g) ((kin) + 12 * NB + 6 * NX + JET * (g))
 
+/* The jet of contact sphere g where it stands; of a member of a crowd, g < 0, in ``own``, for it stands nowhere. */
+static inline const real *octo_looked(const double *p, const real *kin, int g, int body, const double *sphere, int order, real *own) {
+#if NCROWD > 0
+  if (g >= 0) return LOOKED(kin, g);
+  const double *world = (const double *)(size_t)p[WORLD];
+  real center[3];
+  octo_place(kin + 12 * body, sphere, center);
+#ifdef STEPS
+  for (int k = 0; k < STEPS; ++k) {
+    double at[3] = {center[0][k], center[1][k], center[2][k]}, jet[JET];
+    octo_world(world, at, order, jet);
+    for (int e = 0; e < octo_world_size(order); ++e) own[e][k] = jet[e];
+  }
+#else
+  octo_world(world, center, order, own);
+#endif
+  return own;
+#else
+  return LOOKED(kin, g);
+#endif
+}
+#endif
+
+#if NG > 0
 #ifndef ASKED_OF_WORLD
 #define ASKED_OF_WORLD {0} /* of each contact, whether terms ask about it where it is far from everything, too */
 #endif
@@ -186,15 +217,14 @@ static inline void octo_body(const octo_input *in, int l, const real *V, octo_li
   else STAGE(octo_body2, arg, res);
 }
 
-#if NC > 0
-/* A terrain contact on a link of virtual twist V; one that is out of reach is skipped, a NaN is not. */
-static inline void octo_contact(const octo_input *in, int c, const real *V, octo_touch_blocks *k) {
-  int at = 12 * octo_contact_body[c];
-  const double *sphere = octo_contact_sphere + 4 * c;
+#if NC + NCROWD > 0
+/* A contact sphere on a body whose link has virtual twist V, and of a world the jet at its centre; one that is out of reach is
+ * skipped, a NaN is not. */
+static inline void octo_contact_at(const octo_input *in, int body, const double *sphere, const real *jet, const real *V, octo_touch_blocks *k) {
+  int at = 12 * body;
   real center[3], gap;
   octo_place(in->kin[0] + at, sphere, center);
-#if NG > 0
-  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+#ifdef WORLD
   const ARGUMENT *place[4] = {center, sphere + 3, in->p, jet};
 #else
   const ARGUMENT *place[3] = {center, sphere + 3, in->p};
@@ -203,7 +233,7 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   STAGE(octo_gap, place, depth);
   k->active = NOT(gap <= 0.0);
   if (!ANY(k->active)) return;
-#if NG > 0
+#ifdef WORLD
   const ARGUMENT *arg[6] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V, jet};
 #else
   const ARGUMENT *arg[5] = {in->kin[0] + at, in->kin[1] + at, sphere, in->p, V};
@@ -212,6 +242,18 @@ static inline void octo_contact(const octo_input *in, int c, const real *V, octo
   if (in->order == 0) STAGE(octo_contact0, arg, res);
   else if (in->order == 1) STAGE(octo_contact1, arg, res);
   else STAGE(octo_contact2, arg, res);
+}
+#endif
+
+#if NC > 0
+/* Single terrain contact c. */
+static inline void octo_contact(const octo_input *in, int c, const real *V, octo_touch_blocks *k) {
+#ifdef WORLD
+  const real *jet = LOOKED(in->kin[0], octo_contact_ground[c]);
+#else
+  const real *jet = 0;
+#endif
+  octo_contact_at(in, octo_contact_body[c], octo_contact_sphere + 4 * c, jet, V, k);
 }
 #endif
 

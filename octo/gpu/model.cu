@@ -114,10 +114,15 @@ static __device__ inline void octo_costs_of_steps(const octo_place_of_step *firs
       octo_place_of_step at = octo_place_after(first, s);
       for (int node = 0; node < 3; ++node) arg[node] = at.kin - node * KIN + 12 * octo_cost_contact_body[c];
       arg[3] = octo_cost_contact_data + 4 * c; arg[4] = at.p; arg[5] = at.q;
-#if NG > 0
-      for (int node = 0; node < 2; ++node) arg[6 + node] = LOOKED(at.kin - node * KIN, octo_cost_contact_ground[c]);
+#ifdef WORLD
+      double looked[2][JET];
+      for (int node = 0; node < 2; ++node)
+        arg[6 + node] = octo_looked(at.p, at.kin - node * KIN, octo_cost_contact_ground[c], octo_cost_contact_body[c],
+                                    octo_cost_contact_data + 4 * c, 3, looked[node]);
+      arg[8] = octo_cost_contact_use + CR * c;
+#else
+      arg[6] = octo_cost_contact_use + CR * c;
 #endif
-      arg[NG > 0 ? 8 : 6] = octo_cost_contact_use + CR * c;
       res[0] = (jac ? touch + (s * NFC + c) * TOUCHED : r + s * MROWS + NR + c * CR) + octo_contact_piece_at[piece];
       octo_contact_piece(piece, arg, res);
     }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from octo.dynamics.codegen import macros
+from octo.dynamics.evaluate import Dynamics
 from octo.errors import DeviceError
 from octo.gpu.between import Between
 from octo.gpu.curvature import Bends
@@ -15,6 +18,7 @@ from octo.problem import codegen
 from octo.problem.codegen import CostFunctions
 from octo.problem.compiled import CompiledProblem
 from octo.problem.contact_model import TOUCHED
+from octo.problem.row_products import RowSlopes
 
 WARP = 32  # threads of a block, for a node
 # for the derivatives of a step: of 255 registers, four blocks fit a multiprocessor, 400 steps are
@@ -43,27 +47,7 @@ class Program(Kernels):
 
     def __init__(self, problem: CompiledProblem, device: Device):
         dynamics, functions = problem.dynamics, problem.functions
-        text = dynamics.text()
-        if not text:
-            raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
-        text = codegen.asked_of_world(functions, dynamics) + text
-        pieces, stages = Pieces.of(functions), functions.calls.stages_text
-        own = (pieces.functions, pieces.rows, pieces.columns)
-        costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
-        defined = [macros(DEFINED)]
-        if functions.pairs is not None:
-            defined.append("#define FOUR_PARTS")  # of the units of a cycle
-        common = [*defined, source("common.cuh")]
-        model = [*common, source("model.cu"), source("gather.cu")]
-        places = (pieces.rows, pieces.columns)
-        self.kept = codegen.kept_slopes(functions, dynamics, places)
-        if self.kept is not None:
-            model += [self.kept.tables(), self.kept.turned_tables(), source("row_products.cu")]
-        steps = [text, *common, source("dynamics.cu")]
-        if dynamics.looks:
-            steps.append(source("looks.cu"))
-        parts = [steps, [stages + text, *costs, *model]]
-        self.texts = ["\n".join(part) for part in parts]  # two, for they are compiled side by side
+        self.texts, pieces, self.kept = _texts(functions, dynamics)
         device.compile(self.texts)
         self._dynamics = device.module(self.texts[0])
         super().__init__(device, self.texts[1])
@@ -97,6 +81,33 @@ class Program(Kernels):
 
     def kernel(self, name: str) -> Kernel:
         return self._dynamics.kernel(name) if name in DYNAMICS else super().kernel(name)
+
+
+@functools.lru_cache(maxsize=8)
+def _texts(
+    functions: CostFunctions, dynamics: Dynamics
+) -> tuple[tuple[str, str], Pieces, RowSlopes | None]:
+    """Two texts, for they are compiled side by side; the pieces of the costs, and what a
+    linearisation keeps of the slopes of bounded rows, that they are made of."""
+    text = dynamics.text()
+    if not text:
+        raise DeviceError("this user-written dynamics has no C text: it runs on the CPU only")
+    text = codegen.asked_of_world(functions, dynamics) + text
+    pieces, stages = Pieces.of(functions), functions.calls.stages_text
+    own = (pieces.functions, pieces.rows, pieces.columns)
+    costs = [codegen.residual_text(functions, dynamics, *own), pieces.text()]
+    defined = [macros(DEFINED)]
+    if functions.pairs is not None:
+        defined.append("#define FOUR_PARTS")  # of the units of a cycle
+    common = [*defined, source("common.cuh")]
+    model = [*common, source("model.cu"), source("gather.cu")]
+    kept = codegen.kept_slopes(functions, dynamics, (pieces.rows, pieces.columns))
+    if kept is not None:
+        model += [kept.tables(), kept.turned_tables(), source("row_products.cu")]
+    steps = [text, *common, source("dynamics.cu")]
+    if dynamics.looks:
+        steps.append(source("looks.cu"))
+    return ("\n".join(steps), "\n".join([stages + text, *costs, *model])), pieces, kept
 
 
 def contact_numbers(functions: CostFunctions) -> int:

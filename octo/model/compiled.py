@@ -14,7 +14,7 @@ from octo.model.actuators import BallMotors, Motor, ball_motors, joint_motor, re
 from octo.model.body import Body, Joint, floating_base, joined
 from octo.model.character import Character
 from octo.model.chart import Chart, chart_angles, least_singular_chart
-from octo.model.contacts import contact_spheres, self_collision_pairs
+from octo.model.contacts import Contacts, contact_spheres, self_collision_pairs
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
@@ -38,7 +38,9 @@ class Tree:
     balls: dict[int, Array] = field(default_factory=dict)
 
 
-def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
+def character_of(
+    source: RobotFile, dropped: Iterable[str] = (), contacts: Contacts = "few"
+) -> Character:
     """The character of a compiled model: links welded together become one body, masses are kept
     exactly."""
     model, notes = source.model, list(dropped)
@@ -65,12 +67,13 @@ def character_of(source: RobotFile, dropped: Iterable[str] = ()) -> Character:
         )
     check_mass_matrix(plain, source.file)
     with named(source.file):
-        contacts, model = contact_spheres(plain, source, tree.carriers, notes), source.model
+        spheres = contact_spheres(plain, source, tree.carriers, notes, contacts)
+        model = source.model
         poses = {
             name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
             for k in range(model.nkey)
         }
-        character = replace(plain, contacts=contacts, dropped=tuple(notes), poses=poses)
+        character = replace(plain, contacts=spheres, dropped=tuple(notes), poses=poses)
     return replace(character, pairs=self_collision_pairs(character))
 
 

@@ -1,11 +1,12 @@
-"""Collision geoms of a robot file -> as few contact spheres and pairs as will do."""
+"""Collision geoms of a robot file -> as few contact spheres as will do, or all vertices; pairs."""
 
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, RobotFile, import_mujoco, name_of
 
+Contacts = Literal["few", "vertices"]
 TOLERANCE = 0.05  # of the hull of a body, as a part of its size
 MOST_SPHERES = 8  # of a body; a first moving body that needs more becomes a box
 AT_END = 0.9  # a geom whose reach is this part of its limb's is at its end
@@ -51,13 +53,17 @@ class Shape:
 
 
 def contact_spheres(
-    character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
+    character: Character,
+    source: RobotFile,
+    carriers: Mapping[int, Carrier],
+    notes: list[str],
+    kept: Contacts = "few",
 ) -> tuple[ContactSphere, ...]:
     """The spheres of every moving body: those at the ends of the limbs first, the lowest of these
     before the others.
 
     A geom at the end of a limb, and the geoms of the base, keep their form; every other geom
-    becomes a rod or a ball.
+    becomes a rod or a ball. ``kept`` "vertices": every vertex instead.
     """
     ground = _ground(character, source, carriers, notes)
     moving = [b for b, path in enumerate(character.path) if path]
@@ -67,14 +73,18 @@ def contact_spheres(
         if carrier is None or not _collides(source.model, g, ground):
             continue
         if carrier.body in by_body:
-            by_body[carrier.body] += _shape(source.model, g, carrier, notes)
+            by_body[carrier.body] += _shape(source.model, g, carrier, notes, kept)
     ends = end_bodies(character)
     touches = bool(ground) or character.base == "floating"
     spheres: list[ContactSphere] = []
     for b, own in by_body.items():
+        if kept == "vertices":
+            spheres += _all_of(own, touches)
+            continue
         shaped = _boxed(own) if b == moving[0] else _simplified(character, b, own, b in ends)
         spheres += _pruned(shaped, touches)
-    spheres = _without_shared(character, spheres)
+    if kept == "few":
+        spheres = _without_shared(character, spheres)
     if spheres and not touches:
         notes.append("contact with the terrain: the base is fixed and the file has no ground")
     return tuple(_unique_names(_ordered(character, spheres, ends)))
@@ -120,7 +130,7 @@ def _ground(
     character: Character, source: RobotFile, carriers: Mapping[int, Carrier], notes: list[str]
 ) -> list[int]:
     """Geoms of the world that collide; they are noted, the terrain is the problem's own."""
-    model, mujoco = source.model, import_mujoco()
+    model = source.model
     parents = {body.parent for body in character.bodies}
     ground = []
     for g in range(model.ngeom):
@@ -130,18 +140,19 @@ def _ground(
         alone = (
             carrier is not None and not character.path[carrier.body] and carrier.body not in parents
         )
-        if (of_world or alone) and _collidable(model, g):
+        if (of_world or alone) and collidable(model, g):
             ground.append(g)
     if ground:
-        kinds = sorted({_kind(mujoco, model, g) for g in ground})
+        kinds = sorted({geom_kind(model, g) for g in ground})
         notes.append(
             f"{len(ground)} geoms of the world ({', '.join(kinds)}): the terrain is the "
-            "problem's, a plane unless said otherwise"
+            "problem's, a plane unless said otherwise (--world FILE, octo.load_world)"
         )
     return ground
 
 
-def _collidable(model: Any, g: int) -> bool:
+def collidable(model: Any, g: int) -> bool:
+    """Whether geom ``g`` touches anything at all."""
     return bool(model.geom_contype[g] or model.geom_conaffinity[g] or _paired(model, g))
 
 
@@ -154,7 +165,7 @@ def _paired(model: Any, g: int) -> list[int]:
 def _collides(model: Any, g: int, ground: list[int]) -> bool:
     """Whether geom ``g`` touches the ground of the file, or without one could touch anything."""
     if not ground:
-        return _collidable(model, g)
+        return collidable(model, g)
     partners = set(_paired(model, g))
     types, affinities = model.geom_contype, model.geom_conaffinity
     return any(
@@ -162,32 +173,42 @@ def _collides(model: Any, g: int, ground: list[int]) -> bool:
     )
 
 
-def _kind(mujoco: Any, model: Any, g: int) -> str:
-    return str(mujoco.mjtGeom(model.geom_type[g]).name).removeprefix("mjGEOM_").lower()
+def geom_kind(model: Any, g: int) -> str:
+    """The word of an MJCF for what geom ``g`` is: "box", "plane"."""
+    return str(import_mujoco().mjtGeom(model.geom_type[g]).name).removeprefix("mjGEOM_").lower()
 
 
-def _shape(model: Any, g: int, carrier: Carrier, notes: list[str]) -> list[Shape]:
-    mujoco = import_mujoco()
-    kind, size = _kind(mujoco, model, g), np.array(model.geom_size[g], dtype=float)
+def _shape(model: Any, g: int, carrier: Carrier, notes: list[str], kept: Contacts) -> list[Shape]:
+    kind, size = geom_kind(model, g), np.array(model.geom_size[g], dtype=float)
     link = name_of(model, "body", int(model.geom_bodyid[g]))
     name = model.geom(g).name or link
-    if kind in SPHERES_OF:
+    if kept == "vertices" and kind in ("mesh", "box"):
+        corners = (
+            shapes.corners(size) if kind == "box" else vertices_of(model, model.geom_dataid[g])
+        )
+        centers, radii = corners, np.zeros(len(corners))
+    elif kind in SPHERES_OF:
         centers, radii = SPHERES_OF[kind](size)
     elif kind == "mesh":
         centers, radii = shapes.hull(_hull_vertices(model, int(model.geom_dataid[g])))
     else:
         notes.append(f"geom {name} of {link}: a {kind} cannot be a contact of a moving body")
         return []
-    rod, rod_radii = shapes.rod(centers, radii)
+    rod, rod_radii = (centers, radii) if kept == "vertices" else shapes.rod(centers, radii)
     R = carrier.rotation @ rotation_of(model.geom_quat[g])
     t = carrier.position + carrier.rotation @ model.geom_pos[g]
     return [Shape(name, kind, carrier.body, centers @ R.T + t, radii, (rod @ R.T + t, rod_radii))]
 
 
+def vertices_of(model: Any, mesh: int) -> Array:
+    """All vertices (k, 3) m of a mesh."""
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    return np.asarray(model.mesh_vert[first : first + count], dtype=float)
+
+
 def _hull_vertices(model: Any, mesh: int) -> Array:
     """Vertices (k, 3) m of the convex hull that MuJoCo found, all vertices where it made none."""
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    vertices = model.mesh_vert[first : first + count].astype(float)
+    vertices = vertices_of(model, mesh)
     graph = model.mesh_graphadr[mesh]
     if graph < 0:
         return vertices
@@ -207,6 +228,15 @@ def _pruned(own: list[Shape], touches: bool) -> list[ContactSphere]:
     return [
         ContactSphere(names[k], body, centers[k], float(radii[k]), touches)
         for k in shapes.prune(centers, radii, tolerance, MOST_SPHERES)
+    ]
+
+
+def _all_of(own: list[Shape], touches: bool) -> list[ContactSphere]:
+    """Every sphere of one body."""
+    return [
+        ContactSphere(shape.name, shape.body, center, float(radius), touches)
+        for shape in own
+        for center, radius in zip(shape.centers, shape.radii, strict=True)
     ]
 
 
@@ -276,13 +306,12 @@ def _ordered(
 
 def _unique_names(spheres: list[ContactSphere]) -> list[ContactSphere]:
     """Number the spheres that come from one geom or link."""
-    names = [sphere.name for sphere in spheres]
+    count = Counter(sphere.name for sphere in spheres)
     seen: dict[str, int] = {}
     numbered = []
     for sphere in spheres:
         seen[sphere.name] = seen.get(sphere.name, 0) + 1
-        alone = names.count(sphere.name) == 1
-        name = sphere.name if alone else f"{sphere.name}_{seen[sphere.name]}"
+        name = sphere.name if count[sphere.name] == 1 else f"{sphere.name}_{seen[sphere.name]}"
         numbered.append(replace(sphere, name=name))
     return numbered
 

@@ -20,6 +20,7 @@ UNITS = {"length": "m", "mass": "kg", "inertia": "kg m²", "hinge": "rad", "slid
 UNITS |= {"speed of a hinge": "rad/s", "speed of a slide": "m/s"}
 UNITS |= {"torque of a hinge": "N m", "force of a slide": "N"}
 SHOWN = 4  # meshes named in one sentence
+MANY = 16  # contacts of one body that are named, at most
 
 
 class Text(str):
@@ -116,7 +117,7 @@ def summary(character: Tree) -> Text:
     moments = ", ".join(f"{value:.3g}" for value in principal)
     counted = {
         "bodies": [body.name for body in character.bodies],
-        "contacts": names,
+        "contacts": _contacts(character),
         "pairs": [f"{names[a]} – {names[b]}" for a, b in character.pairs],
         "poses": list(character.poses),
         "dropped": list(character.dropped),
@@ -138,7 +139,10 @@ def summary(character: Tree) -> Text:
         f"height    {'no contact' if height is None else f'{height:.4g} m'}, of the base over "
         "the lowest contact, default pose",
         f"inertia   ({moments}) kg m², principal, about the centre of mass, default pose",
-        *(f"{key:10s}{_counted(values, key == 'dropped')}" for key, values in counted.items()),
+        *(
+            f"{key:10s}{_counted(values, key == 'dropped', len(getattr(character, key)))}"
+            for key, values in counted.items()
+        ),
         *_touches(character),
     ]
     poses = {"default": pose, **character.poses}
@@ -171,9 +175,17 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _counted(names: list[str], one_a_line: bool) -> str:
+def _contacts(character: Tree) -> list[str]:
+    """Names; of a body with very many, as vertices of its mesh, how many."""
+    count = Counter(contact.body for contact in character.contacts)
+    many = [b for b, own in count.items() if own > MANY]
+    names = [contact.name for contact in character.contacts if contact.body not in many]
+    return names + [f"{count[b]} on {character.bodies[b].name}" for b in many]
+
+
+def _counted(names: list[str], one_a_line: bool, count: int) -> str:
     between = f"\n{'':10s}" if one_a_line else ", "
-    return f"{len(names)}: {between.join(names)}" if names else "none"
+    return f"{count}: {between.join(names)}" if names else "none"
 
 
 def _joint_rows(character: Tree, poses: dict[str, Array]) -> list[str]:

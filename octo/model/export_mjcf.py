@@ -15,11 +15,13 @@ from octo.files import replacing
 from octo.model.body import Body, Joint
 from octo.model.character import Character
 from octo.model.element import named
+from octo.model.export_world import add_world, spelled
 from octo.model.kinematics import body_poses
 from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import quaternions
 from octo.model.terrain import Plane
 from octo.world.shapes import Box, Capsule, Cylinder, Sphere
+from octo.world.world import World
 
 UNLIMITED = 1e6  # rad or m: the side of a range that has no limit, MJCF has no infinity
 NARROWEST = 1e-6  # rad or m: MuJoCo takes an empty range for none
@@ -35,6 +37,7 @@ def export_mjcf(
     path: str | os.PathLike[str],
     *,
     terrain: Plane | None = None,
+    world: World | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
     gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
@@ -53,6 +56,9 @@ def export_mjcf(
     ----------
     path: the file, written beside and then renamed.
     terrain: the ground; level by default. friction: sliding coefficient of ground and spheres.
+    world: shapes in place of a ground: geoms of the same kinds, with sharp edges; a map is an
+        hfield, of straight lines between its samples; a mesh that is not convex, and a grid of
+        distances, a rigid flex of its triangles.
     timestep: s. gravity: (3,) m/s².
 
     Raises
@@ -63,7 +69,12 @@ def export_mjcf(
     """
     target = ending("path", path, (".xml", ".mjcf"))
     text = mjcf_text(
-        character, terrain=terrain, friction=friction, timestep=timestep, gravity=gravity
+        character,
+        terrain=terrain,
+        world=world,
+        friction=friction,
+        timestep=timestep,
+        gravity=gravity,
     )
     with replacing(target) as beside:
         beside.write_text(text, encoding="utf-8")
@@ -73,6 +84,7 @@ def mjcf_text(
     character: Character,
     *,
     terrain: Plane | None = None,
+    world: World | None = None,
     friction: float = 0.8,
     timestep: float = 0.002,
     gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
@@ -82,28 +94,39 @@ def mjcf_text(
     (3,) m of boxes on it."""
     instance("character", character, Character, "a Character: what octo.load gives")
     if terrain is not None:
-        instance("terrain", terrain, Plane, "an octo.Plane")
+        instance("terrain", terrain, Plane, "an octo.Plane: shapes are given as world")
+    if world is not None:
+        instance("world", world, World, "an octo.World")
+        if terrain is not None:
+            raise ModelError("terrain and world are both given: a world is the ground itself")
     for name, value in (("friction", friction), ("timestep", timestep)):
         number(name, value)
     numbers("gravity", gravity, (3,))
     top = Element("mujoco", model=character.name)
     SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
-    SubElement(top, "option", timestep=_text(timestep), gravity=_text(gravity))
-    world = SubElement(top, "worldbody")
-    _add_ground(world, terrain or Plane(), f"{friction:.10g} {ROLLING}", bumps)
+    SubElement(top, "option", timestep=spelled(timestep), gravity=spelled(gravity))
+    still = SubElement(top, "worldbody")
+    rubs = f"{friction:.10g} {ROLLING}"
+    if world is None:
+        _add_ground(still, terrain or Plane(), rubs, bumps)
+    else:
+        look = {"contype": "1", "conaffinity": "0", "friction": rubs}
+        taken = {contact.name for contact in character.contacts}
+        taken |= {solid_name(character, s) for s in range(len(character.solids))}
+        add_world(top, still, world, look, taken)
     elements: list[Element] = []
     for b, body in enumerate(character.bodies):
-        parent = elements[body.parent] if body.parent >= 0 else world
+        parent = elements[body.parent] if body.parent >= 0 else still
         elements.append(_add_body(parent, character, b))
     for contact in character.contacts:
         sphere = {"name": contact.name, "type": "sphere", "mass": "0", "contype": "0"}
-        sphere["size"] = _text(max(contact.radius, LEAST_RADIUS))
-        sphere["pos"] = _text(contact.position)
+        sphere["size"] = spelled(max(contact.radius, LEAST_RADIUS))
+        sphere["pos"] = spelled(contact.position)
         sphere["conaffinity"] = str(int(contact.touches_terrain))
-        SubElement(elements[contact.body], "geom", sphere, friction=f"{friction:.10g} {ROLLING}")
+        SubElement(elements[contact.body], "geom", sphere, friction=rubs)
     _add_solids(elements, character)
     _add_pairs(top, character, friction)
-    _add_elements(top, world, elements, character)
+    _add_elements(top, still, elements, character)
     motors = SubElement(top, "actuator")
     for j in character.actuated:
         _add_motor(motors, character.joints[j])
@@ -126,12 +149,12 @@ def _add_ground(
     world: Element, terrain: Plane, friction: str, bumps: Iterable[tuple[Array, Array]]
 ) -> None:
     rotation, origin = plane_rotation(terrain), np.array([0.0, 0.0, terrain.height])
-    common = {"quat": _text(quaternions(rotation[None])[0])}
+    common = {"quat": spelled(quaternions(rotation[None])[0])}
     common |= {"contype": "1", "conaffinity": "0", "friction": friction}
     plane = {"name": "ground", "type": "plane", "size": "0 0 0.1"}
-    SubElement(world, "geom", plane | common, pos=_text(origin))
+    SubElement(world, "geom", plane | common, pos=spelled(origin))
     for center, half in bumps:
-        box = {"type": "box", "pos": _text(origin + rotation @ center), "size": _text(half)}
+        box = {"type": "box", "pos": spelled(origin + rotation @ center), "size": spelled(half)}
         SubElement(world, "geom", box | common)
 
 
@@ -145,8 +168,8 @@ def _add_body(parent: Element, character: Character, b: int) -> Element:
         position, rotation = origins[b], rotations[b]
     # MuJoCo's own name of what does not move
     name = body.name if body.name != "world" else "_world"
-    turn = _text(quaternions(np.asarray(rotation)[None])[0])
-    element = SubElement(parent, "body", name=name, pos=_text(position), quat=turn)
+    turn = spelled(quaternions(np.asarray(rotation)[None])[0])
+    element = SubElement(parent, "body", name=name, pos=spelled(position), quat=turn)
     if floats:
         _add_free_joint(element, body)
         joints = joints[6:]
@@ -166,20 +189,20 @@ def _add_free_joint(element: Element, body: Body) -> None:
                 f"body {body.name!r}: its base joints differ in {name}, MuJoCo's free joint has "
                 "one number for all"
             )
-        values[name] = _text(found.pop())
+        values[name] = spelled(found.pop())
     SubElement(element, "joint", {"name": f"{body.name}_free", "type": "free", **values})
 
 
 def _add_joint(element: Element, joint: Joint) -> None:
-    values = {"name": joint.name, "type": joint.kind, "axis": _text(joint.axis)}
-    values |= {"pos": _text(joint.anchor), "ref": _text(joint.reference)}
-    values |= {"springref": _text(joint.rest)}
+    values = {"name": joint.name, "type": joint.kind, "axis": spelled(joint.axis)}
+    values |= {"pos": spelled(joint.anchor), "ref": spelled(joint.reference)}
+    values |= {"springref": spelled(joint.rest)}
     for name in ("armature", "damping", "stiffness"):
-        values[name] = _text(getattr(joint, name))
+        values[name] = spelled(getattr(joint, name))
     if joint.limited:
         lower, upper = max(joint.lower, -UNLIMITED), min(joint.upper, UNLIMITED)
         apart = NARROWEST if upper - lower < NARROWEST else 0.0
-        values["range"] = _text([lower - apart, upper + apart])
+        values["range"] = spelled([lower - apart, upper + apart])
     SubElement(element, "joint", values)
 
 
@@ -189,7 +212,7 @@ def _add_inertial(element: Element, body: Body) -> None:
     largest = (1.0 + 1e-6) * (moments[0] + moments[1]) + LEAST_MASS
     if moments[0] < -LEAST_MASS or moments[2] > largest:
         raise ModelError(
-            f"body {body.name!r}: principal moments {_text(moments)} kg m² are of no mass "
+            f"body {body.name!r}: principal moments {spelled(moments)} kg m² are of no mass "
             "distribution (the largest must be at most the sum of the others): MuJoCo does not "
             "compile it"
         )
@@ -197,8 +220,8 @@ def _add_inertial(element: Element, body: Body) -> None:
     # rounding of a thin rod, within 1e-6
     lift += 0.5 * max(0.0, float(moments[2] - moments[1] - moments[0]) - lift)
     full = (inertia + lift * np.eye(3))[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    values = {"pos": _text(body.com), "mass": _text(max(mass, LEAST_MASS))}
-    SubElement(element, "inertial", values, fullinertia=_text(full))
+    values = {"pos": spelled(body.com), "mass": spelled(max(mass, LEAST_MASS))}
+    SubElement(element, "inertial", values, fullinertia=spelled(full))
 
 
 def _add_solids(bodies: list[Element], character: Character) -> None:
@@ -214,10 +237,10 @@ def _add_solids(bodies: list[Element], character: Character) -> None:
             size = [shape.radius]
         elif isinstance(shape, (Capsule, Cylinder)):
             size = [shape.radius, 0.5 * shape.length]
-        values = {"name": solid_name(character, s), "type": solid.kind, "size": _text(size)}
+        values = {"name": solid_name(character, s), "type": solid.kind, "size": spelled(size)}
         values |= {"mass": "0", "contype": "0", "conaffinity": "0"}
-        values["pos"] = _text(np.asarray(shape.position))
-        values["quat"] = _text(quaternions(np.asarray(shape.rotation)[None])[0])
+        values["pos"] = spelled(np.asarray(shape.position))
+        values["quat"] = spelled(quaternions(np.asarray(shape.rotation)[None])[0])
         SubElement(bodies[solid.body], "geom", values)
 
 
@@ -257,21 +280,21 @@ def _add_elements(
                 "tendon for, as SpringDamper: leave it out with "
                 "dataclasses.replace(robot, elements=())"
             )
-        words = {key: _text(value) for key, value in values.items()}
+        words = {key: spelled(value) for key, value in values.items()}
         tendon = SubElement(tendons, "spatial", {"name": name} | words)
         ends = (("a", element.body_a, element.point_a), ("b", element.body_b, element.point_b))
         for end, body, point in ends:
             on = world if body is None else bodies[character.body_index(body)]
-            SubElement(on, "site", name=f"{name}_{end}", pos=_text(point), size="0.005")
+            SubElement(on, "site", name=f"{name}_{end}", pos=spelled(point), size="0.005")
             SubElement(tendon, "site", site=f"{name}_{end}")
 
 
 def _add_motor(motors: Element, joint: Joint) -> None:
     gear = joint.gear or 1.0
-    values = {"name": joint.name, "joint": joint.name, "gear": _text(gear)}
+    values = {"name": joint.name, "joint": joint.name, "gear": spelled(gear)}
     if np.isfinite(joint.torque_limit):
         most = max(joint.torque_limit, LEAST_TORQUE) / abs(gear)
-        values["ctrlrange"] = _text([-most, most])
+        values["ctrlrange"] = spelled([-most, most])
     SubElement(motors, "motor", values)
 
 
@@ -283,7 +306,7 @@ def _add_keys(top: Element, character: Character) -> None:
     keys, order = SubElement(top, "keyframe"), depth_first(character)
     for name, pose in found.items():
         q = _qpos(character, np.asarray(pose, dtype=float), order)
-        SubElement(keys, "key", name=name, qpos=_text(q))
+        SubElement(keys, "key", name=name, qpos=spelled(q))
 
 
 def depth_first(character: Character) -> list[int]:
@@ -310,7 +333,3 @@ def _qpos(character: Character, x: Array, order: list[int]) -> Array:
             first, count = first + 6, count - 6
         values += [*x[first : first + count]]
     return np.array(values)
-
-
-def _text(values: object) -> str:
-    return " ".join(f"{v:.12g}" for v in np.atleast_1d(np.asarray(values, dtype=float)))

@@ -68,7 +68,8 @@ def touching(character: Tree, terrain: Ground, x: NDArray) -> list[int]:
     """The robot's contacts that touch the ground at x (nx,), with the terrain's own parameters."""
     gap = gaps(character, terrain, own_parameters(terrain), x)
     found = [k for k, g in zip(character.terrain_contacts, gap, strict=True) if g < TOUCHING]
-    return [k for k in found if k in character.own_contacts]
+    own = set(character.own_contacts)
+    return [k for k in found if k in own]
 
 
 def chosen_contacts(
@@ -80,7 +81,8 @@ def chosen_contacts(
         return set(feet)
     if contacts is None:
         return set(character.own_contacts)
-    return {character.contact_index(name) for name in contacts}
+    known = {contact.name: k for k, contact in enumerate(character.contacts)}
+    return {known[n] if n in known else character.contact_index(n) for n in contacts}
 
 
 def feet_of(character: Tree, contacts: Iterable[int]) -> list[int]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
-from octo.model.body import Body
+from octo.model.body import Body, ContactSphere
 from octo.model.character import Character
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import Array
@@ -27,6 +27,8 @@ Faces = NDArray[np.intp]
 SLENDER = 0.93  # two largest principal moments nearer than this: a capsule, else a box
 ROD = 0.7  # radius of a rod, relative to the thinner of the two things that it joins
 THICK = 0.06  # radius from which on a solid is drawn finer, relative to the character's size
+MANY = 16  # contacts of a body from which on they are its surface: the vertices of a mesh
+FINE, SKIN = 2, 1e-2  # of that surface: directions, and of a flat one the rounding, of its size
 THINNEST = 0.02  # radius of what has no size, relative to the character's size
 
 
@@ -100,8 +102,12 @@ def ball(center: Sequence[float] | Array, radius: float, fineness: int = 2) -> S
 
 def hull(solid: Solid, fineness: int = 2) -> Surface:
     """The surface of a solid."""
-    sphere = unit_sphere(fineness)
-    points = (solid.centers[:, None] + solid.radii[:, None, None] * sphere).reshape(-1, 3)
+    sphere = unit_sphere(fineness) if solid.radii.any() else np.zeros((1, 3))  # corners
+    return hull_of((solid.centers[:, None] + solid.radii[:, None, None] * sphere).reshape(-1, 3))
+
+
+def hull_of(points: Array) -> Surface:
+    """The surface of the convex hull of points (k, 3) m."""
     found = ConvexHull(points)
     corners = points[found.simplices]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -130,13 +136,26 @@ def unit_sphere(fineness: int) -> Array:
 
 def _core(character: Character, b: int, scale: float) -> Solid | None:
     """The body without its rods; ``scale`` is the size of the character."""
-    spheres = [s for s in character.contacts if s.body == b and s.radius > 0.0]
+    own = [s for s in character.contacts if s.body == b]
+    if len(own) > MANY:
+        return _outermost(own)
+    spheres = [s for s in own if s.radius > 0.0]
     if len(spheres) >= 2:
         return Solid(np.array([s.position for s in spheres]), np.array([s.radius for s in spheres]))
     core = _of_inertia(character.bodies[b], _reach(character, b, scale))
     if core is None and spheres:
         return Solid(spheres[0].position[None], np.array([spheres[0].radius]))
     return core
+
+
+def _outermost(own: list[ContactSphere]) -> Solid:
+    """The hull of many points, by those that are farthest in some direction."""
+    points = np.array([sphere.position for sphere in own])
+    farthest = np.unique(np.argmax(points @ unit_sphere(FINE).T, axis=0))
+    radii = np.array([own[k].radius for k in farthest])
+    points = points[farthest]
+    flat = np.linalg.matrix_rank(points - points[0], tol=1e-6 * float(np.ptp(points))) < 3
+    return Solid(points, np.maximum(radii, SKIN * float(np.ptp(points)) if flat else 0.0))
 
 
 def _reach(character: Character, b: int, scale: float) -> float:
@@ -202,7 +221,8 @@ def _rods(character: Character, b: int, cores: list[Solid | None], thin: float) 
             place = child.position + child.rotation @ _hinge(child)
             ends.append((place, _radius(cores[c], thin)))
     own_spheres = [sphere for sphere in character.contacts if sphere.body == b]
-    ends += [(sphere.position, max(sphere.radius, thin)) for sphere in own_spheres]
+    if len(own_spheres) <= MANY:
+        ends += [(sphere.position, max(sphere.radius, thin)) for sphere in own_spheres]
     rods = []
     for place, other in ends:
         nearest = core.nearest(place) if core is not None else np.zeros(3)
@@ -219,7 +239,7 @@ def _hinge(body: Body) -> Array:
 
 
 def _radius(core: Solid | None, thin: float) -> float:
-    return thin if core is None else core.radius
+    return thin if core is None or core.radius == 0.0 else core.radius
 
 
 def _joined(parts: list[Surface]) -> Surface:

@@ -13,17 +13,20 @@ from octo.model import xml_file
 from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
+from octo.model.contacts import Contacts
 from octo.model.features import left_out_features
 from octo.model.robot_file import RobotFile, import_mujoco, name_of, quiet_compiler, uncompiled
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a file without a name
 
 
-def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
+def load_mjcf(
+    path: Path, base: Literal["auto", "floating", "fixed"] = "auto", contacts: Contacts = "few"
+) -> Character:
     """The character of an MJCF; ``base`` "auto" is the one written in the file."""
     notes: list[str] = []
     xml_file.check(path)
-    spec, model = _compiled(path, notes)
+    spec, model = compiled(path, notes)
     if model.nbody == 1:
         raise RobotFileError(f"{path.name}: has no <body>, must have one at least")
     free, others = _robot_tree(path, model, notes)
@@ -34,10 +37,10 @@ def load_mjcf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
     name = path.stem if spec.modelname in ("", UNNAMED) else spec.modelname
     source = RobotFile(model, name, path.name, free, left_out=others)
     notes += left_out_features(model, others)
-    return character_of(source, notes)
+    return character_of(source, notes, contacts)
 
 
-def _compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
+def compiled(path: Path, notes: list[str]) -> tuple[Any, Any]:
     """MjSpec and MjModel; geoms whose mesh file is missing are dropped where they have no mass."""
     mujoco = import_mujoco()
     try:

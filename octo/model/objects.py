@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import number, numbers, positive
-from octo.errors import ShapeError, ValueRangeError
+from octo.checks import flag, number, numbers, positive
+from octo.errors import ValueRangeError
 from octo.model.body import Body, ContactSphere, Joint, floating_base
 from octo.model.character import Character
 from octo.model.chart import angles_of, least_singular_chart
 from octo.model.element import DryFriction, Element
 from octo.model.quantities import Array
-from octo.model.quaternions import rotation_of
 from octo.model.solid import Solid
+from octo.world.shape import rotation_matrix
 from octo.world.shapes import Box, Capsule, Cylinder, Sphere
 
 ROUNDING = 0.1  # of the shortest edge: how much edges and corners are rounded by default …
@@ -75,7 +75,7 @@ def ball(
     hollow: a shell rather than solid: ⅔ m r² in place of ⅖ m r².
     """
     mass, radius = positive(f"{name}: mass", mass, "kg"), positive(f"{name}: radius", radius, "m")
-    inertia = (2.0 / 3.0 if hollow else 0.4) * mass * radius**2 * np.eye(3)
+    inertia = (2.0 / 3.0 if flag(f"{name}: hollow", hollow) else 0.4) * mass * radius**2 * np.eye(3)
     solid = Solid(name, 0, Sphere(radius))
     return _free(name, mass, inertia, np.zeros((1, 3)), radius, solid, position, UNTURNED)
 
@@ -213,12 +213,7 @@ def _cuboid(name: str, size: Sequence[float], mass: float) -> tuple[tuple[float,
 
 def _turned(name: str, rotation: Sequence[float] | Array) -> Array:
     """(3, 3) of a rotation given so, or as a quaternion (4,) with its real part first."""
-    given = numbers(f"{name}: rotation", rotation)
-    if given.shape == (4,) and given.any():
-        return rotation_of(given)
-    if given.shape != (3, 3):
-        raise ShapeError(f"{name}: rotation", given.shape, "(3, 3), or (4,) and not zero")
-    return given
+    return rotation_matrix(f"{name}: rotation", rotation)
 
 
 def _rounding(name: str, given: float | None, shortest: float) -> float:

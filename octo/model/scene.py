@@ -216,6 +216,8 @@ def _is_ball(whole: Character, b: int) -> bool:
 
 def _chosen(whole: Character, pairs: Any) -> list[tuple[int, int]]:
     """The pairs that were named."""
+    if not isinstance(pairs, (tuple, list)):
+        raise ModelError(f"scene: contacts is {said(pairs)}, must be a list of pairs of names")
     names = [contact.name for contact in whole.contacts]
     bodies = [body.name for body in whole.bodies]
     made: list[tuple[int, int]] = []

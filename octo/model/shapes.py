@@ -49,8 +49,12 @@ def box(half: Array) -> Spheres:
     differ."""
     small, middle, _ = np.sort(half)
     radius = small if small <= FLAT * middle else SKIN * small
-    corners = np.array(list(itertools.product((1.0, -1.0), repeat=3))) * (half - radius)
-    return corners, np.full(8, radius)
+    return corners(half - radius), np.full(8, radius)
+
+
+def corners(half: Array) -> Array:
+    """(8, 3) m, of a box."""
+    return np.array(list(itertools.product((1.0, -1.0), repeat=3))) * half
 
 
 def cylinder(radius: float, half_length: float) -> Spheres:

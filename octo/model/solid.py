@@ -41,10 +41,11 @@ class Solid:
             raise ModelError(f"{which}: body is {said(self.body)}, must be the index of a body")
         if not isinstance(self.shape, Shape):
             raise ModelError(f"{which}: shape is {said(self.shape)}, must be one of octo.shapes")
-        if self.shape.kind.expression is None or len(self.shape.own) > SIZES:
+        bounded = self.shape.kind.expression is not None and np.isfinite(self.shape.bounds()).all()
+        if not bounded or len(self.shape.own) > SIZES:
             raise ModelError(
                 f"{which}: shape is a {self.shape.word}, must be a Sphere, a Box, a Capsule or a "
-                "Cylinder: what moves has no grid"
+                "Cylinder: what moves has no grid and has an end"
             )
 
     @property

@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 import casadi as ca
 import numpy as np
 
-from octo.checks import Array, instance, number
+from octo.checks import Array, instance, number, positive
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.interrupts import postponed
 from octo.world.jet import polynomial
@@ -54,6 +54,10 @@ class Plane:
         normal |= {"normal_y": level * np.sin(self.direction), "normal_z": np.cos(self.slope)}
         return {**normal, "height": self.height}
 
+    @property
+    def steepest(self) -> float:
+        return 1.0
+
     @staticmethod
     def distance(point: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         """Signed distance of ``point`` (3,) m."""
@@ -80,10 +84,14 @@ class Terrain:
         parameters below. It must be twice continuously differentiable with a gradient of length
         near one close to the surface.
     parameters: names and default values of the run-time parameters.
+    steepest: an upper bound of the gradient's length, also away from the surface: contacts of a
+        body with many are looked for within that (octo/dynamics/crowd.py). The default is enough
+        for heights z − h(x, y) whose slopes are below 48°.
     """
 
     expression: Callable[[ca.SX, Mapping[str, ca.SX]], ca.SX]
     parameters: Mapping[str, float] = field(default_factory=dict)
+    steepest: float = 1.5
 
     def __post_init__(self) -> None:
         if not callable(self.expression):
@@ -91,6 +99,7 @@ class Terrain:
                 f"terrain is {said(self.expression)}, must be a function (point, p) of CasADi "
                 "symbols"
             )
+        positive("terrain steepest", self.steepest)
         given = instance("terrain parameters", self.parameters, Mapping, "numbers by name")
         values = {name: number(f"terrain {name}", value) for name, value in given.items()}
         object.__setattr__(self, "parameters", values)

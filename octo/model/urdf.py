@@ -19,6 +19,7 @@ from octo.model import urdf_elements as elements
 from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
+from octo.model.contacts import Contacts
 from octo.model.robot_file import (
     Inertial,
     Limit,
@@ -56,7 +57,9 @@ class Prepared:
     dropped: list[str] = field(default_factory=list)
 
 
-def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -> Character:
+def load_urdf(
+    path: Path, base: Literal["auto", "floating", "fixed"] = "auto", contacts: Contacts = "few"
+) -> Character:
     """The character of a URDF; ``base`` "auto" is a floating one."""
     prepared = prepare(path)
     with quiet_compiler():
@@ -68,11 +71,11 @@ def load_urdf(path: Path, base: Literal["auto", "floating", "fixed"] = "auto") -
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
     ]
-    return character_of(source, [*prepared.dropped, *meshes])
+    return character_of(source, [*prepared.dropped, *meshes], contacts)
 
 
-def prepare(path: Path) -> Prepared:
-    """Read and check the URDF at ``path``."""
+def prepare(path: Path, world: bool = False) -> Prepared:
+    """Read and check the URDF at ``path``; of a ``world`` nobody asks what it weighs."""
     tree = xml_file.read(path)
     if tree.tag != "robot":
         raise RobotFileError(f"{path.name}: top element is <{tree.tag}>, must be <robot>")
@@ -89,7 +92,8 @@ def prepare(path: Path) -> Prepared:
         if joint.get("type") == "floating":
             _take_floating_joint(prepared, joint)
     prepared.inertials = elements.read_inertials(file, tree, prepared.dropped)
-    elements.check_moved_mass(file, tree, prepared.inertials)
+    if not world:
+        elements.check_mass(file, tree, prepared.inertials)
     prepared.limits = elements.take_limits(file, tree, prepared.dropped)
     elements.drop_joint_features(file, tree, prepared.dropped)
     for child in list(tree):

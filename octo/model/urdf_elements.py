@@ -174,9 +174,6 @@ def read_inertials(file: str, tree: Element, dropped: list[str]) -> dict[str, In
     if unphysical:
         kinds = "principal inertias that no rigid body has are used as written"
         dropped.append(f"{kinds}: {', '.join(unphysical)}")
-    total = sum(inertial.mass for inertial in inertials.values())
-    if total <= 0.0:
-        raise wrong(file, f"total mass is {total} kg, must be positive")
     return inertials
 
 
@@ -205,8 +202,11 @@ def _inertial(file: str, link: str, element: Element | None) -> Inertial:
     return Inertial(mass, com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
 
 
-def check_moved_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]) -> None:
-    """Every movable joint must carry some mass."""
+def check_mass(file: str, tree: Element, inertials: Mapping[str, Inertial]) -> None:
+    """The robot must have mass, and every movable joint must carry some."""
+    total = sum(inertial.mass for inertial in inertials.values())
+    if total <= 0.0:
+        raise wrong(file, f"total mass is {total} kg, must be positive")
     parent_joint = {ends(joint)[1]: joint for joint in tree.findall("joint")}
     carried = {link: inertial.mass for link, inertial in inertials.items()}
     # children that have not been added to a link

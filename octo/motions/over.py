@@ -56,6 +56,7 @@ def over(
     flat = on_level(replace(journey, terrain=Plane(height=rise.level)))
     if flat.status is Status.INTERRUPTED:
         return flat
+    warn_of_its_end(world, journey.robot, flat)
     motion, part, spent = flat, 0.0, [flat]
     try:
         for stage in range(STAGES):
@@ -76,11 +77,27 @@ def over(
                 motion.iterations,
             )
             if last:
+                if problem.displacement is None:
+                    LOG.warning("the robot cannot stand where it was sent: its end is left free")
                 break
     except Interrupted:
         return replace(motion, status=Status.INTERRUPTED)
     sums = {name: sum(getattr(one, name) for one in spent) for name in SUMS}
     return replace(motion, seed=flat.seed, starts=flat.starts, **sums)
+
+
+def warn_of_its_end(world: World, robot: Character, motion: Solution) -> None:
+    """Say where a motion leaves the shapes and maps of a world."""
+    x, y, nodes = robot.base_coordinate, robot.base_coordinate + 1, motion.x[1:]
+    places = np.column_stack([nodes[:, x], nodes[:, y], np.zeros(len(nodes))])
+    outside = np.flatnonzero(np.logical_not(world.covers(places)))
+    if len(outside):
+        first = int(outside[0])
+        LOG.warning(
+            "the world ends under the motion: from %.2f s on, at x = %.2f m, y = %.2f m, it has no "
+            "shape or map above or below the robot",
+            *(first * motion.dt, *places[first, :2]),
+        )
 
 
 def _problem(journey: Journey, world: World, flat: Solution) -> Problem:

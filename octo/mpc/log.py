@@ -15,6 +15,7 @@ from octo.model.quantities import Array
 from octo.mpc.record import NO_COMMAND, ROWS, Record, memory_in_use
 from octo.result.solution import Solution, recorded
 from octo.shown import Shown
+from octo.world.drawn import sampled
 
 __all__ = ["NO_COMMAND", "ROWS", "Log", "memory_in_use"]
 GROUND = 1.0  # m, of ground around the motion in pictures
@@ -48,6 +49,7 @@ class Log(Record, Shown):
     memory_start, memory_end: bytes that the process used.
     torque: (nu,) N m or N, the limits.
     saved_world: what ``world`` says of a log that was read from a file.
+    shapes: the plant's ground where it is an ``octo.World``; None on another.
     """
 
     @property
@@ -76,10 +78,14 @@ class Log(Record, Shown):
 
     @property
     def foot_height(self) -> Array:
-        """(k, feet) m of the spheres' nearest points over the plane that the controller knows, over
-        the world's level if none."""
+        """(k, feet) m of the spheres' nearest points over the plant's shapes, or over the plane
+        that the controller knows, over the world's level if none."""
         chosen = [self.robot.terrain_contacts[c] for c in self.feet]
         radius = np.array([self.robot.contacts[k].radius for k in chosen])
+        if self.shapes is not None:
+            centers = sphere_centers(self.robot, self.x)[:, chosen]
+            above = self.shapes.distance(centers.reshape(-1, 3)).reshape(centers.shape[:2])
+            return np.asarray(above - radius)
         normal, height = np.array(self.world["normal"]), self.world["height"]
         above = sphere_centers(self.robot, self.x)[:, chosen] - [0.0, 0.0, height]
         return np.asarray(above @ normal - radius)
@@ -196,6 +202,10 @@ class Log(Record, Shown):
         loaded = force[..., 2] > 0.0
         level = float(np.median(point[..., 2][loaded])) if loaded.any() else 0.0
         ground = {"x": np.array([x_low, x_high]), "y": np.array([y_low, y_high])}
+        ground["z"] = np.full((2, 2), level)
+        if self.shapes is not None:
+            low, high = np.array([(x_low, y_low, level), (x_high, y_high, level)])
+            ground = sampled(self.shapes.below, low, high)
         return recorded(
             character=robot,
             dt=stride * self.tick,
@@ -206,6 +216,7 @@ class Log(Record, Shown):
             contact_force=force,
             contact_point=point,
             contact_normal=normal,
-            ground={**ground, "z": np.full((2, 2), level)},
+            ground=ground,
+            world=self.shapes,
             seconds=float(np.nansum(self.seconds)),
         )

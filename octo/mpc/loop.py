@@ -20,6 +20,7 @@ from octo.mpc.log import Log
 from octo.mpc.machine import Plant
 from octo.mpc.record import memory_in_use
 from octo.plant.fall import fallen
+from octo.world.world import World
 
 __all__ = ["Plant", "Push", "Sensors", "run", "timing"]
 
@@ -162,6 +163,8 @@ class _Loop:
         self.error: BaseException | None = None
         self.ticks = ticks
         self.log = Log.empty(plant.character, tick, controller, ticks)
+        terrain = getattr(plant, "terrain", None)
+        self.log.shapes = terrain if isinstance(terrain, World) else None
 
     def synchronous(self) -> Log:
         self._begin()

@@ -21,6 +21,8 @@ from octo.model.terrain import plane_of
 from octo.mpc.command import Command
 from octo.mpc.controller import Controller
 from octo.mpc.machine import Plant
+from octo.world import store as world_store
+from octo.world.world import World
 
 NO_COMMAND = "no new command"  # a tick's status, in real time, where none came by its end
 NOTHING_YET = "nothing measured yet"  # where the delay has let no measurement through
@@ -32,6 +34,7 @@ ANSWERED = {  # columns of a command's own numbers, and what it calls them
     "beyond": "beyond",
 }
 LATER = {"clipped", "beyond"}  # that files of older versions do not have
+SHAPES = "shapes_"  # how the names of the arrays of a world begin
 ROWS = ("t", "q", "v", "x", "plan_x", "u", "force", "point", *ANSWERED, "wanted")
 
 
@@ -54,6 +57,7 @@ class Record:
     memory_end: int = 0
     torque: Array = field(default_factory=lambda: np.zeros(0))
     saved_world: dict[str, Any] = field(default_factory=dict)
+    shapes: World | None = None
 
     def __post_init__(self) -> None:
         self._convention = Convention(self.robot)  # the plant's, whatever the controller's
@@ -126,8 +130,12 @@ class Record:
         target = ending("path", path, (".npz",))
         names = ("tick", "interrupted", "memory_start", "memory_end", "world")
         kept = {name: getattr(self, name) for name in names}
-        words = json.dumps({**kept, "robot": store.to_plain(self.robot)})
-        arrays: dict[str, Any] = {**self.columns, "log": np.array(words)}
+        kept["robot"] = store.to_plain(self.robot)
+        arrays: dict[str, Any] = dict(self.columns)
+        if self.shapes is not None:
+            kept["shapes"], own = world_store.to_plain(self.shapes)
+            arrays |= {f"{SHAPES}{name}": value for name, value in own.items()}
+        arrays["log"] = np.array(json.dumps(kept))
         arrays["statuses"] = np.array(self.statuses, dtype=str)
         for name in ("falls", "impulses"):
             arrays[name] = np.array(getattr(self, name), dtype=float)
@@ -153,6 +161,7 @@ class Record:
             own: dict[str, Any] = {"saved_world": _world(file.plain["world"])}
             own |= {name: file.array(name, (None,)).tolist() for name in ("falls", "impulses")}
             own |= {name: file.whole(name) for name in ("memory_start", "memory_end")}
+            own["shapes"] = world_store.of_file(file.plain.get("shapes"), file.arrays, SHAPES)
             own |= {"interrupted": file.flag("interrupted"), "statuses": _statuses(file, k)}
             return cls(robot, file.number("tick", positive=True), None, columns, k, **own)
 

@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from octo.checks import number
+from octo.checks import number, one_of
 from octo.errors import ProblemError, UnknownNameError, ValueRangeError
 from octo.model.quantities import Array
 from octo.problem.compiled import CompiledProblem
@@ -124,6 +124,7 @@ class Tuning:
         if "dt" in values:
             raise ValueRangeError("parameter dt cannot change: the horizon was compiled for it")
         for name, value in values.items():
+            one_of("parameter", name, self._layout.given)
             self._compiled.p[0, self._layout.index(name)] = number(f"parameter {name}", value)
 
 

@@ -17,6 +17,7 @@ from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
 from octo.model.terrain import Plane
+from octo.world.world import World
 
 BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y
 BUMPS_CLEAR = 0.5  # m, around the origin: where a robot starts
@@ -30,8 +31,8 @@ class MujocoPlant:
 
     Parameters
     ----------
-    terrain: the ground. friction: sliding coefficient of feet and ground. timestep: s. gravity:
-        (3,) m/s².
+    terrain: the ground, a Plane or a World. friction: sliding coefficient of feet and ground.
+    timestep: s. gravity: (3,) m/s².
     payload: mass added to the base body, relative to its mass; its inertia grows alike.
     bumps: m, greatest height of boxes strewn over the ground (none within half a metre of its
         origin); ``seed`` places them.
@@ -46,7 +47,7 @@ class MujocoPlant:
         self,
         character: Character,
         *,
-        terrain: Plane | None = None,
+        terrain: Plane | World | None = None,
         friction: float = 0.8,
         timestep: float = 0.002,
         gravity: Iterable[float] = (0.0, 0.0, -GRAVITY),
@@ -56,17 +57,21 @@ class MujocoPlant:
     ):
         mujoco = import_mujoco("a plant in MuJoCo")
         self.character = character
-        words = "a Plane: MuJoCo has no other ground here"
-        self.terrain = instance("terrain", terrain or Plane(), Plane, words)
+        words = "a Plane or a World: MuJoCo has no other ground here"
+        self.terrain: Plane | World = instance("terrain", terrain or Plane(), (Plane, World), words)
         if not 0.0 <= number("friction", friction) <= STICKIEST:
             must = f"must not be negative, and at most {STICKIEST:g}"
             raise ValueRangeError(f"friction is {friction}, {must}")
         if number("bumps", bumps) < 0.0:
             raise ValueRangeError(f"bumps is {bumps} m, must not be negative")
+        shapes = self.terrain if isinstance(self.terrain, World) else None
+        if bumps > 0.0 and shapes is not None:
+            raise ValueRangeError(f"bumps is {bumps} m, must be 0: they lie on a plane")
         self.timestep = positive("timestep", timestep, "s")
         text = mjcf_text(
             loaded(character, payload),
-            terrain=self.terrain,
+            terrain=self.terrain if isinstance(self.terrain, Plane) else None,
+            world=shapes,
             friction=friction,
             timestep=timestep,
             gravity=numbers("gravity", gravity, (3,)),
@@ -193,10 +198,22 @@ class MujocoPlant:
 
     @property
     def height(self) -> float:
-        """m, of the base body's origin over the ground's plane."""
-        p = self.terrain.parameters
-        x, y, z = self.base_place
-        return float(p["normal_x"] * x + p["normal_y"] * y + p["normal_z"] * (z - p["height"]))
+        """m, of the base body's origin over the ground's plane, or over what of a world is straight
+        below it."""
+        if isinstance(self.terrain, World):
+            place = self.base_place[None]
+            return float((place[:, 2] - self.terrain.below(place))[0])
+        return float(self.ground(self.base_place[None])[0][0])
+
+    def ground(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (k,) m and outward normal (k, 3) of the ground at points (k, 3) m."""
+        if isinstance(self.terrain, World):
+            jets = self.terrain.jets(points)
+            return jets[:, 0], jets[:, 1:] / np.linalg.norm(jets[:, 1:], axis=1, keepdims=True)
+        p, (x, y, z) = self.terrain.parameters, points.T
+        normal = np.array([p[f"normal_{c}"] for c in "xyz"])
+        distance = normal[0] * x + normal[1] * y + normal[2] * (z - p["height"])
+        return distance, np.tile(normal, (len(points), 1))
 
     def feet(self, contacts: NDArray[np.intp]) -> tuple[Array, Array]:
         """Lowest points (k, 3) m of spheres (indices among those that touch the terrain), their
@@ -205,11 +222,11 @@ class MujocoPlant:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         geoms = [geom for geom, _ in sorted(self._contacts.items(), key=lambda pair: pair[1])]
-        normal = np.array([self.terrain.parameters[f"normal_{c}"] for c in "xyz"])
-        points, jacobians = np.empty((len(contacts), 3)), np.empty((len(contacts), 3, model.nv))
-        for k, c in enumerate(contacts):
-            geom = geoms[c]
-            points[k] = data.geom_xpos[geom] - model.geom_size[geom, 0] * normal
+        chosen = [geoms[c] for c in contacts]
+        centers = np.array(data.geom_xpos[chosen])
+        points = centers - model.geom_size[chosen, :1] * self.ground(centers)[1]
+        jacobians = np.empty((len(contacts), 3, model.nv))
+        for k, geom in enumerate(chosen):
             mujoco.mj_jac(model, data, jacobians[k], None, points[k], int(model.geom_bodyid[geom]))
         return points, jacobians[..., self._v]
 

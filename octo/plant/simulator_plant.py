@@ -9,6 +9,7 @@ import numpy as np
 
 from octo.checks import numbers, positive
 from octo.dynamics import symbolic
+from octo.dynamics.contact_numbers import contact_numbers, many
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
@@ -53,9 +54,10 @@ class SimulatorPlant:
         )
         self._stepper = Stepper(self.dynamics, self._p)
         self._limit = character.torque_limit
+        self.terrain = self.dynamics.terrain
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
-        self._ground = symbolic_contacts(self.dynamics)
+        self._ground = None if many(self.dynamics) else symbolic_contacts(self.dynamics)
         values = dict(zip(self.dynamics.layout.names, self._p.tolist(), strict=True))
         self._height = distances(self.dynamics.terrain, section(values, "terrain."))
         self.x = character.start_pose
@@ -119,6 +121,10 @@ class SimulatorPlant:
     def contacts(self) -> tuple[Array, Array]:
         """Force of the ground (c, 3) N on each sphere that touches the terrain, and where (c, 3) m;
         world axes."""
+        if self._ground is None:
+            nodes = self.x[None], self._before[None]
+            vectors, _ = contact_numbers(self.dynamics, self._p, *nodes)
+            return vectors[0][0], vectors[1][0]
         seen = self.dynamics.seen(self._p, self.x[None])
         force, point = self._ground(self.x, self._before, seen)
         return np.asarray(force).T, np.asarray(point).T

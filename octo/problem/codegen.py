@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.dynamics.codegen import lanes_text, numbers_table
+from octo.dynamics.crowd import singles_of
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.long import COSTLY, check_length
 from octo.emit import function_of_numbers
@@ -305,7 +306,7 @@ def asked_of_world(functions: CostFunctions, dynamics: Dynamics) -> str:
         return ""
     own = functions.contact
     rests = {} if own is None else dict(zip(own.spheres, own.resting, strict=True))
-    asked = [int(not rests.get(k, True)) for k in dynamics.character.terrain_contacts]
+    asked = [int(not rests.get(k, True)) for k in singles_of(dynamics.character)]
     return f"#define ASKED_OF_WORLD {{{', '.join(map(str, asked))}}}\n" if any(asked) else ""
 
 
@@ -380,8 +381,9 @@ def _tables(
         robot = dynamics.character
         spheres = [robot.contacts[k] for k in own.spheres]
         tables["cost_contact_body"] = [sphere.body for sphere in spheres]
-        if dynamics.looks:
-            tables["cost_contact_ground"] = [robot.terrain_contacts.index(k) for k in own.spheres]
+        if dynamics.on_world:
+            at = {k: g for g, k in enumerate(singles_of(robot))}
+            tables["cost_contact_ground"] = [at.get(k, -1) for k in own.spheres]
         values["cost_contact_data"] = [
             number for sphere in spheres for number in (*sphere.position, sphere.radius)
         ]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -81,6 +82,17 @@ class CompiledProblem:
         self.lower, self.upper = data.lower, data.upper
         self.start, self.constant = data.start, data.constant
         self.ends, self.carry = data.ends, data.carry
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: no compiled code."""
+        compiled = ("library", "steps_code")
+        return {name: value for name, value in self.__dict__.items() if name not in compiled}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy's worlds are where its own problems have them, not those of the original."""
+        self.__dict__.update(state)
+        for own, problem in zip(self.p, self.problems, strict=True):
+            own[:] = problem.dynamics.bound(problem.dynamics.unbound(own))
 
     @property
     def kinematics(self) -> ca.Function:

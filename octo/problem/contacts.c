@@ -6,15 +6,29 @@
 #define BLOCKS 6 /* 00 01 02 11 22 12: the last one FD does not have, its slots are kept for it */
 #define COMMON (36 * (BLOCKS - 1))
 #define TOUCHED (18 + 36 * BLOCKS)
-#define GIVEN_TO_CONTACT (NG > 0 ? 9 : 7) /* inputs of the terms: poses, sphere, p, q, of a world its jets, and use */
+#ifdef WORLD
+#define GIVEN_TO_CONTACT 9 /* inputs of the terms: poses, sphere, p, q, of a world its jets, and use */
+#else
+#define GIVEN_TO_CONTACT 7
+#endif
 
 /* Which contacts touched the ground in the step before the group's first one; nobody knows before the first group. */
-typedef struct { char known[NFC], touched[NFC]; int apart; } octo_rests;
+typedef struct {
+  char known[NFC], touched[NFC];
+  int apart;
+#if NCROWD > 0
+  unsigned char members[NMEMBER]; /* of crowds, the lanes in which they touch the ground at x, in the step that was the ``marked``-th */
+  int marked;
+#endif
+} octo_rests;
 
 /* apart: no step is the one before another. */
 static void octo_rests_begin(octo_rests *s, int apart) {
   memset(s->known, 0, sizeof s->known);
   s->apart = apart;
+#if NCROWD > 0
+  s->marked = -1;
+#endif
 }
 
 static int octo_touches_now(const octo_input *in, int c) {
@@ -30,22 +44,42 @@ static int octo_touches_now(const octo_input *in, int c) {
   return ANY(NOT(gap <= 0.0)); /* a NaN is not skipped */
 }
 
+#if NCROWD > 0
+/* The same of a member of a crowd. */
+static int octo_member_rests(octo_rests *s, const octo_work *work, const octo_input *in, int c, int member) {
+  if (!s->known[c] && s->marked != work->evaluated) {
+    octo_crowd_mark(in, 1, s->members);
+    s->marked = work->evaluated;
+  }
+  int before = s->known[c] ? s->touched[c] : s->members[member] != 0;
+  s->known[c] = !s->apart;
+  s->touched[c] = work->members[member] >> (STEPS - 1) & 1;
+  return !before && !work->members[member];
+}
+#endif
+
 /* Whether a contact's terms are zero: it carries nothing in any lane, in this step and in the one before. To be asked once a group,
  * when the dynamics have evaluated the contact's link. */
 static int octo_rest(octo_rests *s, const octo_work *work, const octo_input *in, int c) {
   int contact = octo_cost_contact_resting[c];
   if (contact < 0) return 0;
+#if NCROWD > 0
+  if (contact >= NC) return octo_member_rests(s, work, in, c, contact - NC);
+#endif
   int before = s->known[c] ? s->touched[c] : octo_touches_now(in, c);
   s->known[c] = !s->apart;
   s->touched[c] = work->active[contact][STEPS - 1] != 0;
   return !before && !ANY(work->active[contact]);
 }
 
-static void octo_contact_arguments(const octo_input *in, const real *q, int c, const void **arg) {
+/* ``looked`` is for what a world says of a member of a crowd. */
+static void octo_contact_arguments(const octo_input *in, const real *q, int c, real (*looked)[JET], const void **arg) {
   for (int node = 0; node < 3; ++node) arg[node] = in->kin[node] + 12 * octo_cost_contact_body[c];
   arg[3] = octo_cost_contact_data + 4 * c, arg[4] = in->p, arg[5] = q;
-#if NG > 0
-  for (int node = 0; node < 2; ++node) arg[6 + node] = LOOKED(in->kin[node], octo_cost_contact_ground[c]);
+#ifdef WORLD
+  for (int node = 0; node < 2; ++node)
+    arg[6 + node] = octo_looked(in->p, in->kin[node], octo_cost_contact_ground[c], octo_cost_contact_body[c],
+                                octo_cost_contact_data + 4 * c, in->order + 1, looked[node]);
 #endif
   arg[GIVEN_TO_CONTACT - 1] = octo_cost_contact_use + CR * c;
 }
@@ -54,9 +88,9 @@ static void octo_contact_arguments(const octo_input *in, const real *q, int c, c
 static void octo_sum_contacts(octo_rests *s, const octo_work *work, const octo_input *in, const real *q, real *terms) {
   for (int c = 0; c < NFC; ++c) {
     const void *arg[GIVEN_TO_CONTACT];
-    real r[CR], *res[1] = {r};
+    real r[CR], looked[2][JET], *res[1] = {r};
     if (octo_rest(s, work, in, c)) continue;
-    octo_contact_arguments(in, q, c, arg);
+    octo_contact_arguments(in, q, c, looked, arg);
     octo_contact_cost(arg, res);
     for (int k = 0; k < CR; ++k) {
       if (octo_cost_contact_use[c * CR + k] == 0.0) continue;
@@ -90,9 +124,9 @@ static int octo_touch_carried(octo_touched *s, const octo_input *in, int l, real
   for (int k = octo_cost_contact_start[l]; k < octo_cost_contact_start[l + 1]; ++k) {
     const int c = octo_cost_contact_order[k];
     const void *arg[GIVEN_TO_CONTACT];
-    real *res[1] = {s->one};
+    real looked[2][JET], *res[1] = {s->one};
     if (octo_rest(s->rests, s->work, in, c)) continue;
-    octo_contact_arguments(in, s->q, c, arg);
+    octo_contact_arguments(in, s->q, c, looked, arg);
     if (s->exact) octo_contact_exact(arg, res);
     else octo_contact_model(arg, res);
     if (!any) memset(to, 0, size * sizeof(real));

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from octo.dynamics.codegen import Links, integers
+from octo.dynamics.crowd import members_of, singles_of
 from octo.model.character import Character
 from octo.problem.contact_model import ContactFunctions
 
@@ -80,9 +81,10 @@ def contact_tables(functions: ContactFunctions, robot: Character) -> str:
     links, bodies = Links(robot), [robot.contacts[k].body for k in functions.spheres]
     of = np.array([links.of[body] for body in bodies], dtype=int)
     order = np.argsort(of, kind="stable")
-    known = [k for k in robot.terrain_contacts if links.of[robot.contacts[k].body] >= 0]
+    live = [k for k in singles_of(robot) if links.of[robot.contacts[k].body] >= 0]
+    known = {k: place for place, k in enumerate([*live, *members_of(robot)])}
     resting = [
-        known.index(k) if rests and k in known else -1
+        known.get(k, -1) if rests else -1
         for k, rests in zip(functions.spheres, functions.resting, strict=True)
     ]
     start = np.searchsorted(of[order], range(len(links.first) + 1))

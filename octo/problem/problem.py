@@ -259,15 +259,15 @@ class Problem(Shown):
         layout = self.dynamics.layout
         values = {"dt": self.dt, **scales.parameters(self.dynamics, self.law)}
         for name, value in self.parameters.items():
-            if name not in layout.names:
-                raise UnknownNameError("parameter", name, layout.names)
+            if name not in layout.given:
+                raise UnknownNameError("parameter", name, layout.given)
             values[name] = number(f"parameter {name}", value)
         return layout.pack(**values)
 
     @property
     def values(self) -> dict[str, float]:
         """The run-time parameters of FD by name."""
-        return dict(zip(self.dynamics.layout.names, self.p.tolist(), strict=True))
+        return self.dynamics.layout.named(self.p)
 
     @cached_property
     def start(self) -> Array:
@@ -278,7 +278,10 @@ class Problem(Shown):
             raise ProblemError(
                 "x0 is missing: user-written dynamics have no static pose to start from"
             )
-        return static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
+        found = static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
+        if self.dynamics.character.objects:  # which stay where they were put
+            check_above("start", found, self.character, self.terrain, self.values)
+        return found
 
     @cached_property
     def start_velocity(self) -> Array:

@@ -14,7 +14,7 @@ from octo.dynamics.parameters import section
 from octo.errors import ProblemError, StaticPoseError
 from octo.model.character import Character
 from octo.model.feet import gaps
-from octo.model.terrain import Ground, Plane
+from octo.model.terrain import Ground, Plane, World
 
 BURIED = 0.05  # m of ground over the top of a contact sphere that make a state illegal
 
@@ -53,4 +53,21 @@ def static_start(
         with contextlib.suppress(StaticPoseError):  # octo's own choices are more
             return static_pose(dynamics, p=p, pose=balanced_pose(dynamics.character))
         pose = None
-    return static_pose(dynamics, p=p, pose=pose)
+    try:
+        return static_pose(dynamics, p=p, pose=pose)
+    except StaticPoseError as error:
+        _check_under(dynamics, dynamics.character.start_pose if pose is None else pose, error)
+        raise
+
+
+def _check_under(dynamics: RobotDynamics, pose: Array, error: StaticPoseError) -> None:
+    """Say so where a robot cannot stand because its world ends before it."""
+    robot, world = dynamics.character, dynamics.terrain
+    if not isinstance(world, World) or robot.base != "floating":
+        return
+    place = pose[robot.base_coordinate :][:3]
+    if not (world.covers(place[None])[0] or np.isfinite(world.below(place[None])[0])):
+        raise StaticPoseError(
+            f"{robot.name} cannot stand at x = {place[0]:g} m, y = {place[1]:g} m: terrain has no "
+            "shape or map there, must have one under the robot, or give x0"
+        ) from error

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import nnls
 
 from octo.model.mass_matrix import mass_matrix
 from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of, skew
+from octo.model.terrain import Plane
 from octo.plant import MujocoPlant
 from octo.replay.plan import Plan
 from octo.result.solution import Solution
@@ -81,10 +83,13 @@ class Controller:
         self.first = robot.base_coordinate
         # a quaternion has one number more than the angles it stands for
         self.in_q = robot.actuated + 1
-        self.normal = np.array([plant.terrain.parameters[f"normal_{c}"] for c in "xyz"])
-        pyramid = _pyramid(self.normal, gains.friction)
-        # (3 k, 4 k) of k feet
-        self.edges = [np.kron(np.eye(k), pyramid) for k in range(plan.stance.shape[1] + 1)]
+        # (3 k, 4 k) of k feet on a plane
+        self.edges: list[Array] = []
+        if isinstance(plant.terrain, Plane):
+            pyramid: Array = _pyramid(plant.ground(np.zeros((1, 3)))[1][0], gains.friction)
+            self.edges = [
+                np.asarray(np.kron(np.eye(k), pyramid)) for k in range(plan.stance.shape[1] + 1)
+            ]
         self.upright = rotation_of(plan.q[0, self.first + 3 : self.first + 7])[:, 2]
         self.weight = robot.mass * GRAVITY
 
@@ -116,6 +121,13 @@ class Controller:
         change = forces - self.plan.force[k, feet]
         return np.asarray(-np.einsum("fij,fi->j", jacobians[..., self.joints], change))
 
+    def _edges(self, arms: Array) -> Array:
+        """(3 k, 4 k): the friction pyramids of feet at ``arms`` (k, 3) m from the base."""
+        if self.edges:
+            return self.edges[len(arms)]
+        normals = self.plant.ground(arms + self.plant.base_place)[1]
+        return np.asarray(block_diag(*[_pyramid(n, self.gains.friction) for n in normals]))
+
     def forces(self, k: int, feet: NDArray[np.intp], arms: Array, wrench: Array) -> Array:
         """Forces (feet, 3) N at ``arms`` (feet, 3) m that give the planned wrench and ``wrench``,
         inside the friction pyramid.
@@ -125,7 +137,7 @@ class Controller:
         """
         # (6, 3 feet)
         G = np.concatenate([np.concatenate([np.eye(3), skew(arm)]) for arm in arms], axis=1)
-        planned, edges = self.plan.force[k, feet].ravel(), self.edges[len(feet)]
+        planned, edges = self.plan.force[k, feet].ravel(), self._edges(arms)
         scale = np.array([1.0, 1.0, 1.0, *[1.0 / self.length] * 3]) / self.weight
         rows = np.concatenate([scale[:, None] * (G @ edges), SPREAD / self.weight * edges])
         wanted = np.concatenate([scale * (G @ planned + wrench), SPREAD / self.weight * planned])
@@ -150,7 +162,7 @@ def _between(first: Array, second: Array) -> Array:
 
 def _pyramid(normal: Array, friction: float) -> Array:
     """(3, 4): the edges of the friction pyramid around ``normal``."""
-    first = np.cross(normal, [0.0, 1.0, 0.0])
+    first = np.cross(normal, [0.0, 1.0, 0.0] if abs(normal[1]) < 0.9 else [1.0, 0.0, 0.0])
     first /= np.linalg.norm(first)
     tangents = np.stack([first, np.cross(normal, first)], axis=1)
     return normal[:, None] + friction * tangents @ EDGES.T

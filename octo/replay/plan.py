@@ -16,6 +16,7 @@ from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions, turning
 from octo.model.terrain import Plane, plane_of
 from octo.result.solution import Solution
+from octo.world.world import World
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +84,20 @@ def _moving(character: Character, x: Array, rate: Array, timestep: float) -> tup
     return q, np.concatenate([rate[:, before], moved, spun, rate[:, after]], axis=1)
 
 
-def ground_of(solution: Solution) -> Plane:
-    """The plane that a solution was solved on.
+def ground_of(solution: Solution) -> Plane | World:
+    """The plane or the world that a solution was solved on.
 
     Raises
     ------
     ProblemError: its terrain is another one.
     """
+    if solution.world is not None:
+        return solution.world
     plane = plane_of(solution.parameters)
     if plane is None:
         raise ProblemError(
-            "the plan's terrain is user-written, must be a plane: MuJoCo's plant has level or "
-            "sloped ground only"
+            "the plan's terrain is user-written, must be a plane or an octo.World: MuJoCo's plant "
+            "has no other ground"
         )
     (x, y, z), height = plane
     return Plane(float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(-y, -x)), height)

@@ -116,7 +116,7 @@ def replay(
 
     Raises
     ------
-    ProblemError: no robot, no floating base or no actuator, a ground that is no plane, or elements
+    ProblemError: no robot, no floating base or no actuator, a user-written ground, or elements
         that the robot does not have. ModelError: an element for which MuJoCo has no tendon.
         ValueRangeError, UnknownNameError.
     """
@@ -205,6 +205,7 @@ class _Tracks:
         """The motion as a Solution, with the plan's robot, ground and time step."""
         x = np.array([self.nodes[0], *self.nodes])
         force, point = (np.array([pair[k] for pair in self.forces]) for k in (0, 1))
+        normal = self.controller.plant.ground(point.reshape(-1, 3))[1]
         empty: dict[str, Any] = {"terms": {}, "history": {}, "passes": (), "starts": ()}
         return replace(
             plan,
@@ -213,7 +214,7 @@ class _Tracks:
             u=np.array(self.torques),
             contact_force=force,
             contact_point=point,
-            contact_normal=np.broadcast_to(self.controller.normal, force.shape),
+            contact_normal=normal.reshape(force.shape),
             contact_velocity=np.zeros_like(force),
             contact_depth=np.zeros(force.shape[:2]),
             status=Status.SIMULATED,

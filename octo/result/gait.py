@@ -18,6 +18,7 @@ from octo.errors import ValueRangeError
 from octo.model.character import Character
 from octo.model.feet import CARRYING, TOUCHDOWN, feet_of, runs, stances
 from octo.result.even import even
+from octo.result.gathered import gathered
 from octo.result.trajectory import ROWS, Trajectory
 
 SHORT = 0.1  # s: a stance or a swing that is shorter is a tap or a stumble
@@ -112,7 +113,7 @@ def measure_gait(motion: Trajectory, first: float = 0.0, last: float | None = No
     ------
     ValueRangeError: no step of the motion is between the two.
     """
-    motion = even(motion)
+    motion = gathered(even(motion))
     robot = motion.character
     if robot is None:
         return None

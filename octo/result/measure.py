@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array
+from octo.dynamics.contact_numbers import contact_numbers, many
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.dynamics.parameters import section
 from octo.interrupts import postponed
 from octo.model.character import Character
-from octo.model.terrain import ADDRESS, distances
+from octo.model.terrain import distances
 from octo.problem.asked import Asked, Motion
 from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import VECTORS
+from octo.world.drawn import sampled
+from octo.world.world import World
 
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
 GROUND_SPACING = 0.1  # m
@@ -43,7 +46,6 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
     energies = problem.term_values(at)[member, : len(names)]
     robot: Character | None = described.character
     p = problem.p[member]
-    named = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
     return {
         "name": robot.name if robot is not None else "custom",
         "character": robot,
@@ -59,7 +61,8 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "length": described.length,
         "torque_limit": described.setting.torque_limit,
         "cycle": stride(problem, at, member),
-        "parameters": {name: v for name, v in named.items() if name != ADDRESS},
+        "world": world_of(dynamics),
+        "parameters": dynamics.layout.named(p),
         "asked": asked(problem, at.nodes[member], member),
         "bounds": bounds_kept(problem, at, member),
         "residuals": residuals_of(problem, at, member),
@@ -98,17 +101,25 @@ def _contacts(
     if not isinstance(dynamics, RobotDynamics) or count == 0:
         empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
         return {**empty, "contact_depth": np.zeros((steps, 0)), "contact_names": (), "ground": {}}
-    at = dynamics.seen(p, nodes[2:])
-    *values, depth = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
-    out: dict[str, Any] = {
-        name: np.asarray(value).reshape(3, steps, count).transpose(1, 2, 0)
-        for name, value in zip(VECTORS, values, strict=True)
-    }
+    if many(dynamics):
+        vectors, depth = contact_numbers(dynamics, p, nodes[2:], nodes[1:-1])
+    else:
+        at = dynamics.seen(p, nodes[2:])
+        *values, below = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
+        vectors = [np.asarray(v).reshape(3, steps, count).transpose(1, 2, 0) for v in values]
+        depth = np.asarray(below).T.reshape(steps, count)
+    out: dict[str, Any] = dict(zip(VECTORS, vectors, strict=True))
     robot = dynamics.character
-    out["contact_depth"] = np.asarray(depth).T.reshape(steps, count)
+    out["contact_depth"] = depth
     out["contact_names"] = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
     out["ground"] = ground(dynamics, p, out["contact_point"])
     return out
+
+
+def world_of(dynamics: Dynamics) -> World | None:
+    """The shapes that a robot's ground is made of; None of other grounds."""
+    terrain = dynamics.terrain if isinstance(dynamics, RobotDynamics) else None
+    return terrain if isinstance(terrain, World) else None
 
 
 @postponed()
@@ -117,11 +128,13 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     (..., 3)."""
     low = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN
     high = around.reshape(-1, 3).max(axis=0) + GROUND_MARGIN
+    world = world_of(dynamics)
+    if world is not None:
+        return sampled(world.below, low, high)
     counts = [int(min(200, max(2, np.ceil((high[k] - low[k]) / GROUND_SPACING)))) for k in (0, 1)]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
-    values = dict(zip(dynamics.layout.names, p.tolist(), strict=True))
-    phi = distances(dynamics.terrain, section(values, "terrain."))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
+    phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
     below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
     for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
         middle = 0.5 * (below + above)

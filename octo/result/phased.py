@@ -55,6 +55,7 @@ def _whole(
         "terms": terms,
         "parameters": first.parameters,
         "ground": _ground(problem, member, made["contact_point"]),
+        "world": first.world,
         "asked": tuple(
             replace(one, name=_named(one.name, k)) for k, (own, *_) in places for one in own.asked
         ),

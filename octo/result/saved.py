@@ -21,10 +21,12 @@ from octo.result.residuals import Residual
 from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import VECTORS
 from octo.solver.status import Status
+from octo.world import store as world_store
 
 # of fields that a file of an earlier version may lack
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
 DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
+WORLD = "world_"  # how the names of a world's arrays begin
 PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
 SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
 
@@ -45,7 +47,10 @@ def _packed(values: Mapping[str, Any]) -> dict[str, Any]:
     plain = {name: value for name, value in values.items() if name not in arrays}
     for name in ("ground", "history", "slacks"):
         arrays |= {f"{name}_{key}": value for key, value in plain.pop(name).items()}
-    cycle, robot = values["cycle"], values["character"]
+    cycle, robot, world = values["cycle"], values["character"], values["world"]
+    if world is not None:
+        plain["world"], own = world_store.to_plain(world)
+        arrays |= {f"{WORLD}{name}": value for name, value in own.items()}
     if cycle is not None:
         arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
         plain["cycle"] = cycle.plain()
@@ -105,6 +110,7 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         "status": status,
         "device": file.word("device"),
         "ground": _ground(file),
+        "world": world_store.of_file(file.plain.get("world"), file.arrays, WORLD),
         "history": file.group("history_"),
         "slacks": _slacks(file, finite),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),

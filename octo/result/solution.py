@@ -75,6 +75,7 @@ class Solution(Trajectory, Shown):
     contact_normal: (N, c, 3).
     contact_depth: (N, c) m.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
+    world: the shapes that the motion is on; None on a plane or a user-written terrain.
     history: one column per name of HISTORY, one row per iteration of every pass.
     seconds: of the solve.
     setup_seconds: before it: compiling and the start.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array, whole
+from octo.dynamics.crowd import crowd_columns
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import LOADED, stances
@@ -18,6 +19,7 @@ from octo.problem.bounds import SAME
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import Stride
+from octo.world.world import World
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
 ROWS = ("u", "contact_depth", *VECTORS)  # one a step
@@ -53,6 +55,7 @@ class Trajectory:
     contact_depth: Array  # (N, c) m
     ground: dict[str, Array]
     parameters: dict[str, float]  # of the dynamics, of the last pass
+    world: World | None = None
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
@@ -144,15 +147,20 @@ class Trajectory:
         """(c,) whether a contact is the robot's, and not that of one of a scene's objects."""
         own, robot = np.ones(self.contact_force.shape[1], dtype=bool), self.character
         if robot is not None:
-            own[
-                [c for c, k in enumerate(robot.terrain_contacts) if k not in robot.own_contacts]
-            ] = 0
+            kept = set(robot.own_contacts)
+            own[[c for c, k in enumerate(robot.terrain_contacts) if k not in kept]] = False
         return own
 
     @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) the robot's contacts that carry at least 1 % of the weight."""
-        return (self.normal_force >= LOADED * self.weight) & self.own_contacts
+        """(N, c) the robot's contacts that carry at least 1 % of the weight; of the many of a body
+        that carry as much together, those that carry anything."""
+        own = self.normal_force
+        found = own >= LOADED * self.weight
+        for columns in crowd_columns(self.character):
+            carries = own[:, columns].sum(axis=1) >= LOADED * self.weight
+            found[:, columns] = (own[:, columns] > 0.0) & carries[:, None]
+        return found & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
@@ -301,6 +309,14 @@ class Trajectory:
                 f"dt is {longest:g} s, and in {fall:.2g} s this robot falls by half its height: "
                 "take a smaller dt"
             )
+        if self.world is not None and self.contact_point.size:
+            there = self.world.covers(self.contact_point.reshape(-1, 3))
+            whole = there.reshape(self.contact_point.shape[:2]).all(axis=1)  # (N,) steps
+            if not whole.all():
+                said.append(
+                    f"from {float(self.times[np.argmin(whole)]):.3g} s on feet are where the world "
+                    "has no shape below them: a map goes on as it is at its edge"
+                )
         return tuple(said)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from octo.model.figure import size
 from octo.result.solution import Solution
+from octo.viewer.ground import Ground
 from octo.viewer.scene import (
     ARROW,
     FOOT,
@@ -22,7 +23,6 @@ from octo.viewer.scene import (
     LOADED_FOOT,
     Actor,
     Cycle,
-    Ground,
     Nodes,
     arrows_of,
     color_of,

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError
 from octo.model.character import Character
-from octo.model.figure import ball, size, surfaces, tile
+from octo.model.figure import ball, size, surfaces
 from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
 from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.result.solution import Solution
+from octo.viewer.ground import Ground, add_ground, is_level
 
 Color = tuple[int, int, int]
 RATE = 30.0  # frames a second, about: a frame is a whole number of steps of the first solution
@@ -27,8 +29,6 @@ AWAY = -1e3  # m, height at which an arrow without a force is out of sight
 ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
 SAME_HEADING = 1e-3  # rad
 UP = np.array([0.0, 0.0, 1.0])
-GRID: dict[str, Any] = {"cell_color": (205, 208, 212), "section_color": (160, 166, 174)}
-GRID |= {"plane_color": (238, 240, 243), "plane_opacity": 1.0, "shadow_opacity": 0.35}
 
 
 def frame_times(solutions: Sequence[Solution]) -> Array:
@@ -92,17 +92,6 @@ class Nodes:
 
 
 @dataclass(frozen=True)
-class Ground:
-    """A node that the motion does not move; a ``plane`` looks the same from everywhere on it."""
-
-    name: str
-    position: Array  # (3,) m
-    wxyz: Array  # (4,)
-    plane: bool
-    level: bool
-
-
-@dataclass(frozen=True)
 class Cycle:
     """What a lap of a cycle adds: the point p goes to Rz(yaw) p + way."""
 
@@ -143,10 +132,11 @@ def build(
     server.scene.add_frame("/world", show_axes=False)
     grounds: list[Ground] = []
     for k, actor in enumerate(actors):
-        level = not actor.solution.ground or float(np.ptp(actor.solution.ground["z"])) < 1e-6
         # One level ground is enough for all.
-        if actor.solution.ground and (k == 0 or (actor.offset.any() and not level)):
-            grounds.append(_add_ground(server, f"/world/ground_{k}", actor, scale))
+        other = actor.offset.any() and not is_level(actor.solution)
+        if actor.solution.ground and (k == 0 or other):
+            name = f"/world/ground_{k}"
+            grounds += add_ground(server, name, actor.solution, actor.offset, scale)
     names = [f"/world/{k}_{_plain(actor.solution.name)}" for k, actor in enumerate(actors)]
     nodes = [
         _add_character(server, name, actor, color_of(k), forces)
@@ -187,11 +177,13 @@ def _set_stage(server: Any, actors: Sequence[Actor]) -> None:
 def camera_path(
     actor: Actor, times: Array, follow: bool, scale: float, cycle: Cycle | None
 ) -> Array:
-    """(frames, 3) m, horizontal way of the camera.
+    """(frames, 3) m, horizontal way of the camera; over the shapes of a world it rises and falls
+    too.
 
     It stays where it is for a character that hardly travels, unless a cycle would jump back.
     """
-    way = (actor.com - actor.offset) * (1.0, 1.0, 0.0)
+    climbs = cycle is None and actor.solution.world is not None
+    way = (actor.com - actor.offset - (0.0, 0.0, actor.com[0, 2])) * (1.0, 1.0, float(climbs))
     travels = cycle is not None or float(np.ptp(way, axis=0).max()) >= scale
     if not follow or not travels or len(way) < 3:
         return np.repeat(way[:1], len(way), axis=0)
@@ -215,9 +207,10 @@ def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: b
             nodes.bodies[b] = f"{name}/{b}_{_plain(body.name)}"
             scene.add_mesh_simple(nodes.bodies[b], surface.vertices, surface.faces, color=color)
     ever = np.asarray(actor.solution.loaded.any(axis=0))
+    singles = singles_of(character)  # of the others the body's surface is drawn
     for c, k in enumerate(character.terrain_contacts):
         contact = character.contacts[k]
-        if ever[c] and contact.body in nodes.bodies:
+        if ever[c] and contact.body in nodes.bodies and k in singles:
             surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
             nodes.feet[c] = f"{nodes.bodies[contact.body]}/{_plain(contact.name)}"
             scene.add_mesh_simple(nodes.feet[c], surface.vertices, surface.faces, color=FOOT)
@@ -236,44 +229,6 @@ def arrows_of(actor: Actor) -> Array:
     arrows = np.stack([actor.point, actor.point + length * actor.force], axis=2)
     arrows[~actor.loaded] = [(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)]
     return np.asarray(arrows)
-
-
-def _add_ground(server: Any, name: str, actor: Actor, scale: float) -> Ground:
-    """An endless grid for a plane, a mesh with lines for anything else."""
-    x, y, z = (actor.solution.ground[axis] for axis in "xyz")
-    cell = tile(scale)
-    rise = [float(np.mean(np.diff(z, axis=axis))) for axis in (0, 1)]
-    slope = [rise[0] / (x[1] - x[0]), rise[1] / (y[1] - y[0])]
-    plane = z[0, 0] + slope[0] * (x[:, None] - x[0]) + slope[1] * (y - y[0])
-    if np.abs(z - plane).max() < 1e-6:
-        height = z[0, 0] - slope[0] * x[0] - slope[1] * y[0]
-        wxyz = _turn_to(np.array([-slope[0], -slope[1], 1.0]))
-        position = actor.offset + (0.0, 0.0, height)
-        cells = {"infinite_grid": True, "cell_size": cell, "section_size": 5 * cell}
-        fade = {"fade_distance": 24.0 * scale, "fade_strength": 1.6}
-        server.scene.add_grid(name, **GRID, **cells, **fade, wxyz=wxyz, position=position)
-        return Ground(name, position, wxyz, plane=True, level=bool(np.abs(slope).max() < 1e-6))
-    corners = np.stack([*np.broadcast_arrays(x[:, None], y), z], axis=-1)
-    index = np.arange(z.size).reshape(z.shape)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    triangles = [np.stack(corner, axis=-1).reshape(-1, 3) for corner in ((a, b, c), (a, c, d))]
-    points = corners.reshape(-1, 3) + actor.offset
-    look = {"color": (226, 229, 233), "side": "double", "cast_shadow": False}
-    server.scene.add_mesh_simple(name, points, np.concatenate(triangles), **look)
-    along = np.stack([corners[:-1], corners[1:]], axis=2).reshape(-1, 2, 3)
-    across = np.stack([corners[:, :-1], corners[:, 1:]], axis=2).reshape(-1, 2, 3)
-    raised = np.concatenate([along, across]) + actor.offset + (0.0, 0.0, 2e-3 * scale)
-    server.scene.add_line_segments(
-        f"{name}_lines", raised, colors=(190, 194, 200), thickness=1.0, thickness_units="screen"
-    )
-    return Ground(name, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), plane=False, level=False)
-
-
-def _turn_to(normal: Array) -> Array:
-    """Quaternion that turns the z axis to ``normal`` (3,) about a horizontal axis."""
-    n = normal / np.linalg.norm(normal)
-    turn = np.array([1.0 + n[2], -n[1], n[0], 0.0])
-    return np.asarray(turn / np.linalg.norm(turn))
 
 
 def _plain(name: str) -> str:

@@ -18,7 +18,7 @@ from octo.checks import Array, flag, numbers, positive
 from octo.errors import ShapeError
 from octo.world import spline
 from octo.world.jet import AXES, SIZES
-from octo.world.shape import Kind, Shape, fixed
+from octo.world.shape import Kind, Shape, fixed, places
 from octo.world.units import check_size
 
 HEAD = 5  # numbers before the coefficients
@@ -125,7 +125,7 @@ class HeightField(Shape):
         return float(np.sqrt(1.0 + np.sum(np.square(slopes))))
 
     def covers(self, points: ArrayLike) -> Array:
-        given = (numbers("points", points) - np.asarray(self.position)) @ np.asarray(self.rotation)
+        given = (places(points) - np.asarray(self.position)) @ np.asarray(self.rotation)
         cells = (given[:, :2] / self.scale - np.asarray(self.origin)) / self.cell
         inside = (cells >= 0.0) & (cells <= np.array(np.shape(self.heights)) - 1.0)
         return np.asarray(inside.all(axis=1))

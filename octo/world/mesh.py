@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from octo.checks import Array, numbers, positive, room
+from octo.checks import Array, instance, numbers, positive, room
 from octo.errors import ModelError, ProblemError, ShapeError
 from octo.world import build
 from octo.world.grid import KIND, OVERSHOOT
@@ -86,7 +86,7 @@ class Mesh(Shape):
         path: of the file.
         options: cell, scale, position, rotation and name, which is the file's without one.
         """
-        file = Path(path)
+        file = Path(instance("path", path, (str, Path), "the path of a mesh file"))
         vertices, faces = build.read(file)
         return cls(vertices, faces, **{"name": file.stem, **options})
 

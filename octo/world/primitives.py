@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from octo.checks import Array, number
 from octo.errors import ValueRangeError
-from octo.world.shape import Kind, Shape, check_rounding, closed_form, keep_lengths
+from octo.world.shape import Kind, Shape, check_rounding, closed_form, keep_lengths, keep_sizes
 
 # m²: within 1e-9 m of a centre or an axis, where a distance has no slope, derivatives stay finite
 ROUND = 1e-18
@@ -159,7 +159,8 @@ class Box(Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keep_lengths(self, "size", "rounding")
+        keep_sizes(self, "size")
+        keep_lengths(self, "rounding")
         check_rounding(self, self.rounding, np.min(self.size) / 2.0)
 
     @property

@@ -109,7 +109,9 @@ class Shape:
             instance(f"name of a {self.word}", self.name, str, "a text")
         place = numbers(f"position of {self.label}", self.position, (3,))
         object.__setattr__(self, "position", fixed(place))
-        object.__setattr__(self, "rotation", fixed(_rotation(self.label, self.rotation)))
+        object.__setattr__(
+            self, "rotation", fixed(rotation_matrix(f"rotation of {self.label}", self.rotation))
+        )
 
     @property
     def word(self) -> str:
@@ -150,7 +152,7 @@ class Shape:
 
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points (k, 3) m are above or below it: within its box, seen from above."""
-        given = numbers("points", points)
+        given = places(points)
         low, high = self.bounds()
         inside = (given[:, :2] >= low[:2]) & (given[:, :2] <= high[:2])
         return np.asarray(inside.all(axis=1))
@@ -164,17 +166,27 @@ class Shape:
         return made
 
 
+def places(points: ArrayLike) -> Array:
+    """Points (k, 3) m, checked."""
+    given = numbers("points", points)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise ShapeError("points", given.shape, "(k, 3)")
+    return given
+
+
 def keep_lengths(shape: Shape, *names: str) -> None:
     """Keep fields of a shape as positive numbers, in m."""
     for name in names:
-        given = getattr(shape, name)
-        if np.ndim(given) == 0:
-            kept: float | Array = positive(f"{name} of {shape.label}", given, "m")
-        else:
-            kept = fixed(numbers(f"{name} of {shape.label}", given, (3,)))
-            for k, one in enumerate(kept):
-                positive(f"{name}[{k}] of {shape.label}", float(one), "m")
+        kept = positive(f"{name} of {shape.label}", getattr(shape, name), "m")
         object.__setattr__(shape, name, kept)
+
+
+def keep_sizes(shape: Shape, name: str) -> None:
+    """Keep a field of a shape as three positive numbers, in m."""
+    kept = numbers(f"{name} of {shape.label}", getattr(shape, name), (3,))
+    for k, one in enumerate(kept):
+        positive(f"{name}[{k}] of {shape.label}", float(one), "m")
+    object.__setattr__(shape, name, fixed(kept))
 
 
 def check_rounding(shape: Shape, rounding: float, most: float) -> None:
@@ -193,19 +205,19 @@ def fixed(given: Numbers) -> Numbers:
     return made
 
 
-def _rotation(label: str, given: ArrayLike) -> Array:
+def rotation_matrix(field: str, given: ArrayLike) -> Array:
     """The rotation matrix (3, 3) of a matrix or a quaternion wxyz."""
-    found = numbers(f"rotation of {label}", given)
+    found = numbers(field, given)
     if found.shape == (4,):
         if not np.linalg.norm(found) > 0.0:
-            raise ValueRangeError(f"rotation of {label} is a quaternion of length 0, which is none")
+            raise ValueRangeError(f"{field} is a quaternion of length 0, which is none")
         return np.asarray(Rotation.from_quat(np.roll(found, -1)).as_matrix())
     if found.shape != (3, 3):
-        raise ShapeError(f"rotation of {label}", found.shape, "(3, 3) or (4,)")
+        raise ShapeError(field, found.shape, "(3, 3) or (4,)")
     off = np.abs(found.T @ found - np.eye(3)).max()
     if not (off <= TURNED and np.linalg.det(found) > 0.0):
         raise ValueRangeError(
-            f"rotation of {label} is no rotation: its columns must be perpendicular, of length 1 "
+            f"{field} is no rotation: its columns must be perpendicular, of length 1 "
             "and right-handed"
         )
     left, _, right = np.linalg.svd(found)

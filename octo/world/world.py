@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from octo.checks import Array, numbers, positive, whole
-from octo.errors import ProblemError, ShapeError, UnknownNameError, ValueRangeError, said
+from octo.errors import ProblemError, UnknownNameError, ValueRangeError, said
 from octo.world import interpreted, layout, query, tree
 from octo.world.blend import PART
+from octo.world.drawn import Drawn, drawn, everywhere
 from octo.world.jet import SIZES
-from octo.world.shape import FRACTION, Shape
+from octo.world.shape import FRACTION, Shape, places
 from octo.world.shapes import KINDS
 
 REACHED = 1e-6  # m, over a surface that a falling point has come to
 FALLEN = 1e4  # m, that it falls at most
+LEAST = 1e-3  # m, of a step of its way, so that it does not creep down a wall beside it
+HALVINGS = 10  # of such a step, down to REACHED
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +62,11 @@ class World:
         object.__setattr__(self, "shapes", tuple(self.shapes))
         object.__setattr__(self, "blend", positive("blend", self.blend, "m"))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copies: the fields. Numbers of its own make a copy known by their place in
+        memory, and keep them as they are."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     # -- numbers -----------------------------------------------------------------------------------
 
     @cached_property
@@ -83,7 +92,7 @@ class World:
         infinite where they have no end."""
         boxes = np.array([shape.bounds() for shape in self.shapes])
         bulge = self.blend / 6.0 / FRACTION if len(boxes) > 1 else 0.0  # where shapes meet
-        return np.stack([boxes[:, 0].min(axis=0) - bulge, boxes[:, 1].max(axis=0) + bulge])
+        return _kept(np.stack([boxes[:, 0].min(axis=0) - bulge, boxes[:, 1].max(axis=0) + bulge]))
 
     # -- queries -----------------------------------------------------------------------------------
 
@@ -95,9 +104,7 @@ class World:
         ----------
         points: (k, 3) m. order: of the derivatives, 0 to 3.
         """
-        given = numbers("points", points)
-        if given.ndim != 2 or given.shape[1] != 3:
-            raise ShapeError("points", given.shape, "(k, 3)")
+        given = places(points)
         whole("order", order, 0, len(SIZES) - 1)
         found = query.compiled(self.data, given, order)
         if found is None:
@@ -121,16 +128,26 @@ class World:
         ----------
         points: (k, 3) m.
         """
-        given = numbers("points", points).copy()
-        steepest = max(shape.steepest for shape in self.shapes)
+        given = places(points).copy()
         lowest = max(self.bounds[0, 2] - 1.0, float(given[:, 2].min(initial=0.0)) - FALLEN)
-        falling = np.arange(len(given))
-        while len(falling):  # no point falls through a surface: φ is not that near
-            away = self.distance(given[falling]) / steepest
-            given[falling, 2] -= np.maximum(away, 0.0)
-            given[falling[given[falling, 2] < lowest], 2] = -np.inf
-            falling = falling[(away > REACHED) & np.isfinite(given[falling, 2])]
-        return given[:, 2]
+        height = given[:, 2]
+        above, falling = height.copy(), np.arange(len(given))
+        while len(falling):
+            away = self.distance(given[falling])
+            falling, away = falling[away > REACHED], away[away > REACHED]
+            above[falling] = height[falling]
+            # so far there is no surface; beside a wall that is near
+            height[falling] -= np.maximum(away / self.data[layout.STEEPEST], LEAST)
+            height[falling[height[falling] < lowest]] = -np.inf
+            falling = falling[np.isfinite(height[falling])]
+        landed = np.flatnonzero(np.isfinite(height) & (height < above))
+        for _ in range(HALVINGS):  # who took a least step may be inside
+            middle = given[landed]
+            middle[:, 2] = 0.5 * (above[landed] + height[landed])
+            inside = self.distance(middle) <= REACHED
+            height[landed[inside]] = middle[inside, 2]
+            above[landed[~inside]] = middle[~inside, 2]
+        return height
 
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points have a shape above or below them, as seen from above.
@@ -140,6 +157,17 @@ class World:
         points: (k, 3) m.
         """
         return np.any([shape.covers(points) for shape in self.shapes], axis=0)
+
+    def surface(self, around: ArrayLike | None = None) -> list[Drawn]:
+        """What it looks like: the triangles of each shape, as fine as the shape itself.
+
+        Parameters
+        ----------
+        around: (2, 2) m, the least and the largest x and y of the picture, which planes fill and
+            maps are cut to; by default around all that ends somewhere.
+        """
+        frame = everywhere(self.shapes) if around is None else numbers("around", around, (2, 2))
+        return drawn(self.shapes, frame)
 
     # -- motion ------------------------------------------------------------------------------------
 

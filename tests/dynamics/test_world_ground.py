@@ -3,6 +3,9 @@ contacts and whole solves, on every backend."""
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,10 +15,11 @@ import octo
 from octo import native
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb, Smooth
+from octo.errors import StaticPoseError, UnknownNameError
 from octo.gpu.problem import DeviceProblem
 from octo.model.gallery import CHARACTERS
 from octo.model.kinematics import sphere_centers
-from octo.model.terrain import signed_distance
+from octo.model.terrain import signed_distance, world_at
 from octo.problem.compiled import CompiledProblem
 from tests import emulator
 from tests.emulator import EmulatedDevice
@@ -194,3 +198,51 @@ def test_phi_is_no_steeper_than_said(shape):
     points = rng.uniform(-2.0, 3.0, (2000, 3))
     steepest = max(one.steepest for one in world.shapes)
     assert np.linalg.norm(world.jets(points)[:, 1:], axis=1).max() <= steepest
+
+
+@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+def test_copies_of_a_batch_have_their_own_worlds():
+    """Pickled or copied before and after its code is used: not the original's place in memory,
+    which may be another process, or given back."""
+    costs = [octo.Effort()]  # what CasADi pickles without more ado
+    worlds = [problem_on(other) for _, other in GROUNDS.values()]
+    made = CompiledProblem([one.replace(costs=costs, constraints=()) for one in worlds])
+    nodes = np.repeat(made.start[:, None], made.steps + 2, axis=1)
+    place = made.dynamics.layout.index("terrain.address")
+    for _ in range(2):
+        for again in (copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+            at = made.evaluate_nodes(made.unknowns(nodes), nodes)
+            found = again.evaluate_nodes(made.unknowns(nodes), nodes)
+            np.testing.assert_array_equal(found.fd, at.fd)
+            for own, problem in zip(again.p[:, place], again.problems, strict=True):
+                assert world_at(own) is problem.terrain
+            assert not set(again.p[:, place]) & set(made.p[:, place])
+
+
+def test_nobody_says_where_a_world_is():
+    """Code follows the address: another one would end the process."""
+    problem, given = problem_on(GROUNDS["slope"][1]), {"terrain.address": 4096.0}
+    controller = octo.mpc.Controller(
+        problem.replace(costs=[octo.Effort(), octo.Posture()], constraints=())
+    )
+    for call in (
+        lambda: problem.replace(parameters=given),
+        lambda: octo.simulate(problem.model, START, steps=2, terrain=SLOPE, parameters=given),
+        lambda: octo.simulate(
+            problem.model, START, steps=2, terrain=problem.terrain, parameters=given
+        ),
+        lambda: controller.set_parameters(given),
+    ):
+        with pytest.raises(UnknownNameError, match="terrain.address"):
+            call()
+    assert "terrain.address" not in problem.values
+    octo.simulate(problem.dynamics, START, steps=1, parameters=problem.values)
+
+
+def test_a_robot_beside_its_world_is_told_so():
+    box = octo.shapes.Box((1.0, 1.0, 1.0), position=(10.0, 0.0, -0.5))
+    with pytest.raises(StaticPoseError, match="no shape or map there"):
+        problem_on(octo.World([box])).replace(x0=None).start  # noqa: B018
+    beyond = octo.shapes.HeightField(np.zeros((9, 9)), cell=0.1, origin=(10.0, 0.0))
+    start = problem_on(octo.World([beyond])).replace(x0=None).start  # a map goes on
+    np.testing.assert_allclose(start, problem_on(octo.Plane()).replace(x0=None).start, atol=1e-6)

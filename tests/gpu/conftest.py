@@ -19,11 +19,6 @@ from tests.emulator import EmulatedDevice
 STEPS, DT = 12, 0.05
 
 
-@pytest.fixture(scope="module", autouse=True)
-def quickly(quick_compiler):
-    """What the kernels are compared with."""
-
-
 @pytest.fixture(autouse=True)
 def needs_compiler():
     if emulator.compiler() is None:

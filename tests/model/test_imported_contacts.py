@@ -7,7 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from octo.errors import ValueRangeError
 from octo.model import shapes
+from octo.model.describe import describe
+from octo.model.figure import surfaces
 from octo.model.kinematics import sphere_centers
 from octo.model.load import load
 
@@ -130,6 +133,54 @@ def robot(tmp_path):
         return load(path, base)
 
     return write
+
+
+@pytest.fixture
+def whole(robot, tmp_path):
+    """A walker whose trunk is an open bowl, with all of its vertices."""
+    turns = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    rims = [
+        np.stack([r * np.cos(turns), r * np.sin(turns), 0.0 * turns + z], 1)
+        for r, z in ((0.1, 0.0), (0.2, 0.1), (0.15, 0.1))
+    ]
+    points = " ".join(f"{x:.9g}" for x in np.concatenate(rims).ravel())
+    mesh = f'<asset><mesh name="bowl" inertia="shell" vertex="{points}"/></asset>'
+    text = walker(trunk='type="mesh" mesh="bowl"').replace("<mujoco>", f"<mujoco>{mesh}")
+    path = tmp_path / "bowl.xml"
+    path.write_text(text)
+    return load(path, contacts="vertices"), load(path), np.concatenate(rims)
+
+
+def test_all_vertices_are_kept(whole):
+    character, few, points = whole
+    own = [c for c in character.contacts if c.body == 0]
+    assert len([c for c in few.contacts if c.body == 0]) <= 8
+    assert len({c.name for c in own}) == len(own) == len(points)
+    assert all(c.radius == 0.0 and c.touches_terrain for c in own)
+    found = np.array([c.position for c in own])
+    assert np.ptp(found, axis=0) == pytest.approx(np.ptp(points, axis=0), abs=1e-6)
+    other = [c for c in character.contacts if "bone" in c.name]
+    assert len(other) == 16 and {c.radius for c in other} == {0.0}
+    assert sorted(c.radius for c in character.contacts if "foot" in c.name) == [0.03, 0.03]
+
+
+def test_info_counts_them(whole):
+    character = whole[0]
+    assert "600 on trunk" in character.summary() and "trunk_17" not in character.summary()
+    assert len(describe(character)["contacts"]) == len(character.contacts)
+
+
+def test_the_surface_of_many_is_their_hull(whole):
+    surface = surfaces(whole[0])[0]
+    assert surface is not None and len(surface.faces) < 2000
+    assert np.ptp(surface.vertices, axis=0)[:2] == pytest.approx([0.4, 0.4], abs=0.03)
+
+
+def test_what_contacts_may_be(tmp_path):
+    with pytest.raises(ValueRangeError, match="contacts is 'all', must be one of few, vertices"):
+        load("mammal", contacts="all")
+    with pytest.raises(ValueRangeError, match="must be few: it has no meshes"):
+        load("mammal", contacts="vertices")
 
 
 def test_feet_come_first_and_shafts_are_rods(robot):

@@ -17,7 +17,7 @@ from octo.model.quaternions import rotation_of
 from octo.model.scene import Scene
 from octo.model.solid import Solid
 from octo.model.terrain import Plane
-from octo.world.shapes import Box, Sphere
+from octo.world.shapes import Box, Ground, Sphere
 from octo.world.world import World
 
 
@@ -189,7 +189,13 @@ REFUSED = [
     (lambda: octo.objects.box((0.1, 0.1, 0.1), -1.0), "mass"),
     (lambda: octo.objects.box((0.1, 0.1, 0.1), 1.0, rounding=0.06), "rounding"),
     (lambda: octo.objects.ball(0.1, 1.0, (0.0, 0.0)), "position"),
+    (lambda: Scene(ROBOT, [BOX], contacts=3), "contacts is 3"),
+    (lambda: octo.objects.ball(0.1, 1.0, hollow="no"), "hollow is 'no'"),
+    (lambda: octo.objects.box((0.1, 0.1, 0.1), 1.0, rotation=np.zeros((3, 3))), "no rotation"),
+    (lambda: octo.objects.door(rotation=np.diag([1.0, 1.0, -1.0])), "door: rotation is no rot"),
+    (lambda: octo.objects.box((0.1, 0.1, 0.1), 1.0, rotation=np.zeros(4)), "length 0"),
     (lambda: Solid("s", 0, "box"), "shape"),
+    (lambda: Solid("s", 0, Ground()), "shape is a Ground, must be a Sphere"),
     (lambda: dataclasses.replace(BOX, touches=((0, 0),)), "on one body"),
     (lambda: dataclasses.replace(BOX, touches=((0, 4),)), "touch"),
     (lambda: dataclasses.replace(BOX, objects=("crate",)), "crate"),

@@ -12,6 +12,7 @@ from walker import START, walker, wiggle_near_ground
 import octo
 from octo import native
 from octo.dynamics.laws import Smooth, Viscous
+from octo.errors import ProblemError
 from octo.gpu.problem import DeviceProblem
 from octo.model.character import Body, Character, ContactSphere, Joint
 from octo.problem.compiled import CompiledProblem
@@ -131,3 +132,13 @@ def test_octo_and_ipopt_agree(push):
     other = octo.reference.ipopt(short, start=own.x)
     assert own.converged and other.solution.converged
     assert other.solution.energy == pytest.approx(own.energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("place", [(0.8, 0.0, 0.1), (0.4, 0.0, -0.5)])
+def test_an_object_inside_a_wall_or_the_ground_is_refused(place):
+    wall = octo.shapes.Box((0.6, 2.0, 2.0), position=(0.8, 0.0, 0.9))
+    scene = octo.Scene(hand(), [octo.objects.box((0.2, 0.2, 0.2), 1.0, place)])
+    world = octo.World([octo.shapes.Ground(), wall])
+    problem = octo.Problem(scene, steps=2, dt=0.02, costs=[octo.Effort()], law=LAW, terrain=world)
+    with pytest.raises(ProblemError, match="start is under the ground: contact 'box_"):
+        problem.start  # noqa: B018

@@ -4,6 +4,7 @@ dynamics."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 import octo
 from octo import costs
+from octo.dynamics.evaluate import RobotDynamics
 from octo.problem.basis import Hermite
 from octo.problem.problem import Problem
 
@@ -42,32 +44,36 @@ def _cart_pole(**changes: object) -> Problem:
     )
 
 
+@cache
+def _dynamics(name: str) -> RobotDynamics:
+    """Of a robot of the gallery: what is derived of it is derived once."""
+    return RobotDynamics(octo.gallery.CHARACTERS[name]())
+
+
 def _robot(
     name: str, steps: int, terms: list[costs.Cost], basis: str | Hermite = "nodes"
 ) -> Problem:
-    return Problem(octo.gallery.CHARACTERS[name](), steps=steps, dt=0.05, costs=terms, basis=basis)
+    return Problem(_dynamics(name), steps=steps, dt=0.05, costs=terms, basis=basis)
 
 
 def _cycle(
     name: str, steps: int, cycle: octo.Cycle, terms: list[costs.Cost] | None = None
 ) -> Problem:
     """With the natural terms, or others."""
-    problem = Problem(
-        octo.gallery.CHARACTERS[name](), steps=steps, costs=[costs.Effort()], cycle=cycle
-    )
+    problem = Problem(_dynamics(name), steps=steps, costs=[costs.Effort()], cycle=cycle)
     return problem.replace(costs=costs.natural(length=problem.length) if terms is None else terms)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def cycle() -> Callable[..., Problem]:
     return _cycle
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def cart_pole() -> Callable[..., Problem]:
     return _cart_pole
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def robot() -> Callable[..., Problem]:
     return _robot

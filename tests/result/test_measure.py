@@ -137,3 +137,14 @@ def test_a_robot_without_contacts_has_no_feet():
     fields = measure.measured(compiled, compiled.evaluate(np.zeros((1, 3, 7))), 0)
     found = solution(fields)
     assert found.contact_force.shape == (3, 0, 3) and found.slip == found.penetration == 0.0
+
+
+def test_the_ground_of_a_world_may_have_an_underside():
+    """A platform that ends: its top is the ground, and beside it there is none."""
+    platform = octo.shapes.Box((0.8, 9.0, 0.5), position=(0.0, 0.0, -0.25))
+    world = octo.World([platform])
+    problem = octo.Problem(block(), steps=3, dt=DT, costs=[octo.Effort()], terrain=world)
+    ground = measure.ground(problem.dynamics, problem.p, np.zeros((1, 3)))
+    on = np.abs(ground["x"]) < 0.3
+    np.testing.assert_allclose(ground["z"][on], 0.0, atol=1e-6)
+    assert (ground["z"][np.abs(ground["x"]) > 0.5] < -3.0).all()

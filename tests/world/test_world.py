@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
+import gc
 import pickle
 
 import numpy as np
@@ -11,6 +13,7 @@ from scenes import blocks, mixed, turn, worst
 
 from octo import World, native, shapes
 from octo.errors import OctoError, ProblemError, UnknownNameError, ValueRangeError
+from octo.model.terrain import address_of, world_at
 from octo.world import interpreted, layout, query
 from octo.world.blend import PART
 from tests.world.maps import maps
@@ -108,7 +111,7 @@ def test_shapes_are_fixed() -> None:
     box = shapes.Box((1.0, 1.0, 1.0), position=place)
     place[0] = 1.0
     assert box.position[0] == 0.0
-    for one in (box.position, box.rotation, box.size, World([box]).data):
+    for one in (box.position, box.rotation, box.size, World([box]).data, World([box]).bounds):
         with pytest.raises(ValueError):
             one[0] = 2.0
 
@@ -118,6 +121,40 @@ def test_a_world_can_be_pickled() -> None:
     points = np.random.default_rng(1).normal(size=(20, 3))
     other = pickle.loads(pickle.dumps(world))
     np.testing.assert_array_equal(other.jets(points, 2), world.jets(points, 2))
+
+
+def test_what_falls_beside_a_wall_comes_down() -> None:
+    """In few steps, though φ is a hundredth of a millimetre all the way; onto the top, the ground,
+    or nothing."""
+    box = shapes.Box((1.0, 1.0, 1.0))
+    points = [[0.5 + 1e-5, 0.0, 9.0], [0.1, 0.2, 3.0], [0.1, 0.2, 0.2], [3.0, 0.0, -2.0]]
+    world, looks = World([shapes.Ground(slope=0.2, height=-0.4), box]), 0
+    found = world.below(points)
+    np.testing.assert_allclose(found[1:], [0.5, 0.2, -2.0], rtol=0.0, atol=1e-6)
+    assert found[0] == pytest.approx(-0.4 + 0.5 * np.tan(0.2), abs=2e-3)  # but for the corner
+    np.testing.assert_array_equal(World([box]).below(points[:2])[0], -np.inf)
+
+    class Counted(World):
+        def distance(self, points):
+            nonlocal looks
+            looks += 1
+            return super().distance(points)
+
+    Counted([shapes.Ground(), box]).below(points)
+    assert looks < 2000
+
+
+@compiled
+def test_a_copy_has_numbers_of_its_own() -> None:
+    """By their address problems find a world: when the copy is gone, it is still there."""
+    world = World([BALL])
+    address = address_of(world)
+    other = copy.copy(world)
+    assert address_of(other) != address
+    del other
+    gc.collect()
+    assert world_at(address) is world
+    assert not pickle.loads(pickle.dumps(world)).data.flags.writeable
 
 
 def test_bounds_are_around_the_union() -> None:
@@ -172,6 +209,8 @@ REFUSED = {
     "no radius": (lambda: shapes.Sphere(0.0), ValueRangeError, "radius of a Sphere is 0.0 m"),
     "a radius of nan": (lambda: shapes.Sphere(np.nan), ValueRangeError, "radius"),
     "a flat box": (lambda: shapes.Box((1.0, 0.0, 1.0)), ValueRangeError, "size[1] of a Box"),
+    "a box of one size": (lambda: shapes.Box(1.0), OctoError, "size of a Box has shape ()"),
+    "a ball of three": (lambda: shapes.Sphere((1.0, 2.0, 3.0)), OctoError, "radius of a Sphere"),
     "a box of two sizes": (lambda: shapes.Box((1.0, 1.0)), OctoError, "size of a Box"),
     "a rounding that is too large": (
         lambda: shapes.Box((1.0, 0.1, 1.0), 0.06),
@@ -184,6 +223,7 @@ REFUSED = {
         "at most half of its smallest size, 0.01 m",
     ),
     "no rounding": (lambda: shapes.Cylinder(0.1, 1.0, 0.0), ValueRangeError, "rounding"),
+    "no file": (lambda: shapes.Mesh.from_file(None), ProblemError, "path is None"),
     "no length": (lambda: shapes.Capsule(0.1, -1.0), ValueRangeError, "length of a Capsule"),
     "a steep ground": (lambda: shapes.Ground(1.6), ValueRangeError, "slope of a Ground"),
     "a place that is none": (
@@ -208,6 +248,13 @@ REFUSED = {
     "another name": (lambda: World([BALL]).moved("bal"), UnknownNameError, "did you mean ball?"),
     "another number": (lambda: World([BALL]).moved(1), ValueRangeError, "must be 0 to 0"),
     "points of a plane": (lambda: World([BALL]).jets([[0.0, 0.0]]), OctoError, "(k, 3)"),
+    "one point below": (lambda: World([BALL]).below([0.0, 0.0, 1.0]), OctoError, "(k, 3)"),
+    "one covered point": (lambda: World([BALL]).covers([0.0, 0.0]), OctoError, "(k, 3)"),
+    "a covered point of a map": (
+        lambda: World([shapes.HeightField(np.zeros((9, 9)), 0.1)]).covers([0.0, 0.0]),
+        OctoError,
+        "(k, 3)",
+    ),
     "a point that is none": (lambda: World([BALL]).jets([[np.nan] * 3]), OctoError, "points"),
     "a fourth order": (lambda: World([BALL]).jets([[0.0] * 3], 4), OctoError, "order is 4"),
 }
