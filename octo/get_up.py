@@ -303,6 +303,7 @@ def _in_a_chart(standing: Problem, pose: Array) -> tuple[Problem, Array | None]:
     """Where the robot lies, None where it does not come to rest, in a chart that is regular
     there."""
     lying: Array | None = pose
+    first = standing
     for _ in range(3):  # where it begins to fall and where it lies may need another one each
         robot = standing.character
         assert robot is not None and isinstance(standing.dynamics, RobotDynamics)
@@ -315,8 +316,20 @@ def _in_a_chart(standing: Problem, pose: Array) -> tuple[Problem, Array | None]:
         assert robot is not None and isinstance(standing.dynamics, RobotDynamics)
         lying = settled(standing.dynamics, standing.p, lying)
         if lying is None or abs(np.sin(lying[base_angles(robot)][1])) <= STEEP:
-            return standing, lying
+            return _as_it_was(first, standing, lying)
     return standing, None
+
+
+def _as_it_was(
+    first: Problem, standing: Problem, lying: Array | None
+) -> tuple[Problem, Array | None]:
+    """The same in the robot's own chart, where that is regular too: the way from its back to its
+    feet leads through the other one's singularity."""
+    own, robot = first.character, standing.character
+    if lying is None or own is None or robot is None or own.chart == robot.chart:
+        return standing, lying
+    back = in_chart(robot, lying, own.chart)
+    return (first, back) if abs(np.sin(back[base_angles(own)][1])) <= STEEP else (standing, lying)
 
 
 def _sides(robot: Character | None, lying: Array) -> list[Array]:

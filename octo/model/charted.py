@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from octo.model.character import Character
-from octo.model.chart import Chart, angles_of, rotation_of_angles
+from octo.model.chart import Chart, chart_angles, rotation_of_angles
 from octo.model.quantities import Array
 
 
@@ -29,13 +29,13 @@ def charted(robot: Character, chart: Chart) -> Character:
 
 
 def in_chart(robot: Character, pose: Array, chart: Chart) -> Array:
-    """A pose (nx,) of the robot as one of :func:`charted`: the base's angles in that chart."""
+    """A pose (nx,) of the robot as one of :func:`charted`: the base's angles in that chart, the
+    middle one at most a quarter turn."""
     own, pose = base_angles(robot), np.array(pose, dtype=float)
     reference = np.array([robot.joints[j].reference for j in range(own.start, own.stop)])
-    near = pose[own] - reference
-    turn = rotation_of_angles(near, robot.chart)
+    turn = rotation_of_angles(pose[own] - reference, robot.chart)
     order = [robot.chart.index(axis) for axis in chart]
-    pose[own] = np.asarray(angles_of(turn, chart, near[order])) + reference[order]
+    pose[own] = np.asarray(chart_angles(turn, chart)) + reference[order]
     return pose
 
 
