@@ -16,6 +16,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.problem.compiled import CompiledProblem
 from octo.solver import sqp
 from octo.solver.options import SqpOptions
+from octo.solver.records import Records
 from octo.starts import first_nodes
 from tests.emulator import EmulatedDevice
 
@@ -68,7 +69,7 @@ def test_pinned_controls(device: Callable[..., EmulatedDevice]) -> None:
 @pytest.mark.parametrize("name", ["cart-pole, nodes", "biped, turning"])
 def test_a_solve_takes_the_same_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels in graphs, on arrays as strict as CuPy's; E counts as settled from the start."""
-    monkeypatch.setattr(sqp._Records, "settled", lambda self, members: np.full(len(members), True))
+    monkeypatch.setattr(Records, "settled", lambda self, members: np.full(len(members), True))
     problem = batch(name)
     nodes = np.stack([first_nodes(one, k, None) for k, one in enumerate(problem.problems)])
     expected, found = both(problem, nodes, SqpOptions(max_iterations=6))
