@@ -64,7 +64,10 @@ def over(
             part = rise.next(motion, part) if stage + 1 < STAGES else 1.0
             last = part == 1.0
             problem = _problem(journey if last else journey.priced, rise.at(part), flat)
-            options = budget.near(f"over the world, {100 * part:.0f} % of it")
+            doing = f"over the world, {100 * part:.0f} % of it"
+            # to its end with the contacts' curvature: without it the last stage of five steps
+            # of 5 cm took 3,000 iterations and more, with it 1,836, to a lower E
+            options = budget.left(doing) | {"passes": None} if last else budget.near(doing)
             if not last:
                 options["max_iterations"] = ITERATIONS
             guess = rise.lifted(motion, reached, part)
