@@ -16,7 +16,6 @@ import argparse
 import json
 import os
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 import octo
+from benchmarks.world import least
 from octo.checks import Array
 from octo.dynamics import crowd
 from octo.dynamics.evaluate import RobotDynamics
@@ -100,17 +100,6 @@ def motion(robot: octo.Character) -> Array:
     return nodes
 
 
-def least(repeats: int, tasks: Sequence[Callable[[], Any]]) -> list[float]:
-    """s of processor time of each task; they take turns."""
-    best = [np.inf] * len(tasks)
-    for _ in range(repeats):
-        for k, task in enumerate(tasks):
-            began = time.process_time()
-            task()
-            best[k] = min(best[k], time.process_time() - began)
-    return best
-
-
 def task_of(robot: octo.Character, terrain: Any, few: int) -> Callable[[], Any]:
     """FD and its Jacobian of the motion, where more than ``few`` contacts are a crowd."""
     usual, crowd.FEW = crowd.FEW, few
@@ -139,7 +128,7 @@ def main(words: Sequence[str] | None = None) -> int:
             kinds = [(n, crowd.FEW if n > TOUCHING else 10**9) for n in counts]
             kinds += [(n, 10**9) for n in chosen.counts if chosen.all]
             tasks = [task_of(robot(n), terrain, few) for n, few in kinds]
-            seconds = least(chosen.repeats, tasks)
+            seconds = least(chosen.repeats, *tasks)
             for (n, few), own in zip(kinds, seconds, strict=True):
                 each = few == 10**9 and n > TOUCHING
                 record = {"robot": name, "ground": ground, "contacts": n, "one by one": each}

@@ -23,7 +23,7 @@ from octo.interrupts import postponed
 from octo.model.chart import chart_angles
 from octo.model.kinematics import axis_rotation, body_poses, sphere_centers
 from octo.model.quantities import GRAVITY, Array
-from octo.model.terrain import World, distance, normal
+from octo.model.terrain import World, distance, distance_and_normal, normal
 
 TOLERANCE = 1e-6  # of mg and mg·ℓ
 MOST_TILT = np.deg2rad(60.0)  # of the base against the pose that was asked for
@@ -71,8 +71,7 @@ class Balance:
         """Distance (k,) m and normal (k, 3) at points (k, 3) m."""
         k = len(points)
         if isinstance(self.dynamics.terrain, World):
-            jets = self.dynamics.terrain.jets(points, 1)
-            return jets[:, 0], jets[:, 1:] / np.linalg.norm(jets[:, 1:], axis=1)[:, None]
+            return distance_and_normal(self.dynamics.terrain, points)
         phi, outward = self._ground.map(k)(points.T, ca.repmat(ca.DM(self.p), 1, k))
         return np.asarray(phi).reshape(k), np.asarray(outward).T
 

@@ -1,5 +1,5 @@
-"""The contacts of many steps as numbers, one contact after the other: where a body has so many that
-one expression of all of them would take long to write (crowd.py)."""
+"""The contacts of a step as one expression, and of many steps as numbers, one contact after the
+other: where a body has so many that the expression would take long to write (crowd.py)."""
 
 from __future__ import annotations
 
@@ -40,6 +40,20 @@ def _one(dynamics: RobotDynamics) -> ca.Function:
     state = symbolic.contact_state(*places, sphere[3], dynamics.law, terrain, view)
     found = ca.vertcat(*(getattr(state, name) for name in NAMES), state.depth)
     return ca.Function("contact", inputs, [ca.densify(found)], {"cse": True})
+
+
+@postponed()
+def contact_function(dynamics: RobotDynamics) -> ca.Function:
+    """Forces, points, velocities and normals (3, c) of all contacts with the terrain, and their
+    depths (c,), at (x_next, x, p as Dynamics.seen)."""
+    robot, terrain = dynamics.character, dynamics.terrain
+    x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
+    p = ca.SX.sym("p", dynamics.layout.size + symbolic.looked_size(robot, terrain))
+    seen = symbolic.views(robot, terrain, dynamics.layout, p)
+    states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
+    depth = ca.vertcat(ca.SX(0, 1), *(state.depth for state in states))
+    vectors = [ca.horzcat(ca.SX(3, 0), *(getattr(state, n) for state in states)) for n in NAMES]
+    return ca.Function("contacts", [x_next, x, p], [*vectors, depth])
 
 
 def contact_numbers(

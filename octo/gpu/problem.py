@@ -11,7 +11,7 @@ from octo.gpu.device import Array, Device
 from octo.gpu.program import NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
 from octo.gpu.step_pairs import Numbers
 from octo.gpu.tables import gathers, pair_gathers
-from octo.gpu.worlds import Worlds
+from octo.gpu.worlds import placed
 from octo.problem.compiled import CompiledProblem, Evaluation, Model
 from octo.problem.neighbours import anchors
 
@@ -25,12 +25,11 @@ class DeviceProblem:
     def __init__(self, problem: CompiledProblem, device: Device, like: DeviceProblem | None = None):
         self.host, self.device, self.xp = problem, device, device.xp
         self.program: Program = Program(problem, device) if like is None else like.program
-        self.p, self.q, self.row_scale, self.constant, self.lower, self.upper = (
-            device.array(getattr(problem, name)) for name in BATCHED[:6]
+        p, self._worlds = placed(problem, device)
+        self.p = device.array(p)
+        self.q, self.row_scale, self.constant, self.lower, self.upper = (
+            device.array(getattr(problem, name)) for name in BATCHED[1:6]
         )
-        self._worlds = Worlds(problem, device)
-        if self._worlds.contacts:
-            self.p = device.array(self._worlds.placed(problem))
         between = bool(problem.functions.between)
         self.anchor = device.array(
             anchors(problem.plan, problem.data) if between else np.zeros((problem.batch, 1))
@@ -292,7 +291,7 @@ class DeviceProblem:
         kin = self.device.empty((*nodes.shape[:2], max(program.kin, 1)))
         room = 8 * (2 * self.n + program.kin)
         program.each("octo_kin_of_nodes", grid, nodes, kin, threads=WARP, shared=room)
-        looks = self._worlds.contacts * nodes.shape[0] * nodes.shape[1]
+        looks = self.dynamics.looks * nodes.shape[0] * nodes.shape[1]
         if looks:
             program.flat("octo_looks", looks, nodes.shape[1], self.p, kin)
         return kin

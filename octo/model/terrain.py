@@ -145,6 +145,12 @@ def signed_distance(terrain: Ground, points: Array, values: Mapping[str, float])
     return distances(terrain, values)(points)
 
 
+def distance_and_normal(world: World, points: Array) -> tuple[Array, Array]:
+    """φ (k,) m and the outward unit normal (k, 3) of a world at points (k, 3) m."""
+    jets = world.jets(points, 1)
+    return jets[:, 0], jets[:, 1:] / np.linalg.norm(jets[:, 1:], axis=1, keepdims=True)
+
+
 # by the address of their data, those that are in use
 _worlds: WeakValueDictionary[float, World] = WeakValueDictionary()
 

@@ -25,6 +25,7 @@ from octo.model.terrain import Plane, World
 from octo.motions.budget import Budget, Interrupted, going_on
 from octo.motions.journey import Journey
 from octo.motions.path import ground_law
+from octo.motions.transitions import SUMS
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solve import solve
@@ -40,7 +41,6 @@ BLEND = 0.2  # ℓ, of shapes that still rise: corners are round until the world
 SMOOTH = 0.15  # s, over which the base is lifted
 NEAR = 0.03  # ℓ, of a contact over the ground that stands on it
 DEEPEST = 2.0  # ℓ, that level ground sinks before it is taken away
-SUMS = ("iterations", "factorizations", "setup_seconds", "seconds", "processor_seconds")
 
 
 def over(
@@ -152,47 +152,50 @@ class Rise:
 
     def next(self, motion: Solution, part: float) -> float:
         """How far the world may rise from ``part`` on for the feet to follow."""
-        if self._moved(motion, part, 1.0) <= FOLLOWED * self.length:
+        before = self._phi(motion, part)
+
+        def followed(other: float) -> bool:
+            """Whether the ground comes up under a foot, or moves under one that stands, by little
+            beyond what the base is lifted."""
+            lift, up, stands = self._lift(motion, before, other)
+            beyond = up - lift[:, None]
+            moved = float(np.where(stands, np.abs(beyond), beyond).max(initial=0.0))
+            return moved <= FOLLOWED * self.length
+
+        if followed(1.0):
             return 1.0
         low, high = part, 1.0
         for _ in range(12):
             middle = 0.5 * (low + high)
-            if self._moved(motion, part, middle) <= FOLLOWED * self.length:
-                low = middle
-            else:
-                high = middle
+            low, high = (middle, high) if followed(middle) else (low, middle)
         return max(low, part + 1e-3)
 
     def lifted(self, motion: Solution, reached: float, part: float) -> Array:
         """The nodes x_0 … x_N (N+1, nx) of a motion, its base moved up with the ground."""
         nodes = motion.x[1:].copy()
-        nodes[:, self.robot.base_coordinate + 2] += self._lift(motion, reached, part)[0]
+        before = self._phi(motion, reached)
+        nodes[:, self.robot.base_coordinate + 2] += self._lift(motion, before, part)[0]
         return nodes
 
-    def _moved(self, motion: Solution, reached: float, part: float) -> float:
-        """m, how far the ground comes up under a foot, or moves under one that stands, beyond what
-        the base is lifted."""
-        lift, up, stands = self._lift(motion, reached, part)
-        beyond = up - lift[:, None]
-        return float(np.where(stands, np.abs(beyond), beyond).max(initial=0.0))
+    def _phi(self, motion: Solution, part: float) -> Array:
+        """(N+1, contacts) m between the centres of the contacts of a motion and the world of which
+        a part has risen."""
+        robot, own = self.robot, list(self.robot.terrain_contacts)
+        centers = sphere_centers(robot, motion.x[1:])[:, own]
+        phi = self.at(part).distance(centers.reshape(-1, 3)).reshape(centers.shape[:2])
+        return phi
 
-    def _lift(self, motion: Solution, reached: float, part: float) -> tuple[Array, Array, Array]:
+    def _lift(self, motion: Solution, before: Array, part: float) -> tuple[Array, Array, Array]:
         """How far the base is lifted (N+1,) m; how far the ground comes up under each contact
-        (N+1, contacts) m, and which of them stand on it."""
-        nodes, robot = motion.x[1:], self.robot
-        own = list(robot.terrain_contacts)
-        centers = sphere_centers(robot, nodes)[:, own]
-        radius = np.array([robot.contacts[k].radius for k in own])
-        before, after = (
-            self.at(one).distance(centers.reshape(-1, 3)).reshape(centers.shape[:2])
-            for one in (reached, part)
-        )
-        stands = before - radius < NEAR * self.length
-        up = np.where(before - radius < self.length, before - after, 0.0)
+        (N+1, contacts) m, and which of them stand on it; ``before``: :meth:`_phi` then."""
+        robot = self.robot
+        above = before - np.array([robot.contacts[k].radius for k in robot.terrain_contacts])
+        stands = above < NEAR * self.length
+        up = np.where(above < self.length, before - self._phi(motion, part), 0.0)
         # where some stand, as those do; all others must only not be buried
         most = np.where(stands, up, -np.inf).max(axis=1)
         known = np.isfinite(most)
         most = np.interp(np.arange(len(most)), np.flatnonzero(known), most[known])
         width = SMOOTH / motion.dt
         lift = gaussian_filter1d(maximum_filter1d(most, max(1, round(width))), width)
-        return lift, up, stands
+        return lift, up, np.asarray(stands)

@@ -108,6 +108,33 @@ def _on_the_ground(robot: Character, pose: Array, terrain: Any) -> Array:
     return placed
 
 
+class _Over:
+    """How high a controller's base is over a world, in the mean over its body's length."""
+
+    def __init__(self, controller: Controller, world: World):
+        problem = controller.problem
+        robot, start = problem.character, problem.start
+        assert robot is not None
+        feet = sphere_centers(robot, start)[low_contacts(robot, start)]
+        self.world, self.length = world, problem.length
+        self.reach = 0.5 * float(np.ptp(feet[:, :2], axis=0).max())
+        self.first = controller.convention.base(start)[0]
+
+    def heights(self, target: Array, yaw: Array, now: float) -> Array:
+        """(N,) m, of a base over places (N, 2) m with headings (N,) rad, that is ``now`` m high; as
+        high over the ground as at the start, over what is under it with the first heading."""
+        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        along = np.linspace(-self.reach, self.reach, ACROSS)[:, None, None] * ahead
+        top = float(self.first[2])
+        above = self.first[2] - self._under(self.first[:2] + along[:, :1], top)[0]
+        return self._under(target + along, now + self.length) + above
+
+    def _under(self, places: Array, top: float) -> Array:
+        flat = places.reshape(-1, 2)
+        points = np.column_stack([flat, np.full(len(flat), top)])
+        return self.world.below(points).reshape(places.shape[:-1]).mean(axis=0)
+
+
 class VelocityCommand:
     """A reference generator (``guide``) for the locomotion preset: speed ahead, sideways, turning,
     integrated by a reference governor: never far ahead of the robot.
@@ -133,6 +160,7 @@ class VelocityCommand:
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
+        self._over: tuple[Controller, _Over] | None = None  # of the controller that asked last
 
     def reset(self) -> None:
         """At the next call the command starts from rest, where the robot is then."""
@@ -174,27 +202,13 @@ class VelocityCommand:
         else:
             self._follow_the_slope(controller, velocity, target)
 
-    @staticmethod
     def _follow_the_world(
-        controller: Controller, world: World, target: Array, base: tuple[Any, float]
+        self, controller: Controller, world: World, target: Array, base: tuple[Any, float]
     ) -> None:
         """On a world, they are the mean over a body's length along the heading."""
-        problem = controller.problem
-        robot, start = problem.character, problem.start
-        assert robot is not None
-        feet = sphere_centers(robot, start)[low_contacts(robot, start)]
-        reach = 0.5 * float(np.ptp(feet[:, :2], axis=0).max())
-        ahead = np.stack([np.cos(base[0]), np.sin(base[0])], axis=1)
-        along = np.linspace(-reach, reach, ACROSS)[:, None, None] * ahead
-        first = controller.convention.base(start)[0]
-
-        def under(places: Array, top: float) -> Array:
-            flat = places.reshape(-1, 2)
-            points = np.column_stack([flat, np.full(len(flat), top)])
-            return world.below(points).reshape(places.shape[:-1]).mean(axis=0)
-
-        above = first[2] - under(first[:2] + along[:, :1], float(first[2]))[0]
-        heights = under(target + along, base[1] + problem.length) + above
+        if self._over is None or self._over[0] is not controller:
+            self._over = controller, _Over(controller, world)
+        heights = self._over[1].heights(target, *base)
         controller.reference("BaseHeight", "height")[:, 0] = heights
         rise = np.gradient(heights, controller.dt)
         controller.reference("CenterOfMassVelocity", "velocity")[:, 2] = rise

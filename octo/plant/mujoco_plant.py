@@ -16,7 +16,7 @@ from octo.model.export_mjcf import mjcf_text
 from octo.model.quantities import GRAVITY, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import import_mujoco
-from octo.model.terrain import Plane
+from octo.model.terrain import Plane, distance_and_normal
 from octo.world.world import World
 
 BUMPS_WITHIN = 5.0  # m, from the origin of the ground in x and y
@@ -208,8 +208,7 @@ class MujocoPlant:
     def ground(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (k,) m and outward normal (k, 3) of the ground at points (k, 3) m."""
         if isinstance(self.terrain, World):
-            jets = self.terrain.jets(points)
-            return jets[:, 0], jets[:, 1:] / np.linalg.norm(jets[:, 1:], axis=1, keepdims=True)
+            return distance_and_normal(self.terrain, points)
         p, (x, y, z) = self.terrain.parameters, points.T
         normal = np.array([p[f"normal_{c}"] for c in "xyz"])
         distance = normal[0] * x + normal[1] * y + normal[2] * (z - p["height"])

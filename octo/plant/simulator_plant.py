@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import casadi as ca
 import numpy as np
 
 from octo.checks import numbers, positive
-from octo.dynamics import symbolic
-from octo.dynamics.contact_numbers import contact_numbers, many
+from octo.dynamics.contact_numbers import contact_function, contact_numbers, many
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import section
@@ -57,8 +55,8 @@ class SimulatorPlant:
         self.terrain = self.dynamics.terrain
         self.push = np.zeros(3)  # (3,) N, world axes, at the origin of the base body
         self.unsolved, self.time = 0, 0.0
-        self._ground = None if many(self.dynamics) else symbolic_contacts(self.dynamics)
-        values = dict(zip(self.dynamics.layout.names, self._p.tolist(), strict=True))
+        self._ground = None if many(self.dynamics) else contact_function(self.dynamics)
+        values = self.dynamics.layout.named(self._p)
         self._height = distances(self.dynamics.terrain, section(values, "terrain."))
         self.x = character.start_pose
         self._before = self.x.copy()
@@ -126,19 +124,5 @@ class SimulatorPlant:
             vectors, _ = contact_numbers(self.dynamics, self._p, *nodes)
             return vectors[0][0], vectors[1][0]
         seen = self.dynamics.seen(self._p, self.x[None])
-        force, point = self._ground(self.x, self._before, seen)
+        force, point, *_ = self._ground(self.x, self._before, seen)
         return np.asarray(force).T, np.asarray(point).T
-
-
-@postponed()
-def symbolic_contacts(dynamics: RobotDynamics) -> ca.Function:
-    """Forces and points (3, c) of the contacts at (x_next, x, p)."""
-    n = dynamics.nx
-    robot, terrain = dynamics.character, dynamics.terrain
-    size = dynamics.layout.size + symbolic.looked_size(robot, terrain)
-    x_next, x, p = ca.SX.sym("x_next", n), ca.SX.sym("x", n), ca.SX.sym("p", size)
-    seen = symbolic.views(robot, terrain, dynamics.layout, p)
-    states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
-    columns = [[state.force for state in states], [state.point for state in states]]
-    found = [ca.horzcat(*c) if c else ca.SX(3, 0) for c in columns]
-    return ca.Function("contacts", [x_next, x, p], found)

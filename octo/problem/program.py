@@ -7,7 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from octo.dynamics import symbolic
+from octo.dynamics.contact_numbers import contact_function
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
@@ -53,15 +53,4 @@ class Program:
         dynamics = self.dynamics
         if not isinstance(dynamics, RobotDynamics):
             raise ProblemError("user-written dynamics have no contacts")
-        x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
-        robot, terrain = dynamics.character, dynamics.terrain
-        size = dynamics.layout.size + symbolic.looked_size(robot, terrain)
-        p = ca.SX.sym("p", size)  # as Dynamics.seen
-        seen = symbolic.views(robot, terrain, dynamics.layout, p)
-        states = symbolic.contact_states(robot, x_next, x, dynamics.law, terrain, seen)
-        depth = ca.vertcat(ca.SX(0, 1), *(s.depth for s in states))
-        outputs = [
-            ca.horzcat(ca.SX(3, 0), *(getattr(s, name) for s in states))
-            for name in ("force", "point", "velocity", "normal")
-        ]
-        return ca.Function("contacts", [x_next, x, p], [*outputs, depth])
+        return contact_function(dynamics)

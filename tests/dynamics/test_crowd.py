@@ -11,13 +11,12 @@ from test_lanes import one_by_one
 import octo
 from octo import native
 from octo.dynamics import crowd
-from octo.dynamics.contact_numbers import contact_numbers
+from octo.dynamics.contact_numbers import contact_function, contact_numbers
 from octo.dynamics.evaluate import MOST_WRITTEN, RobotDynamics
 from octo.dynamics.laws import Compliant
 from octo.errors import ModelError
 from octo.gpu.problem import DeviceProblem
 from octo.model.body import Body, ContactSphere, Joint, floating_base
-from octo.plant.simulator_plant import symbolic_contacts
 from octo.problem.compiled import CompiledProblem
 from tests import emulator
 from tests.emulator import EmulatedDevice
@@ -219,7 +218,7 @@ def test_contacts_of_reports(ground):
     made = RobotDynamics(stone(40, 20), terrain=grounds()[ground])
     nodes, p = nodes_of(7, 9)[0], made.bound(made.layout.pack())
     (force, point, *_), _ = contact_numbers(made, p, nodes[1:], nodes[:-1])
-    whole = symbolic_contacts(made)
+    whole = contact_function(made)
     for k in range(8):
         expected = whole(nodes[k + 1], nodes[k], made.seen(p, nodes[k + 1 : k + 2])[:, 0])
         close(force[k], np.asarray(expected[0]).T)
