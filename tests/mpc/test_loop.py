@@ -198,7 +198,7 @@ def test_a_slow_controller_does_not_hold_up_the_plant(problem, robot):
     controller = Controller(problem, guide=Slow((0.0, 0.0)))
     began = time.perf_counter()
     log = run(controller, plant, 1.0, realtime=True)
-    assert 1.0 <= time.perf_counter() - began < 1.5
+    assert 1.0 <= time.perf_counter() - began < 2.5  # 5 if each call held up a period
     calls = int(np.isfinite(log.seconds).sum())
     assert (
         len(log.t) == 100
