@@ -47,7 +47,7 @@ def world_of(name: str, robot: octo.Character) -> octo.World:
     if name == "rubble":
         return octo.worlds.rubble(seed=0)
     length = octo.Problem(robot, steps=1, dt=0.025, costs=octo.costs.natural()).length
-    return octo.worlds.blocks(height=0.5 * length)
+    return octo.worlds.blocks(height=0.5 * length, length=3.0)  # it ends on top
 
 
 def walk(case: str, seed: int, hard: bool) -> tuple[Solution, dict[str, Any]]:
