@@ -15,6 +15,7 @@ from octo.model.body import Body, Joint, floating_base, joined
 from octo.model.character import Character
 from octo.model.chart import Chart, chart_angles, least_singular_chart
 from octo.model.contacts import Contacts, contact_spheres, self_collision_pairs
+from octo.model.looks import carried
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
@@ -73,7 +74,13 @@ def character_of(
             name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
             for k in range(model.nkey)
         }
-        character = replace(plain, contacts=spheres, dropped=tuple(notes), poses=poses)
+        character = replace(
+            plain,
+            contacts=spheres,
+            dropped=tuple(notes),
+            poses=poses,
+            looks=carried(source.looks, tree.carriers),
+        )
     return replace(character, pairs=self_collision_pairs(character))
 
 

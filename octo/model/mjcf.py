@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
-from octo.model import xml_file
+from octo.model import looks, xml_file
 from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
@@ -35,7 +35,7 @@ def load_mjcf(
     elif base == "floating" and free is None:
         free = _body_to_free(path.name, model, others)
     name = path.stem if spec.modelname in ("", UNNAMED) else spec.modelname
-    source = RobotFile(model, name, path.name, free, left_out=others)
+    source = RobotFile(model, name, path.name, free, left_out=others, looks=looks.of_mjcf(model))
     notes += left_out_features(model, others)
     return character_of(source, notes, contacts)
 
