@@ -16,7 +16,7 @@ from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import Surface, ball, size, tile
 from octo.model.kinematics import body_poses, sphere_centers
-from octo.model.skins import Skin, skins
+from octo.model.skins import skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -141,8 +141,7 @@ def filmstrip(
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
     scene = Scene(camera, Ground.of(solution), size(solution.character), solution.world)
-    scene.skins = skins(solution.character, flag("visuals", visuals), TRIANGLES)
-    scene.dressed = {look.body for look in solution.character.looks if visuals}
+    scene.visuals = flag("visuals", visuals)
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
     if not shift.any():
@@ -172,8 +171,7 @@ class Scene:
         self.shadows: list[Array] = []
         self.tiles: list[tuple[Array, Array]] = []  # (4, 3) m, (3,) colour
         self.prints = np.zeros((0, 3))
-        self.skins: list[list[Skin]] = []  # of each body
-        self.dressed: set[int] = set()  # bodies drawn as the robot's file says
+        self.visuals = True  # characters look as their files say
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
         """The character at node ``frame``; ``share`` of the way from the first to the last moment
@@ -183,15 +181,17 @@ class Scene:
         x = solution.x[frame + 1]
         rotation, origin = body_poses(character, x)
         color = (1 - share) * FAR + share * NEAR
-        for own, R, t in zip(self.skins, rotation, origin, strict=True):
+        drawn = skins(character, self.visuals, TRIANGLES)
+        for own, R, t in zip(drawn, rotation, origin, strict=True):
             for skin in own:
                 self._add(skin.surface, R, t + shift, color)
         centers, singles = sphere_centers(character, x), singles_of(character)
+        dressed = {look.body for look in character.looks if self.visuals}
         for c, k in enumerate(character.terrain_contacts):
             if k not in singles:  # a vertex of the surface that is drawn
                 continue
             contact = character.contacts[k]
-            over = AROUND if contact.body in self.dressed else 1.0
+            over = AROUND if contact.body in dressed else 1.0
             radius = over * max(1.12 * contact.radius, 0.02 * self.scale)
             if solution.loaded[:, c].any():
                 color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
