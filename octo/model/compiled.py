@@ -20,6 +20,7 @@ from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Limit, RobotFile, import_mujoco, name_of, named
+from octo.model.solids import solids_of
 
 WORDS = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}
 # of the hinges of a ball joint; the body's own axes unless its motors pull about others
@@ -40,10 +41,10 @@ class Tree:
 
 
 def character_of(
-    source: RobotFile, dropped: Iterable[str] = (), contacts: Contacts = "few"
+    source: RobotFile, dropped: Iterable[str] = (), contacts: Contacts = "few", solid: bool = False
 ) -> Character:
     """The character of a compiled model: links welded together become one body, masses are kept
-    exactly."""
+    exactly. ``solid``: others may touch its bodies."""
     model, notes = source.model, list(dropped)
     _check_numbers(source)
     tree = Tree()
@@ -80,6 +81,7 @@ def character_of(
             dropped=tuple(notes),
             poses=poses,
             looks=carried(source.looks, tree.carriers),
+            solids=solids_of(source, tree.carriers, notes) if solid else (),
         )
     return replace(character, pairs=self_collision_pairs(character))
 
