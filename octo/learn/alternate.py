@@ -10,7 +10,7 @@ the recurrent loss (Eq. 16) is another one, in the second half alone.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,14 +58,13 @@ def solve(
     loss: what the network is trained on: "one_step", Eq. 14; or "recurrent", Eq. 16, which makes
         what is unrolled stable.
     weight: λ, at least 0: one for each round; or the last one: then the first round has 0, so that
-        the network sees a motion before the motion sees the network, and over half of the rounds
-        λ grows from a tenth of it.
+        the network sees a motion first, and over half of the rounds λ grows from a tenth of it.
     decay: of the mean square of the weights, in the loss.
     start: what the first motion starts from, as of :func:`octo.solve`.
     seed: of its noise, and of the weights.
     resume: what such a call returned, or the folder that ``Learned.save`` wrote: to go on from.
-    callback: called with a Learned, which does not have what is unrolled, after every round;
-        returning True stops.
+    callback: called with a Learned, without what is unrolled, after every round; returning True
+        stops.
     passes: of the first motion; the contact law stays that of the last one.
     max_iterations: cannot be given: it is ``iterations``.
 
@@ -77,25 +76,38 @@ def solve(
     ------
     OctoError: the problem, the transition or an option is refused; nothing was computed.
     """
-    instance("problem", problem, Problem, "an octo.Problem")
-    whole("rounds", rounds)
-    whole("iterations", iterations)
-    weights = weights_of(weight, int(rounds))
+    weights = weights_of(weight, whole("rounds", rounds))
     check_training(loss, training, decay)
-    if callback is not None and not callable(callback):
-        raise ProblemError(f"callback is {said(callback)}, must be a function of a Learned")
-    options: dict[str, Any] = dict(how)
-    if options.get("max_iterations") is not None:
-        raise ProblemError("max_iterations is given, must be iterations=…, those of each round")
-    options["max_iterations"] = int(iterations)
-    _check_controls(problem)
-    known = _known(resume, problem, transition, start)
-    own = known.transition if known is not None else transition
-    begun = _started(own, problem, seed)
+    options = _options(how, iterations)
+    begun, known = _begun(problem, transition, start, seed, resume, callback)
     run = Run(problem, begun, loss, int(training), float(decay), seed, options, start)
     if known is not None:
         run.go_on(known)
     return run.all(weights, callback)
+
+
+def _options(how: Mapping[str, Any], iterations: int) -> dict[str, Any]:
+    """Those of octo.solve."""
+    if how.get("max_iterations") is not None:
+        raise ProblemError("max_iterations is given, must be iterations=…, those of each round")
+    return {**how, "max_iterations": whole("iterations", iterations)}
+
+
+def _begun(
+    problem: Problem,
+    transition: Transition | None,
+    start: Guess,
+    seed: int,
+    resume: Learned | str | os.PathLike[str] | None,
+    callback: object,
+) -> tuple[Transition, Learned | None]:
+    """The network to begin with, and what is gone on from, if anything."""
+    instance("problem", problem, Problem, "an octo.Problem")
+    if callback is not None and not callable(callback):
+        raise ProblemError(f"callback is {said(callback)}, must be a function of a Learned")
+    _check_controls(problem)
+    known = _known(resume, problem, transition, start)
+    return _started(transition if known is None else known.transition, problem, seed), known
 
 
 def weights_of(weight: float | Sequence[float], rounds: int) -> Array:

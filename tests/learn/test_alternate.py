@@ -57,7 +57,9 @@ def test_eq_15_falls_in_every_half_of_ten_rounds(basis: str) -> None:
     for one, following in zip(found.rounds[3:], found.rounds[4:], strict=False):
         np.testing.assert_allclose(following.before, one.after, rtol=1e-9)
     first, last = found.rounds[3], found.rounds[-1]
-    assert last.after < first.before and last.between - last.energy < 0.9 * (first.before - first.energy)
+    assert last.after < first.before and last.between - last.energy < 0.9 * (
+        first.before - first.energy
+    )
     # what is written down is what the problem says of the motion
     term = learn.Markovian(transition=found.transition, weight=1.0)
     compiled = CompiledProblem([own.replace(costs=[*own.costs, term])])
@@ -100,7 +102,12 @@ def test_a_folder_is_gone_on_from(tmp_path) -> None:
     own, how = problem(), {"iterations": 20, "training": 20}
     seen: list[int] = []
     whole = learn.solve(
-        own, small(), rounds=2, weight=1.0, callback=lambda l: seen.append(len(l.rounds)), **how
+        own,
+        small(),
+        rounds=2,
+        weight=1.0,
+        callback=lambda found: seen.append(len(found.rounds)),
+        **how,
     )
     assert seen == [1, 2]
     whole.save(tmp_path / "walk")
@@ -128,7 +135,9 @@ def test_the_unrolled_motion_is_one_with_its_own_residual() -> None:
 def test_ctrl_c_and_a_callback_keep_what_was_found() -> None:
     own = problem()
 
-    found = learn.solve(own, small(), rounds=3, iterations=9, training=9, callback=lambda l: True)
+    found = learn.solve(
+        own, small(), rounds=3, iterations=9, training=9, callback=lambda found: True
+    )
     assert found.interrupted and len(found.rounds) == 1
 
     calls: list[np.ndarray] = []
