@@ -21,8 +21,9 @@ logging.getLogger("octo").addHandler(logging.NullHandler())
 
 _NAMES = {  # by the module that defines them
     "octo.costs": (
-        "At BaseAngularVelocity BaseHeight BaseOrientation BodyLoad CenterOfMassDisplacement "
-        "CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost Cost CustomCost Duration "
+        "ArrayCost At BaseAngularVelocity BaseHeight BaseOrientation BodyLoad "
+        "CenterOfMassDisplacement CenterOfMassPosition CenterOfMassVelocity Clearance ContactCost "
+        "Cost CustomCost Duration "
         "Effort FootLift ForceRate FrictionCone Huber JointAcceleration JointLimit JointPower "
         "JointSpeedLimit JointVelocity LoadSharing Loss NeighbourCost PointPosition PointVelocity "
         "PoseTarget Posture Slip SlipPower StepPairCost SwingClearance TorqueLimit TorqueRate "
@@ -44,6 +45,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.scene": "Scene",
     "octo.model.solid": "Solid",
     "octo.model.terrain": "Plane Terrain",
+    "octo.model.scene_file": "load_scene",
     "octo.model.world_file": "load_world",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
@@ -75,6 +77,7 @@ _MODULES = {
     "gallery": "octo.model.gallery",
     "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
+    "learn": "octo.learn",
     "mpc": "octo.mpc",
     "objects": "octo.model.objects",
     "plant": "octo.plant",
@@ -88,10 +91,12 @@ __all__ = sorted([*_HOME, *_MODULES])
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
+    from octo import learn as learn
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
     from octo import worlds as worlds
+    from octo.costs import ArrayCost as ArrayCost
     from octo.costs import At as At
     from octo.costs import BaseAngularVelocity as BaseAngularVelocity
     from octo.costs import BaseHeight as BaseHeight
@@ -149,6 +154,7 @@ if TYPE_CHECKING:
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.scene import Scene as Scene
+    from octo.model.scene_file import load_scene as load_scene
     from octo.model.solid import Solid as Solid
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain

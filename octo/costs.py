@@ -1,5 +1,6 @@
 """Every term of E by one import path, and the lists of terms that go together."""
 
+from octo.problem.array_costs import ArrayCost as ArrayCost
 from octo.problem.at import At as At
 from octo.problem.body_costs import BaseAngularVelocity as BaseAngularVelocity
 from octo.problem.body_costs import BaseHeight as BaseHeight

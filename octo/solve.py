@@ -239,7 +239,8 @@ def _solve(
     current = stiffened(batch, [plan[0] for plan in schedules])
     compiled = compiled_of(current, int(request.threads))
     default = options.step == "line_search"
-    compiled.check_squares("octo.solve" if default else "step='trust_region'", default, default)
+    name = "octo.solve" if default else "step='trust_region'"
+    compiled.check_squares(name, default, default, arrays=True)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     backend = _prepared(backend, compiled, options, request.device)
     lam, how = first_multipliers(starts, compiled), (options, int(request.threads), backend)

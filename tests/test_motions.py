@@ -5,18 +5,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 import octo
 from octo.errors import OctoError
+from octo.model.kinematics import sphere_centers
+from octo.motions.budget import Budget
+from octo.motions.footholds import MARGIN, Laid, taut
 from octo.motions.journey import Journey
-from octo.motions.over import warn_of_its_end
+from octo.motions.over import level_under, over, warn_of_its_end
 from octo.motions.search import standing_as
 from octo.problem.compiled import CompiledProblem
+from octo.problem.hard import held
 from octo.result import measure
 from octo.solver.status import Status
+
+EDGE, HIGH, WIDE = 0.5, 0.05, 0.25  # m, where a step or a gap begins, and their sizes
+STEP = octo.worlds.blocks(height=HIGH, length=5.0, start=EDGE)
+GAP = octo.worlds.gap(width=WIDE, start=EDGE)
 
 
 @lru_cache
@@ -47,6 +56,67 @@ def test_a_world_that_ends_under_a_walk_is_said(caplog):
     caplog.clear()
     warn_of_its_end(octo.World([table, shapes.Ground()]), motion.character, motion)
     assert not caplog.records
+
+
+def test_a_taut_string_lies_on_what_is_highest():
+    np.testing.assert_allclose(taut(np.array([0.0, 0.0, 3.0, 0.0, 1.0])), [0, 1.5, 3, 2, 1])
+    np.testing.assert_allclose(taut(np.array([2.0, -9.0, -9.0, -1.0])), [2, 1, 0, -1])
+    np.testing.assert_allclose(taut(np.array([1.0, 1.0])), [1, 1])
+
+
+def test_over_level_ground_a_motion_is_what_it_was():
+    ground = octo.World([octo.shapes.Ground(height=0.1)])
+    nodes, own = Laid(walked(), ground, 0.0).nodes(), walked().x[1:].copy()
+    own[:, walked().character.base_coordinate + 2] += 0.1
+    np.testing.assert_allclose(nodes, own, atol=1e-6)
+
+
+@pytest.mark.parametrize(("world", "edges"), [(STEP, [EDGE]), (GAP, [EDGE, EDGE + WIDE])])
+def test_feet_are_laid_where_they_can_stand(world, edges):
+    motion = walked()
+    laid, robot = Laid(motion, world, 0.0), motion.character
+    feet, own = (sphere_centers(robot, x)[:, laid.feet] for x in (laid.nodes(), motion.x[1:]))
+    above = world.distance(feet.reshape(-1, 3)).reshape(laid.standing.shape)
+    on = laid.standing
+    for edge in edges:
+        room = robot.contacts[laid.feet[0]].radius + MARGIN * motion.length
+        assert np.abs(feet[on][:, 0] - edge).min() > 0.7 * room  # the rim is a polygon, feet creep
+    # as deep as before, but where a leg does not reach
+    assert np.mean(np.abs(above[on] - own[on][:, 2]) < 4e-3) > 0.98
+    assert above.min() > own[..., 2].min() - 4e-3 and feet[..., 2].min() > 0.0
+    rise = HIGH if world is STEP else 0.0
+    np.testing.assert_allclose(feet[-1, :, 2] - own[-1, :, 2], rise, atol=4e-3)
+
+
+def test_the_level_is_that_of_the_ground_where_the_robot_stands():
+    for height in (0.0, -0.7):
+        world = octo.World([octo.shapes.Ground(height=height)])
+        own = Journey(octo.gallery.mammal(), (0.4, 0.0), 0.0, 4.0, terrain=world)
+        assert level_under(own, world) == pytest.approx(height, abs=1e-5)
+
+
+def up_a_step(constraints: Any, **options: Any) -> octo.Solution:
+    """From the walk on level ground on."""
+    flat = walked()
+    journey = Journey(flat.character, (0.4, 0.0), 0.0, 4.0, terrain=STEP, constraints=constraints)
+    return over(journey, STEP, Budget({"device": "cpu", **options}), lambda level: flat)
+
+
+def test_a_robot_walks_up_a_step():
+    motion, flat = up_a_step(()), walked()
+    first, travel = flat.character.base_coordinate, motion.x[-1] - motion.x[1]
+    assert motion.converged and motion.iterations > flat.iterations
+    assert travel[first] == pytest.approx(1.6, abs=1e-9)
+    assert travel[first + 2] == pytest.approx(HIGH, abs=1e-3)
+    assert motion.energy < 1.5 * flat.energy
+    assert motion.gait.shortest_swing >= 0.1 - 1e-9
+
+
+def test_limits_over_a_world_are_priced_first_and_then_held():
+    hard = held(walked().character, "hard")
+    motion = up_a_step(hard, max_iterations=2)
+    assert len(motion.bounds) == len(hard) and "TorqueLimit" not in motion.terms
+    assert motion.iterations == walked().iterations + 4
 
 
 def test_the_laws_hold_at_every_step():

@@ -32,13 +32,20 @@ def walk(robot: Character, steps: int, basis: str = "nodes") -> Problem:
 
 class Iteration:
     """Curvature, one factorisation, the KKT step and one trial, from Python, with the seconds of
-    every stage."""
+    every stage; at ``nodes`` (N+2, n), by default at the problem's starts."""
 
     def __init__(
-        self, problem: Problem, threads: int = 1, batch: int = 1, clock: Clock = time.thread_time
+        self,
+        problem: Problem,
+        threads: int = 1,
+        batch: int = 1,
+        clock: Clock = time.thread_time,
+        nodes: Array | None = None,
     ):
         self.problem = CompiledProblem([problem] * batch, threads)
         starts = np.stack([first_nodes(problem, k, None) for k in range(batch)])
+        if nodes is not None:
+            starts[:] = nodes
         self.at = self.problem.evaluate(self.problem.unknowns(starts))
         shape = (batch, self.problem.K, self.problem.ma)
         self.lam = 1e-5 * np.random.default_rng(0).standard_normal(shape)

@@ -24,9 +24,10 @@ WORDS |= {"--goal": get_args(Kind), "--costs": get_args(Preset), "--base": BASES
 WORDS |= {"--world": tuple(WORLDS)}
 OR_FILES = ("--world",)  # options that take a file as well
 OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
+OTHERS |= {"learn --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
 # commands whose first word may be a robot's name
-ROBOTS = ("solve", "cycle", "mpc", "compare", "simulate", "info")
+ROBOTS = ("solve", "cycle", "learn", "mpc", "compare", "simulate", "info")
 BASH = """_octo() {
   local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= files=yes
   [[ $current == '=' ]] && current=

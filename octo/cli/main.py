@@ -18,6 +18,7 @@ from octo.cli import (
     cycle,
     explain,
     inspect,
+    learn,
     mpc,
     replay,
     simulate,
@@ -31,6 +32,7 @@ EXAMPLES = """examples:
   octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
   octo solve go2.urdf --goal turn --speed 0.5 --costs robot
   octo cycle mammal --speed 0.5 --period auto --out stride
+  octo learn biped --seconds 10 --hidden 16,16 --out walk
   octo compare mammal --seconds 10 --seeds 5 --with ipopt,fatrop --json compare.json
   octo bench --json bench.json
   octo mpc go2.urdf --goal walk --speed 0.3 --seconds 20 --push 50,0.2,90 --out walk
@@ -64,6 +66,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
     modules: dict[str, tuple[str, Callable[[argparse.ArgumentParser], None]]] = {
         "solve": ("find a motion and write it", solve.add_arguments),
         "cycle": ("find a stride that repeats itself and write it", cycle.add_arguments),
+        "learn": ("find a motion and a network that says it", learn.add_arguments),
         "mpc": ("let a controller that plans ahead walk a robot in MuJoCo", mpc.add_arguments),
         "compare": (
             "solve the same problem with octo and with other solvers",

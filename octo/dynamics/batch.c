@@ -26,11 +26,11 @@ static void octo_run_steps(void *shared, int number) {
     if (item == run->first || step == 0) {
       octo_kin(x_prev, kin[0]);
       octo_kin(x, kin[1]);
-      octo_look(p, run->order + 1, kin[0]);
-      octo_look(p, run->order + 1, kin[1]);
+      octo_look(p, run->order + 1, kin[0], 0);
+      octo_look(p, run->order + 1, kin[1], 0);
     }
     octo_kin(x_next, kin[2]);
-    octo_look(p, run->order + 1, kin[2]);
+    octo_look(p, run->order + 1, kin[2], 0);
     octo_step(x_next, x, x_prev, kin[2], kin[1], kin[0], p, run->order < 2 ? 0 : run->lam + item * NX, run->order,
               run->fd + item * NX, run->order < 1 ? 0 : run->jac + item * 3 * NX * NX, run->order < 2 ? 0 : run->hess + item * CURVATURE * NX * NX, work);
   }

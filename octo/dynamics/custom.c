@@ -2,7 +2,7 @@
  * octo_fd2 (and the curvature of lamᵀFD: H00, H01, H02, H11, H22, H12). There are no bodies: a node's kinematics is empty. */
 
 static void octo_kin(const double *x, double *kin) {}
-#define octo_look(p, order, kin)
+#define octo_look(p, order, kin, last)
 
 static void octo_step(const double *x_next, const double *x, const double *x_prev, const double *kin_next, const double *kin,
                       const double *kin_prev, const double *p, const double *lam, int order, double *fd, double *jac, double *hess, double *work) {

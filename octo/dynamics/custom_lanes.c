@@ -9,7 +9,9 @@ static inline void octo_work_begin(octo_work *s) {}
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
 
 static void octo_kin(const real *x, real *kin) {}
-#define octo_look(p, order, kin)
+typedef struct { char none; } octo_last_looks;
+#define octo_last_begin(last)
+#define octo_look(p, order, kin, last)
 
 static int octo_step(const octo_input *in, real *fd, real *jac, real *hess, octo_work *s) {
   const void *arg[5] = {in->x[0], in->x[1], in->x[2], in->p, in->lam};

@@ -10,6 +10,7 @@ typedef struct {
   real nodes[2][NODE], now[NODE], next[NODE]; /* x and kin: of the nodes from the previous one on, and one, two further */
   real lam[NX], fd[NX], jac[JAC_SLOTS], hess[HESS_SLOTS];
   octo_work work;
+  octo_last_looks looks;
   const double *from; /* the problem's nodes */
   int node, last;     /* the first node of ``nodes[ring]``, the last one there is */
   int apart;          /* the steps share no nodes */
@@ -69,19 +70,21 @@ static void octo_lanes_load(octo_lanes *s, int first, const double *p, int order
   for (int k = 0; k < STEPS; ++k) from[k] = s->from + (size_t)(first + k < s->last ? first + k : s->last) * NX;
   octo_gather(from, NX, out);
   octo_kin(out, out + NX);
-  octo_look(p, order + 1, out + NX);
+  octo_look(p, order + 1, out + NX, &s->looks);
 }
 
 /* Start at step ``first`` of a problem's nodes (.., NX), the last of which is ``last``. */
 static void octo_lanes_begin(octo_lanes *s, const double *nodes, int first, int last) {
   s->from = nodes, s->node = first, s->last = last, s->ring = s->apart = 0, s->fresh = 1;
   octo_work_begin(&s->work);
+  octo_last_begin(&s->looks);
 }
 
 /* Start at step ``first``, the last is ``last``, of steps with three nodes of their own each, (.., 3, NX), x_next first. */
 static void octo_lanes_begin_apart(octo_lanes *s, const double *nodes, int first, int last) {
   s->from = nodes, s->node = first, s->last = last, s->apart = 1;
   octo_work_begin(&s->work);
+  octo_last_begin(&s->looks);
 }
 
 static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int order) {
@@ -91,7 +94,7 @@ static octo_input octo_lanes_turn_apart(octo_lanes *s, const double *p, int orde
     for (int k = 0; k < STEPS; ++k) from[k] = s->from + ((size_t)(s->node + k < s->last ? s->node + k : s->last) * 3 + node) * NX;
     octo_gather(from, NX, own[node]);
     octo_kin(own[node], own[node] + NX);
-    octo_look(p, order + 1, own[node] + NX);
+    octo_look(p, order + 1, own[node] + NX, &s->looks);
   }
   s->node += STEPS;
   return (octo_input){{own[0], own[1], own[2]}, {own[0] + NX, own[1] + NX, own[2] + NX}, p, s->lam, order};
@@ -105,7 +108,15 @@ static octo_input octo_lanes_turn(octo_lanes *s, const double *p, int order) {
   s->fresh = 0;
   s->node += STEPS;
   octo_lanes_load(s, s->node, p, order, s->nodes[!s->ring]);
-  octo_following(previous, s->nodes[!s->ring], NODE, s->now, s->next);
+  const real *after = s->nodes[!s->ring];
+#if NG > 0
+  const int jets = NODE - NG * JET; /* of a jet what its order has */
+  octo_following(previous, after, jets, s->now, s->next);
+  for (int at = jets; at < NODE; at += JET)
+    octo_following(previous + at, after + at, octo_world_size(order + 1), s->now + at, s->next + at);
+#else
+  octo_following(previous, after, NODE, s->now, s->next);
+#endif
   s->ring = !s->ring;
   return (octo_input){{s->next, s->now, previous}, {s->next + NX, s->now + NX, previous + NX}, p, s->lam, order};
 }

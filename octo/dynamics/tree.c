@@ -161,8 +161,19 @@ static inline const real *octo_looked(const double *p, const real *kin, int g, i
 #endif
 static const char octo_asked_of_world[NG] = ASKED_OF_WORLD;
 
-/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. */
-static inline void octo_look_at(const double *p, int g, int order, real *kin) {
+/* Of each contact sphere where it was when it was looked up last, and φ there, m: NaN, never. */
+typedef struct { double from[NG][3], phi[NG]; } octo_last_looks;
+
+static inline void octo_last_begin(octo_last_looks *last) {
+  for (int g = 0; g < NG; ++g) {
+    for (int c = 0; c < 3; ++c) last->from[g][c] = 0.0;
+    last->phi[g] = NAN;
+  }
+}
+
+/* φ and its derivatives up to ``order`` at the centre of contact sphere g, or that nothing is within its reach. ``last``: of
+ * the lanes before. */
+static inline void octo_look_at(const double *p, int g, int order, real *kin, octo_last_looks *last) {
   const double *world = (const double *)(size_t)p[WORLD], *sphere = octo_ground_sphere + 4 * g, *arg[1] = {p};
   double reach, *res[1] = {&reach};
   octo_reach(arg, res);
@@ -170,29 +181,32 @@ static inline void octo_look_at(const double *p, int g, int order, real *kin) {
   real center[3], *jet = LOOKED(kin, g);
   octo_place(kin + 12 * octo_ground_body[g], sphere, center);
 #ifdef STEPS
-  /* Steps in a row are near each other: where φ cannot have come down to ``beyond`` since the one before, nobody looks. */
-  double from[3] = {0.0}, last = NAN, own[JET]; /* at first nothing is known */
+  /* Nodes in a row are near each other: where φ cannot have come down to ``beyond`` since the last look, nobody looks. */
+  double own[JET], *from = last->from[g];
   const int size = octo_world_size(order);
   for (int e = 1; e < size; ++e) jet[e] = ZERO + (double)(e == 3); /* level, as octo_world_within has it */
   for (int k = 0; k < STEPS; ++k) {
-    const double at[3] = {center[0][k], center[1][k], center[2][k]}, moved[3] = {at[0] - from[0], at[1] - from[1], at[2] - from[2]};
-    const double least = last - world[OCTO_WORLD_STEEPEST] * sqrt(octo_dot(moved, moved));
+    const double at[3] = {center[0][k], center[1][k], center[2][k]};
+    const double moved[3] = {at[0] - from[0], at[1] - from[1], at[2] - from[2]};
+    const double least = last->phi[g] - world[OCTO_WORLD_STEEPEST] * sqrt(octo_dot(moved, moved));
     if (least >= beyond) { jet[0][k] = least; continue; }
-    octo_world_within(world, at, last < beyond ? INFINITY : beyond, order, own); /* one that was within is so again */
+    octo_world_within(world, at, last->phi[g] < beyond ? INFINITY : beyond, order, own); /* one that was within is so again */
     for (int e = 0; e < size; ++e) jet[e][k] = own[e];
     for (int c = 0; c < 3; ++c) from[c] = at[c];
-    last = own[0];
+    last->phi[g] = own[0];
   }
 #else
   octo_world_within(world, center, beyond, order, jet);
 #endif
 }
 
-static void octo_look(const double *p, int order, real *kin) {
-  for (int g = 0; g < NG; ++g) octo_look_at(p, g, order, kin);
+static void octo_look(const double *p, int order, real *kin, octo_last_looks *last) {
+  for (int g = 0; g < NG; ++g) octo_look_at(p, g, order, kin, last);
 }
 #else
-#define octo_look(p, order, kin)
+typedef struct { char none; } octo_last_looks;
+#define octo_last_begin(last)
+#define octo_look(p, order, kin, last)
 #endif
 
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;

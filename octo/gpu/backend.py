@@ -56,6 +56,11 @@ class DeviceBackend(Backend):
         problem = _single(problem)
         if problem.problems[0].duration is not None:
             raise DeviceError("duration is free, must be fixed on a GPU: solve with device='cpu'")
+        if problem.arrays:
+            raise DeviceError(
+                f"{problem.arrays.labels[0]} is written in arrays, which a GPU does not evaluate "
+                "yet: solve with device='cpu'"
+            )
         if problem.plan.extra or problem.plan.extra_rows:
             raise DeviceError(
                 f"units have {problem.plan.extra} extra unknowns and {problem.plan.extra_rows} "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Unpack
 
 from octo.checks import Array, asked, instance, number, numbers, positive, takes, time_step, whole
@@ -150,5 +151,6 @@ def _steady(robot: Character, goal: Goal, seconds: float | None, **given: Any) -
     wanted = {k: v for k, v in options.items() if v is not None}
     budget = Budget(wanted, held=bool(journey.constraints))
     if isinstance(journey.terrain, World):
-        return over(journey, journey.terrain, budget, lambda one: from_rest_to_rest(one, budget))
+        level = partial(from_rest_to_rest, budget=budget.scouting)
+        return over(journey, journey.terrain, budget, level)
     return from_rest_to_rest(journey, budget)

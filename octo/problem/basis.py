@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array, one_of
 from octo.errors import ProblemError, said
+from octo.problem.splines import hermite_table, tangents_of
 
 WINDOW = 4  # nodes that a step and the one before it look at
 LEAST_CYCLE = 4  # steps: with two a residual would see a node twice, and three are no stride
@@ -173,17 +174,8 @@ class Hermite(Basis):
     def units(self, steps: int) -> int:
         return steps // self.steps_per_segment + 1
 
-    def _node_table(self, steps: int) -> tuple[NDArray[np.int32], Array]:
-        """First control (N+1,) and the four coefficients (N+1, 4) of nodes 0 … N."""
-        q = self.steps_per_segment
-        j = np.arange(steps + 1)
-        segment, s = j // q, (j % q) / q
-        h00, h10 = 2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s
-        h01, h11 = -2 * s**3 + 3 * s**2, s**3 - s**2
-        return segment.astype(np.int32), np.stack([h00, h10, h01, h11], axis=1)
-
     def stencil(self, steps: int) -> Stencil:
-        segment, coefficient = self._node_table(steps)
+        segment, coefficient = hermite_table(steps, self.steps_per_segment)
         control = segment[:, None] + np.array([0, 0, 1, 1], dtype=np.int32)
         part = np.tile(np.array([0, 1, 0, 1], dtype=np.int32), (steps + 1, 1))
         live = (coefficient != 0.0) & (control >= 1)
@@ -203,7 +195,7 @@ class Hermite(Basis):
 
     def constant(self, steps: int, x0: Array, x_previous: Array) -> Array:
         q = self.steps_per_segment
-        _, coefficient = self._node_table(steps)
+        _, coefficient = hermite_table(steps, self.steps_per_segment)
         constant = super().constant(steps, x0, x_previous)
         tangent = q * (x0 - x_previous)  # τ v_0
         for j in range(q):
@@ -211,15 +203,11 @@ class Hermite(Basis):
         return constant
 
     def fit(self, nodes: Array) -> Array:
-        """Controls through the knots of a trajectory, tangents by central differences."""
-        q = self.steps_per_segment
-        steps = nodes.shape[-2] - 2
-        x = nodes[..., 1:, :]
-        velocity = np.empty_like(x)
-        velocity[..., 1:-1, :] = 0.5 * (x[..., 2:, :] - x[..., :-2, :])
-        velocity[..., -1, :] = x[..., -1, :] - x[..., -2, :]
-        velocity[..., 0, :] = x[..., 0, :] - nodes[..., 0, :]
-        controls = np.concatenate([x[..., q::q, :], q * velocity[..., q::q, :]], axis=-1)
+        """Controls through the knots of a trajectory; tangents are those of the spline that it is,
+        else central differences."""
+        q, x = self.steps_per_segment, nodes[..., 1:, :]
+        steps = x.shape[-2] - 1
+        controls = np.concatenate([x[..., q::q, :], tangents_of(nodes, q)], axis=-1)
         dummy = np.zeros((*controls.shape[:-2], 1, controls.shape[-1]))
         assert controls.shape[-2] == steps // q
         return np.concatenate([controls, dummy], axis=-2)

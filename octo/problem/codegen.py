@@ -27,6 +27,7 @@ from octo.emit import function_of_numbers
 from octo.errors import ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
+from octo.problem.array_costs import ArrayCost
 from octo.problem.calls import Calls
 from octo.problem.contact_costs import ContactCost
 from octo.problem.contact_model import ContactFunctions, ContactResiduals
@@ -167,7 +168,7 @@ def residuals_of(
     curved = CurvedTerms(CenteredStep.of(step))
     # bounded rows stand last
     for k, term in sorted(enumerate(terms), key=lambda each: each[1].kind == "bounded"):
-        if isinstance(term, (ContactCost, StepPairCost)):
+        if isinstance(term, (ArrayCost, ContactCost, StepPairCost)):
             continue
         view = references.view(q, k)
         with blamed(term, f"its residual cannot be built from {sizes(references, k)}"):

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from octo import native
 from octo.checks import Array, doubles, numbers
 from octo.errors import ProblemError, ValueRangeError
+from octo.problem.array_terms import ArrayTerms
 from octo.problem.basis import node_values
 from octo.problem.constraints import Constraint
 from octo.problem.data import Data, fill, lowered
@@ -69,10 +70,12 @@ class CompiledProblem:
         self.problems, self.threads = tuple(problems), max(1, int(threads))
         self.weight = first.weight
         self._hold(program, *lowered(problems, program.functions))
+        self.arrays  # noqa: B018  (refuses what terms written in arrays do not fit)
 
     def _hold(self, program: Program, plan: Plan, data: Data) -> None:
         """Take over what it is made of, and what is often asked of it by name."""
         self.program, self.plan, self.data = program, plan, data
+        self.__dict__.pop("arrays", None)
         self.dynamics, self.functions = program.dynamics, program.functions
         self.basis, self.stencil = plan.basis, plan.stencil
         self.fixed, self.idle = plan.fixed, plan.idle
@@ -130,17 +133,29 @@ class CompiledProblem:
         Nothing is recompiled."""
         fill(self.data, self.plan, self.problems, self.functions)
 
-    def check_squares(self, solver: str, bounds: bool = False, timed: bool = False) -> None:
+    @cached_property
+    def arrays(self) -> ArrayTerms:
+        """The terms that are written in arrays."""
+        return ArrayTerms(self.plan, self.data, self.problems)
+
+    def check_squares(
+        self, solver: str, bounds: bool = False, timed: bool = False, arrays: bool = False
+    ) -> None:
         """Refuse terms that are no squares of E, for a ``solver`` that gives rows no weights, and a
         free duration.
 
         bounds: it keeps rows between bounds, so constraints are no such terms. timed: it finds
-        durations.
+        durations. arrays: it evaluates terms that are written in arrays.
 
         Raises
         ------
         ProblemError: names the term.
         """
+        if self.arrays and not arrays:
+            raise ProblemError(
+                f"{self.arrays.labels[0]} is written in arrays, which {solver} does not evaluate: "
+                "leave it out, or solve with octo.solve"
+            )
         if self.problems[0].duration is not None and not timed:
             raise ProblemError(
                 f"duration is free and {solver} needs a fixed one: give steps and dt without it"
@@ -231,6 +246,7 @@ class CompiledProblem:
         rows = np.empty((self.batch, self.steps, len(self.functions.bounded)))
         C = np.empty((self.batch, self.K, self.ma))
         self.steps_code.evaluate(unknowns, nodes, fd, terms, rows, C)
+        self.arrays.values(unknowns, nodes, terms)
         return Evaluation.of(unknowns, nodes, fd, terms, rows, C)
 
     def reduce(self, fd: Array) -> Array:
@@ -249,6 +265,7 @@ class CompiledProblem:
         kept = self.program.kept
         R = None if kept is None else np.empty((self.batch, self.steps, kept.size))
         self.steps_code.linearize(at, lam, curved, (H, A, b, C, R))
+        self.arrays.add(at.unknowns, at.nodes, H, b)
         self.plan.fill_dummies(H)
         return Model(H, A, b, C, R)
 
@@ -283,6 +300,7 @@ class CompiledProblem:
         second derivatives."""
         A, b, C = self._first_order()
         self.steps_code.linearize(at, None, None, (None, A, b, C, None))
+        self.arrays.add(at.unknowns, at.nodes, None, b)
         return b, A
 
     def _first_order(self) -> tuple[Array, Array, Array]:

@@ -78,10 +78,12 @@ class PhasedProblem:
         made.ratios, made.batch = self.ratios[:, members], len(members)
         return made
 
-    def check_squares(self, solver: str, bounds: bool = False, timed: bool = False) -> None:
+    def check_squares(
+        self, solver: str, bounds: bool = False, timed: bool = False, arrays: bool = False
+    ) -> None:
         """As that of a CompiledProblem."""
         for part in self.parts:
-            part.check_squares(solver, bounds, timed)
+            part.check_squares(solver, bounds, timed, arrays)
 
     def prepare(self) -> None:
         """Generate and compile what is not there yet: set-up, not solving."""

@@ -28,6 +28,7 @@ class Status(Enum):
     INTERRUPTED = "interrupted: this is the best iterate so far"
     NOT_FINITE = "stopped: the dynamics at the start are not finite"
     SIMULATED = "simulated: every implicit step was solved"
+    UNROLLED = "unrolled from a learned transition: its forces need not balance"
     UNSOLVED = "simulated, but some implicit steps were not solved"
 
     @property

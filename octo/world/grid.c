@@ -2,92 +2,131 @@
    own: size_x size_y size_z 1/cell x y z bricks_x bricks_y bricks_z coarse_x coarse_y coarse_z
    coarse_place | table of the bricks' places, 0: no brick | coarse coefficients | bricks. */
 typedef struct {
-  const double *block[2][2][2]; /* where the coefficients of a cell are: one block along an axis, or two */
-  int within[3], stride[2];     /* the first one's place in its block, of 8 along an axis; steps along x and y */
-} octo_world_place;
+  const double *row[4][4], *next[4][4]; /* of x and y: where the four coefficients along z are in one brick and in the next one */
+  int count;                            /* how many of the four are in the first */
+} octo_world_rows;
 
 /* Where a cell's coefficients are in bricks; 0: one of them is missing. */
-static int octo_world_in_bricks(const double *own, const int *first, octo_world_place *place) {
-  const double *table = own + 14;
-  int brick[3], *within = place->within;
-  for (int axis = 0; axis < 3; axis++) {
-    brick[axis] = first[axis] >> 3;
-    within[axis] = first[axis] & 7;
-  }
-  for (int a = 0; a <= (within[0] + 3) >> 3; a++)
-    for (int b = 0; b <= (within[1] + 3) >> 3; b++)
-      for (int c = 0; c <= (within[2] + 3) >> 3; c++) {
-        const size_t row = (size_t)(brick[0] + a) * (size_t)own[8] + (size_t)(brick[1] + b);
-        const double at = table[row * (size_t)own[9] + (size_t)(brick[2] + c)];
-        if (at == 0.0) return 0;
-        place->block[a][b][c] = own + (size_t)at;
-      }
-  place->stride[0] = 64;
-  place->stride[1] = 8;
+static int octo_world_in_bricks(const double *own, const int *first, octo_world_rows *rows) {
+  const size_t y_bricks = (size_t)own[8], z_bricks = (size_t)own[9];
+  const int x = first[0] & 7, y = first[1] & 7, z = first[2] & 7, beyond = z > 4;
+  const double *entry = own + 14 + (((size_t)first[0] >> 3) * y_bricks + ((size_t)first[1] >> 3)) * z_bricks + ((size_t)first[2] >> 3);
+  const double *low[4], *high[4];
+  for (int a = 0; a <= (x > 4); a++)
+    for (int b = 0; b <= (y > 4); b++) {
+      const double *at = entry + (a * y_bricks + b) * z_bricks;
+      const double one = at[0], other = at[beyond];
+      if (one == 0.0 || other == 0.0) return 0;
+      low[2 * a + b] = own + (size_t)one + z;
+      high[2 * a + b] = own + (size_t)other + z - 8 * beyond;
+    }
+  for (int a = 0; a < 4; a++)
+    for (int b = 0; b < 4; b++) {
+      const int brick = 2 * ((x + a) >> 3) + ((y + b) >> 3), place = 64 * ((x + a) & 7) + 8 * ((y + b) & 7);
+      rows->row[a][b] = low[brick] + place;
+      rows->next[a][b] = high[brick] + place;
+    }
+  rows->count = beyond ? 8 - z : 4;
   return 1;
 }
 
-/* Where they are in the coarse grid, one block. */
-static void octo_world_in_coarse(const double *own, const int *first, octo_world_place *place) {
+/* Where they are in the coarse grid. */
+static void octo_world_in_coarse(const double *own, const int *first, octo_world_rows *rows) {
   const int y = (int)own[11] + 4, z = (int)own[12] + 4;
-  place->block[0][0][0] = own + (size_t)own[13] + ((size_t)first[0] * y + first[1]) * z + first[2];
-  for (int axis = 0; axis < 3; axis++) place->within[axis] = 0;
-  place->stride[0] = y * z;
-  place->stride[1] = z;
+  const double *from = own + (size_t)own[13] + ((size_t)first[0] * y + first[1]) * z + first[2];
+  for (int a = 0; a < 4; a++)
+    for (int b = 0; b < 4; b++) rows->row[a][b] = rows->next[a][b] = from + ((size_t)a * y + b) * z;
+  rows->count = 4;
 }
 
-/* The sum over z of four coefficients times their weights, with its derivatives (4). */
-static void octo_world_along_z(const octo_world_place *place, int x, int y, const double *weights, double *sum) {
-  const double *const *block = place->block[x >> 3][y >> 3];
-  const int row = place->stride[0] * (x & 7) + place->stride[1] * (y & 7), z = place->within[2];
-  double v[4];
-  if (z <= 4) { /* in one block, read at once */
-    for (int c = 0; c < 4; c++) v[c] = block[0][row + z + c];
-  } else {
-    for (int c = 0; c < 4; c++) v[c] = z + c < 8 ? block[0][row + z + c] : block[1][row + z + c - 8];
+/* Four numbers: the first ``count`` of one row, then of the other one. */
+static inline void octo_world_joined(const double *row, const double *next, int count, octo_world_four *four) {
+#ifdef __CUDACC_RTC__
+  for (int c = 0; c < 4; c++) (*four)[c] = c < count ? row[c] : next[c];
+#else
+  const octo_world_four place = {0.0, 1.0, 2.0, 3.0}, none = {0.0};
+  const octo_world_mask own = (place - (double)count) < none;
+  *four = *(const octo_world_four *)row;
+  *four = (octo_world_four)(((octo_world_mask)*four & own) | ((octo_world_mask)*(const octo_world_four *)next & ~own));
+#endif
+}
+
+/* The jet: sums over x, then over y, each of four numbers along z side by side, then over z. ``order`` is a constant. */
+static inline void octo_world_sums(const octo_world_rows *rows, const octo_world_four *weights, int order, double *jet) {
+  octo_world_four sums[10] = {{0.0}};
+  OCTO_WORLD_UNROLLED
+  for (int b = 0; b < 4; b++) {
+    octo_world_four over_x[4] = {{0.0}};
+    OCTO_WORLD_UNROLLED
+    for (int a = 0; a < 4; a++) {
+      octo_world_four four;
+      octo_world_joined(rows->row[a][b], rows->next[a][b], rows->count, &four);
+      OCTO_WORLD_UNROLLED
+      for (int f = 0; f <= order; f++) over_x[f] += four * weights[4 * a + f][0];
+    }
+    OCTO_WORLD_UNROLLED
+    for (int f = 0; f <= order; f++) {
+      OCTO_WORLD_UNROLLED
+      for (int e = 0; e <= order - f; e++) sums[(f + e) * (f + e + 1) / 2 + e] += over_x[f] * weights[4 * b + e][1];
+    }
   }
-  for (int d = 0; d < 4; d++)
-    sum[d] = v[0] * weights[d] + v[1] * weights[4 + d] + v[2] * weights[8 + d] + v[3] * weights[12 + d];
+  OCTO_WORLD_UNROLLED
+  for (int total = 0; total <= order; total++) {
+    OCTO_WORLD_UNROLLED
+    for (int f = total; f >= 0; f--) {
+      OCTO_WORLD_UNROLLED
+      for (int e = total - f; e >= 0; e--) {
+        const octo_world_four *w = weights + (total - f - e), *sum = sums + (f + e) * (f + e + 1) / 2 + e;
+        *jet++ = (*sum)[0] * w[0][2] + (*sum)[1] * w[4][2] + (*sum)[2] * w[8][2] + (*sum)[3] * w[12][2];
+      }
+    }
+  }
 }
 
 static void octo_world_grid(const double *own, const double *point, int order, double *jet) {
-  double image[3][4], weights[3][16], inner[4][4], middle[4], outer[4][4][4] = {{{0.0}}};
-  int first[3];
-  octo_world_place place;
+  octo_world_four weights[16];
+  octo_world_rows rows;
+  double image[3][4], u[3], at[3], t[3], inverse = own[3];
+  int first[3], inside = 1;
   for (int axis = 0; axis < 3; axis++) {
-    octo_world_image((point[axis] - own[4 + axis]) * own[3], own[axis], image[axis]);
-    first[axis] = octo_world_weights(image[axis], own[axis], own[3], weights[axis]);
+    at[axis] = u[axis] = (point[axis] - own[4 + axis]) * inverse;
+    inside &= u[axis] >= 0.0 && u[axis] <= own[axis] - 1.0;
   }
-  if (!octo_world_in_bricks(own, first, &place)) {
+  for (int axis = 0; axis < 3 && !inside; axis++) {
+    octo_world_image(u[axis], own[axis], image[axis]);
+    at[axis] = image[axis][0];
+  }
+  for (int axis = 0; axis < 3; axis++) {
+    const int cell = octo_world_cell(at[axis], own[axis]);
+    t[axis] = at[axis] - cell;
+    first[axis] = cell + 1;
+  }
+  if (!octo_world_in_bricks(own, first, &rows)) {
+    inverse *= 0.25;
     for (int axis = 0; axis < 3; axis++) {
-      const double *fine = image[axis]; /* in cells of a quarter */
-      const double coarse[4] = {0.25 * fine[0], fine[1], 4.0 * fine[2], 16.0 * fine[3]};
-      first[axis] = octo_world_weights(coarse, own[10 + axis], 0.25 * own[3], weights[axis]);
+      const double coarse = 0.25 * at[axis];
+      const int cell = octo_world_cell(coarse, own[10 + axis]);
+      t[axis] = coarse - cell;
+      first[axis] = cell + 1;
     }
-    octo_world_in_coarse(own, first, &place);
+    octo_world_in_coarse(own, first, &rows);
   }
-  for (int a = 0; a < 4; a++) {
-    for (int b = 0; b < 4; b++)
-      octo_world_along_z(&place, place.within[0] + a, place.within[1] + b, weights[2], inner[b]);
-    for (int e = 0; e <= order; e++) {
-      const double *w = weights[1] + e;
-      for (int d = 0; d < 4; d++)
-        middle[d] = inner[0][d] * w[0] + inner[1][d] * w[4] + inner[2][d] * w[8] + inner[3][d] * w[12];
-      for (int f = 0; f <= order - e; f++)
-        for (int d = 0; d < 4; d++) outer[f][e][d] += middle[d] * weights[0][4 * a + f];
-    }
+  const octo_world_four place = {t[0], t[1], t[2], 0.0};
+  octo_world_basis(&place, inverse, weights);
+  for (int axis = 0; axis < 3 && !inside; axis++)
+    if (image[axis][1] != 1.0) octo_world_chain(image[axis], own[3], axis, weights);
+  switch (order) {
+    case 0: octo_world_sums(&rows, weights, 0, jet); break;
+    case 1: octo_world_sums(&rows, weights, 1, jet); break;
+    case 2: octo_world_sums(&rows, weights, 2, jet); break;
+    default: octo_world_sums(&rows, weights, 3, jet);
   }
-  int k = 0;
-  for (int total = 0; total <= order; total++)
-    for (int f = total; f >= 0; f--)
-      for (int e = total - f; e >= 0; e--) jet[k++] = outer[f][e][total - f - e];
   /* outside: and how far the point is from its image, summed over the axes */
   const int pure[3][4] = {{0, 1, 4, 10}, {0, 2, 7, 16}, {0, 3, 9, 19}};
-  for (int axis = 0; axis < 3; axis++) {
-    const double u = (point[axis] - own[4 + axis]) * own[3];
-    if (u >= 0.0 && u <= own[axis] - 1.0) continue;
-    const double side = u < 0.0 ? -1.0 : 1.0;
-    jet[0] += side * (u - image[axis][0]) / own[3];
+  for (int axis = 0; axis < 3 && !inside; axis++) {
+    if (u[axis] >= 0.0 && u[axis] <= own[axis] - 1.0) continue;
+    const double side = u[axis] < 0.0 ? -1.0 : 1.0;
+    jet[0] += side * (u[axis] - image[axis][0]) / own[3];
     if (order > 0) jet[pure[axis][1]] += side * (1.0 - image[axis][1]);
     if (order > 1) jet[pure[axis][2]] -= side * image[axis][2] * own[3];
     if (order > 2) jet[pure[axis][3]] -= side * image[axis][3] * own[3] * own[3];

@@ -18,6 +18,7 @@ WIDTH = 8  # children of a node of the tree, at most: a vector of an AVX-512 pro
 MOST = 2**20  # shapes: the tree has at most 7 levels,
 STACK = 64  # and a walk leaves WIDTH − 1 nodes or shapes behind on each
 FAR = 1e300  # m², of the square of a distance: farther than anything
+PAST = 3  # numbers behind the last ones: four are read at once where fewer may be of use
 NEAR = 32  # shapes in the smooth minimum at one point, at most: the nearest
 
 NAMES = (

@@ -84,6 +84,7 @@ class World:
         for k, shape in enumerate(self.shapes):
             records[k, layout.KIND], records[k, layout.OWN] = KINDS.index(shape.kind), at[4 + k]
             _place(records[k], shape)
+        parts.append(np.zeros(layout.PAST))
         return _kept(np.concatenate([np.ravel(part) for part in parts]))
 
     @cached_property

@@ -154,6 +154,26 @@ def test_members_keep_their_worlds(batch):
     np.testing.assert_array_equal(second.evaluate(unknowns[1:]).fd, whole.fd[1:])
 
 
+@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+def test_what_was_far_is_seen_when_it_comes_back():
+    """Steps in a row, where looks are spared, and each step by itself, where none is known."""
+    robot = CHARACTERS["mammal"]()
+    box = octo.shapes.Box((0.4, 0.4, 0.2), position=(0.2, 0.1, 0.0))
+    dynamics = RobotDynamics(robot, terrain=octo.World([octo.shapes.Ground(), box]))
+    nodes = np.repeat(robot.start_pose[None], 41, axis=0)
+    up = np.abs(np.sin(np.linspace(0.0, 9.0, len(nodes))))
+    nodes[:, 2] += 0.3 * up - 0.005  # slowly, and at once where it comes down
+    nodes[20:24, 2] += 5.0
+    each = np.stack([nodes[k : k + 3] for k in range(len(nodes) - 2)])
+    p = dynamics.bound(dynamics.layout.pack()[None])
+    together = dynamics.evaluate(nodes[None], p, order=1)
+    alone = dynamics.evaluate(each, np.repeat(p, len(each), axis=0), order=1)
+    weight = robot.mass * 9.81
+    assert (np.abs(together[0][0, :, 2]) > weight).sum() > 3  # some touch
+    for one, other in zip(together[:2], alone[:2], strict=True):
+        close(one[0], other[:, 0], 1e-12)
+
+
 def test_an_address_of_another_process_is_not_followed():
     plain, world = GROUNDS["ball"]
     robot = CHARACTERS["chain"]()
