@@ -28,12 +28,13 @@ SECONDS = 25.0  # s, within which the way must be done
 
 @dataclass(frozen=True)
 class Walk:
-    """Over which world, how far (m), and whether the controller knows it."""
+    """Over which world, how far (m), whether the controller knows it, and its iterations a call."""
 
     kind: str
     sizes: dict[str, float]
     way: float
     blind: bool = False
+    iterations: int = 1
 
     def world(self, seed: int) -> World:
         seeded = {"seed": seed} if self.kind == "rubble" else {}
@@ -42,6 +43,7 @@ class Walk:
 
 WALKS = {
     "steps of 10 cm": Walk("stairs", {"rise": 0.1}, 4.5),
+    "steps of 10 cm, two iterations": Walk("stairs", {"rise": 0.1}, 4.5, iterations=2),
     "steps of 5 cm": Walk("stairs", {"rise": 0.05}, 4.5),
     "steps of 5 cm, blind": Walk("stairs", {"rise": 0.05}, 4.5, blind=True),
     "rubble of 5 cm": Walk("rubble", {"height": 0.05}, 4.0),
@@ -63,7 +65,8 @@ def over(walk: Walk, seed: int, name: str = "go2") -> dict[str, Any]:
     x[2] += 0.02
     plant = MujocoPlant(robot, terrain=world, seed=seed)
     plant.reset_chart(x)
-    controller = Controller(problem, guide=VelocityCommand((SPEED, 0.0), feel=walk.blind))
+    guide = VelocityCommand((SPEED, 0.0), feel=walk.blind)
+    controller = Controller(problem, walk.iterations, guide=guide)
 
     def look(t: float, _: Controller) -> None:
         if plant.base_place[0] >= walk.way or plant.time < t - 0.1:  # put back after a fall

@@ -16,7 +16,7 @@ WIDTH = 0.25  # of ℓ, standard deviation of the weights of a mean height: docs
 FINE = 0.25  # of that width, between two samples; as much as the width where the world is wide
 COARSE = 4  # samples, between two places from which the ground beside them is looked for
 STEP = 1.0  # of ℓ, over the ground beside it from which the ground of a place is looked for
-ENDLESS = 20.0  # m, of a slope without an end around what has one
+ENDLESS = 20.0  # m, of a slope without an end around the robot
 MOST = 1_000_000  # samples
 
 
@@ -29,7 +29,8 @@ def smooth_ground(world: World, place: Array, length: float) -> World:
 
     Parameters
     ----------
-    world: all its shapes. Beyond them the ground goes on level.
+    world: all its shapes. Beyond them the ground goes on level, a slope without an end 20 m from
+        the robot.
     place: (3,) m, of the robot's base. length: ℓ, m, its height over the ground.
 
     Raises
@@ -55,12 +56,11 @@ def smooth_ground(world: World, place: Array, length: float) -> World:
 
 def _extent(world: World, place: Array) -> tuple[Array, Array]:
     """The lowest and the highest (2,) m of what a map shows."""
-    found = np.stack([everywhere(world.shapes), np.tile(place[:2], (2, 1))])
-    margin = 0.0
-    for shape in world.shapes:
-        if isinstance(shape, Ground) and not np.isfinite(shape.bounds()[1, 2]):
-            margin = ENDLESS
-    return found.min(axis=(0, 1)) - margin, found.max(axis=(0, 1)) + margin
+    endless = [one for one in world.shapes if isinstance(one, Ground)]
+    level = all(np.isfinite(one.bounds()[1, 2]) for one in endless)
+    around = place[:2] + np.outer([-1.0, 1.0], np.full(2, 0.0 if level else ENDLESS))
+    found = np.stack([everywhere(world.shapes), around])
+    return found.min(axis=(0, 1)), found.max(axis=(0, 1))
 
 
 def _heights(

@@ -45,6 +45,11 @@ def test_what_hangs_over_the_way_is_no_ground_and_stairs_are_climbed():
 def test_planes_stay_and_a_world_that_is_too_wide_is_refused():
     plane = octo.World([shapes.Ground(slope=0.1)])
     assert smooth_ground(plane, BASE, 0.3) is plane
+    hill = octo.World([*plane.shapes, shapes.Box((0.2, 0.2, 0.2))])
+    place = [10.0]  # far from the box
+    np.testing.assert_allclose(
+        heights(smooth_ground(hill, BASE, 0.3), place), heights(hill, place), atol=5e-3
+    )
     wide = octo.World([shapes.Ground(), shapes.Box((190.0, 190.0, 0.1))])
     with pytest.raises(ValueRangeError, match="m wide, a controller has a map of at most"):
         smooth_ground(wide, BASE, 0.3)
