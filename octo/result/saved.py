@@ -168,9 +168,7 @@ def _motion(file: Archive, finite: bool) -> dict[str, Any]:
     }
 
 
-def _between(
-    file: Archive, name: str, steps: int, robot: Character | None, finite: bool
-) -> Array:
+def _between(file: Archive, name: str, steps: int, robot: Character | None, finite: bool) -> Array:
     """(N, m, 3) of contacts between bodies; none of a motion that nobody measured, nor in the file
     of an earlier version."""
     if robot is None or not np.size(file.arrays.get(name, ())):
