@@ -17,7 +17,8 @@ from octo.errors import OctoError, ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
-from octo.push import STAGES, Plan, Task
+from octo.push.plan import STAGES, Plan
+from octo.push.task import Task
 
 MAMMAL = octo.gallery.mammal()
 PLACE = (0.9, 0.8)

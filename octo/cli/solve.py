@@ -91,7 +91,7 @@ def add_goal_arguments(
         ("--costs", None, costs, terms),
     )
     add_limits_arguments(parser)
-    starts = None if seeds else "3 of each period of a stride, 1 of other problems"
+    starts = None if seeds else "3 of each period of a stride, 5 of a push, 1 of others"
     add_solver_arguments(parser, device, seeds, starts)
 
 

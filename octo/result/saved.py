@@ -28,8 +28,8 @@ DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu"
 DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
 WORLD = "world_"  # how the names of a world's arrays begin
 PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
-SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
-SOLUTION_ARRAYS += TOUCHES
+SINGLE = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth")
+SOLUTION_ARRAYS = (*SINGLE, *VECTORS, *TOUCHES)
 
 
 def write(target: Path, values: Mapping[str, Any]) -> None:

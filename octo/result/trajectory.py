@@ -273,13 +273,12 @@ class Trajectory:
                 turned = last[name][:, stride.contacts] @ stride.rotation.T
                 made[name].append(turned + stride.shift if name == "contact_point" else turned)
         joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
-        joined["x"] = np.concatenate([self.x[:2], joined["x"]])
+        joined |= dict.fromkeys(TOUCHES, NONE) | {"x": np.concatenate([self.x[:2], joined["x"]])}
         for name in ("violation", "pointwise_residual"):
             joined[name] = max(getattr(self, name), stride.asymmetry)
         return replace(
             self,
             **joined,
-            **dict.fromkeys(TOUCHES, NONE),
             ground=_plane_around(self.ground, joined["contact_point"]),
             cycle=stride.times(pieces),
             unknowns=self.unknowns[:0],
