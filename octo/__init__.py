@@ -44,6 +44,7 @@ _NAMES = {  # by the module that defines them
     "octo.model.scene": "Scene",
     "octo.model.solid": "Solid",
     "octo.model.terrain": "Plane Terrain",
+    "octo.model.scene_file": "load_scene",
     "octo.model.world_file": "load_world",
     "octo.motions": "go_to stride turn walk",
     "octo.picture": "filmstrip",
@@ -150,6 +151,7 @@ if TYPE_CHECKING:
     from octo.model.load import load as load
     from octo.model.mirror import mirror_of as mirror_of
     from octo.model.scene import Scene as Scene
+    from octo.model.scene_file import load_scene as load_scene
     from octo.model.solid import Solid as Solid
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain

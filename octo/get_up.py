@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Unpack
+from typing import Any, Unpack, cast, get_args
 
 import numpy as np
 
 from octo.checks import Array, asked, instance, numbers, positive, steps_in, takes, time_step, whole
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
-from octo.dynamics.lying import drawn, settled
-from octo.dynamics.static_pose import static_pose
+from octo.dynamics.lying import Side, drawn, on_its, settled, static_near
+from octo.dynamics.static_pose import balanced_pose
 from octo.errors import ProblemError, StaticPoseError, UsageError, said
 from octo.goals import Goal
 from octo.model.character import Character
@@ -49,6 +49,7 @@ from octo.starts import smooth_noise
 
 LYING = "lying:"  # and a seed, the pose of that name
 LOW = 0.5  # of its height when it stands: where the base of a robot that lies is at most
+LEVEL = 0.01  # rad, that it leans at most when it stands with the joints of its balanced pose
 DRAWS = 100  # poses that are drawn until one lies
 STEEP = 0.87  # sine of the middle angle of a chart beyond which the base has the other one
 STILL = 0.1**2  # (rad/s)², what the squared rate of a base that is to stay still is in parts of
@@ -77,9 +78,9 @@ def get_up(
 
     Parameters
     ----------
-    pose: "lying:SEED", a random pose: any orientation, any joints within their limits, let down on
-        the ground; or (nx,) rad and m, one that is let down from there. The joints are held until
-        the robot lies at rest, which is where it starts.
+    pose: "lying:SEED", a random pose: any orientation, any joints within their limits; "lying:back"
+        or "lying:front", the joints of the balanced pose; or (nx,) rad and m. From there the robot
+        is let down on the ground with its joints held: where it lies at rest is where it starts.
     seconds: of the whole motion.
     dt: s. terrain, law: as those of a :class:`~octo.problem.problem.Problem`.
     constraints: what must hold: those of a Problem, or "hard", the limits of the robot as
@@ -115,16 +116,14 @@ class Rise(Problem):
     def start(self) -> Array:
         """(nx,) x_0: where the robot lies, let down from its pose."""
         assert isinstance(self.dynamics, RobotDynamics) and isinstance(self.pose, np.ndarray)
-        found = settled(self.dynamics, self.p, self.pose)
-        if found is None:
-            raise StaticPoseError(f"{self.dynamics.character.name}: pose {RESTLESS}")
-        return found
+        return static_near(self.dynamics, self.p, self.pose)
 
     @cached_property
     def end(self) -> Array:
-        """(nx,) x_N: the static pose near where the displacement leads."""
+        """(nx,) x_N: where it stands."""
         assert isinstance(self.dynamics, RobotDynamics) and self.displacement is not None
-        return static_pose(self.dynamics, self.p, self.start + self.displacement)
+        assert isinstance(self.pose, np.ndarray)
+        return static_near(self.dynamics, self.p, self.pose + self.displacement, LEVEL)
 
     @cached_property
     def length(self) -> float:
@@ -167,8 +166,8 @@ def get_up_problems(
         ShapeError: pose. ValueRangeError: seconds or dt.
     """
     instance("robot", robot, Character, "a Character: what octo.load gives")
-    seed = seed_of(pose)
-    drop = numbers("pose", pose, (robot.nx,)) if seed is None else None
+    word = word_of(pose)
+    given = numbers("pose", pose, (robot.nx,)) if word is None else np.zeros(robot.nx)
     steps = steps_in(positive("seconds", seconds, "s"), time_step(dt))
     cannot = f"robot {robot.name!r} cannot get up:"
     if robot.base != "floating" or robot.nu == 0:
@@ -177,7 +176,10 @@ def get_up_problems(
         raise ProblemError(f"{cannot} it has no contact with the ground")
     plain = Problem(robot, steps=steps, dt=dt, costs=[Effort()], terrain=terrain, law=law)
     standing = plain.replace(pose="balanced")
-    standing, lying = _random(standing, seed or 0) if drop is None else _laid(standing, drop)
+    if isinstance(word, int):
+        standing, lying = _random(standing, word)
+    else:
+        standing, lying = _laid(standing, given if word is None else on_its(word, robot), word)
     must = _everywhere(held(robot, constraints))
     if not any(isinstance(one, StepLimit) for one in must):
         must = (*must, StepLimit(LEAP))
@@ -185,8 +187,10 @@ def get_up_problems(
     first = robot.base_coordinate
     kept = [first, first + 1, first + 3]  # x, y, and the outer angle
     found = []
+    assert standing.character is not None
+    upright = balanced_pose(standing.character)
     for side in _sides(standing.character, lying):
-        end = standing.start.copy()
+        end = upright.copy()
         end[kept] = side[kept]
         values = {name: getattr(standing, name) for name in ("model", "steps", "dt", "terrain")}
         ends: dict[str, Any] = {"pose": side, "displacement": end - side, "law": law}
@@ -250,8 +254,8 @@ def _after(scout: Solution, member: Solution) -> Solution:
     return replace(member, **both)
 
 
-def seed_of(pose: str | Array) -> int | None:
-    """The seed of "lying:SEED"; None of a pose of numbers.
+def word_of(pose: str | Array) -> int | Side | None:
+    """The seed, or the side, of "lying:…"; None of a pose of numbers.
 
     Raises
     ------
@@ -260,9 +264,12 @@ def seed_of(pose: str | Array) -> int | None:
     if not isinstance(pose, str):
         return None
     word = pose.removeprefix(LYING)
+    if word != pose and word in get_args(Side):
+        return cast(Side, word)
     if word == pose or not (word.isascii() and word.isdigit()) or int(word) > LARGEST_SEED:
         raise UsageError(
-            f"pose is {said(pose)}, must be 'lying:SEED', as 'lying:3', or a configuration (nx,)"
+            f"pose is {said(pose)}, must be 'lying:SEED', as 'lying:3', 'lying:back', "
+            "'lying:front', or a configuration (nx,)"
         )
     return int(word)
 
@@ -284,12 +291,17 @@ def _random(standing: Problem, seed: int) -> tuple[Problem, Array]:
     )
 
 
-def _laid(standing: Problem, pose: Array) -> tuple[Problem, Array]:
-    """The same from a pose (nx,) of the caller's."""
+def _laid(standing: Problem, pose: Array, side: Side | None) -> tuple[Problem, Array]:
+    """The same from a pose (nx,), the caller's or that of a side."""
     with_chart, lying = _in_a_chart(standing, pose)
+    assert standing.character is not None
     if lying is None:
-        assert standing.character is not None
         raise StaticPoseError(f"{standing.character.name}: pose {RESTLESS}")
+    if side is not None and not _low(with_chart, lying):
+        raise StaticPoseError(
+            f"{standing.character.name}: let down on its {side} it does not lie, its base is "
+            f"higher than {LOW:g} of its height when it stands; give a pose (nx,) that lies"
+        )
     return with_chart, lying
 
 

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from octo.checks import STILLS, Array, ending, numbers, whole
+from octo.checks import STILLS, Array, ending, flag, numbers, whole
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
-from octo.model.figure import ARROW, Surface, ball, size, surfaces, tile
+from octo.model.figure import ARROW, Surface, ball, size, tile
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.model.skins import skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -35,6 +36,8 @@ FOOT, LOADED_FOOT = np.array([0.35, 0.37, 0.40]), np.array([0.95, 0.52, 0.12])
 TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
 WIDEST = 13.0  # inches
+TRIANGLES = 2000  # of a mesh of the robot's file, about
+AROUND = 1.15  # of a foot's radius: it shows outside of the foot that the file draws
 # edge of a painted triangle, in parts of the character's size: far to near is not defined for long
 # ones
 LONGEST = 0.12
@@ -105,6 +108,8 @@ def filmstrip(
     path: str | os.PathLike[str] | None = None,
     moments: int = 6,
     between: tuple[float, float] | None = None,
+    *,
+    visuals: bool = True,
 ) -> Figure:
     """The character at ``moments`` times spread evenly over ``between`` (start, end in s; default:
     all), in one picture.
@@ -112,7 +117,8 @@ def filmstrip(
     Feet are orange while they carry load; footprints and the path of the centre of mass are marked.
     Forces between bodies are arrows, one on each body; the weight is as long as 0.8 of the
     character.
-    A character that hardly travels is drawn beside itself, moment by moment.
+    A character that hardly travels is drawn beside itself, moment by moment. ``visuals``: a robot
+    looks as its file says, False: as the shapes that octo computes with.
 
     Raises
     ------
@@ -139,6 +145,7 @@ def filmstrip(
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
     scene = Scene(camera, Ground.of(solution), size(solution.character), solution.world)
+    scene.visuals = flag("visuals", visuals)
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
     if not shift.any():
@@ -170,6 +177,7 @@ class Scene:
         self.prints = np.zeros((0, 3))
         # start and way (k, 3) m of forces
         self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
+        self.visuals = True  # characters look as their files say
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
         """The character at node ``frame``; ``share`` of the way from the first to the last moment
@@ -179,14 +187,18 @@ class Scene:
         x = solution.x[frame + 1]
         rotation, origin = body_poses(character, x)
         color = (1 - share) * FAR + share * NEAR
-        for surface, R, t in zip(surfaces(character), rotation, origin, strict=True):
-            if surface is not None:
-                self._add(surface, R, t + shift, color)
+        drawn = skins(character, self.visuals, TRIANGLES)
+        for own, R, t in zip(drawn, rotation, origin, strict=True):
+            for skin in own:
+                self._add(skin.surface, R, t + shift, color)
         centers, singles = sphere_centers(character, x), singles_of(character)
+        dressed = {look.body for look in character.looks if self.visuals}
         for c, k in enumerate(character.terrain_contacts):
             if k not in singles:  # a vertex of the surface that is drawn
                 continue
-            radius = max(1.12 * character.contacts[k].radius, 0.02 * self.scale)
+            contact = character.contacts[k]
+            over = AROUND if contact.body in dressed else 1.0
+            radius = over * max(1.12 * contact.radius, 0.02 * self.scale)
             if solution.loaded[:, c].any():
                 color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
                 self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, color)

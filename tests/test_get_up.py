@@ -7,8 +7,16 @@ import pytest
 
 import octo
 from octo.cli.main import main
+from octo.continuation.schedule import on_the_way, schedule, stiffened
 from octo.dynamics.static_pose import balanced_pose
-from octo.errors import OctoError, ProblemError, ShapeError, UsageError, ValueRangeError
+from octo.errors import (
+    OctoError,
+    ProblemError,
+    ShapeError,
+    StaticPoseError,
+    UsageError,
+    ValueRangeError,
+)
 from octo.get_up import Rise, first_guesses, get_up_problems
 from octo.goals import Goal
 from octo.model.character import Body, Character, Joint
@@ -64,6 +72,40 @@ def test_random_poses_lie_at_rest(seed: int) -> None:
     assert (x[robot.actuated] < robot.upper[robot.actuated]).all()
     again = get_up_problems(MAMMAL, f"lying:{seed}", dt=DT)[0].start
     np.testing.assert_array_equal(x, again)
+
+
+@pytest.mark.parametrize(("side", "faces"), [("back", 1.0), ("front", -1.0)])
+def test_a_biped_lies_on_its_back_and_on_its_front_and_stands_level_in_every_pass(
+    side: str, faces: float
+) -> None:
+    """Its first axis, which looks ahead, looks up or down. Where soft ground lets it tip over with
+    its joints held, these move a little."""
+    biped = octo.gallery.humanoid()
+    problem = get_up_problems(biped, f"lying:{side}", dt=DT, constraints="hard")[0]
+    robot = problem.character
+    assert robot is not None
+    assert body_poses(robot, problem.start)[0][robot.base_body, 2, 0] * faces > 0.95
+    passes = [each for each in schedule(problem, None) if each is not None]
+    steps = [*on_the_way(passes[0], passes[1]), *passes]
+    upright = body_poses(robot, balanced_pose(robot))[0][robot.base_body, :, 2]
+    for own in stiffened([problem] * len(steps), steps):
+        assert own.end is not None
+        for x in (own.start, own.end):
+            still = np.repeat(x[None, None], 3, axis=1)
+            force = own.dynamics.evaluate(still, own.p[None])[0][0, 0, robot.unactuated]
+            assert np.abs(force).max() < 1e-4 * own.weight
+        assert body_poses(robot, own.end)[0][robot.base_body, :, 2] @ upright > np.cos(0.011)
+        moved = (own.end - balanced_pose(robot))[robot.actuated]
+        assert np.abs(moved).max() < 0.05
+
+
+def test_sides_of_a_level_trunk() -> None:
+    problem = get_up_problems(MAMMAL, "lying:back", dt=DT)[0]
+    assert problem.character is not None
+    up = body_poses(problem.character, problem.start)[0][problem.character.base_body, 2, 2]
+    assert up < -0.95
+    with pytest.raises(StaticPoseError, match="let down on its front it does not lie"):
+        get_up_problems(MAMMAL, "lying:front", dt=DT)
 
 
 def test_another_chart_is_the_same_robot() -> None:

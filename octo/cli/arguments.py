@@ -105,7 +105,10 @@ def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None
 
 ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
 BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
-POSE = "a pose of the robot's file, or nx numbers in .json, .npy or .txt; lying:SEED with --goal up"
+POSE = (
+    "a pose of the robot's file, or nx numbers in .json, .npy or .txt; with --goal up "
+    "lying:SEED, lying:back or lying:front"
+)
 CONTACTS = "few spheres of the collision shapes (default), or all vertices of their meshes"
 TERRAIN = "the ground; FUNCTION(point, p) is a signed distance in CasADi"
 WORLD = (

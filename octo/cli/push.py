@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from octo.checks import one_of
@@ -16,6 +17,7 @@ from octo.goals import Goal
 from octo.model import objects
 from octo.model.character import Character
 from octo.model.scene import Scene
+from octo.model.scene_file import load_scene
 from octo.result.solution import Solution
 
 SHAPES = (
@@ -98,8 +100,11 @@ def check_push(arguments: argparse.Namespace, pushes: bool) -> None:
         if arguments.objects:
             raise UsageError("--object is to be pushed: it goes with --goal push BODY X,Y")
         return
-    if not arguments.objects:
-        raise UsageError("--goal push needs something to push: add --object box")
+    if not (arguments.objects or Path(arguments.robot).suffix == ".xml"):
+        raise UsageError(
+            "--goal push needs something to push: add --object box, or give an MJCF with free "
+            "bodies"
+        )
     given = {
         "--world": arguments.world is not None,
         "--terrain": arguments.terrain != "plane",
@@ -126,11 +131,17 @@ def _coefficient(word: str) -> float | None:
         return None
 
 
+def _of_file(arguments: argparse.Namespace) -> Scene:
+    """Robot and objects of an MJCF."""
+    return load_scene(arguments.robot, arguments.base, arguments.contacts)
+
+
 def pushed(robot: Character, goal: Goal, arguments: argparse.Namespace, began: float) -> Solution:
     """The object of the goal, pushed to its place."""
     from octo.push import push
 
-    scene = Scene(robot, [object_of(word) for word in arguments.objects])
+    things = [object_of(word) for word in arguments.objects]
+    scene = Scene(robot, things) if things else _of_file(arguments)
     friction = _coefficient(arguments.friction)
     given: dict[str, Any] = {} if friction is None else {"mu": friction}
     prepared = time.perf_counter() - began

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from octo.checks import STILLS
@@ -18,7 +19,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wrote = "what octo wrote: a solution or log (.npz), or its folder"
     parser.add_argument("solution", metavar="SOLUTION", help=wrote)
     kinds = "motion.html (default), plots as .png, .pdf, .svg, a table as .csv"
-    add_options(parser, ("--out", None, "motion.html", kinds, "FILE"))
+    shapes = "draw the robot as the shapes that octo computes with, not as its file does"
+    add_options(
+        parser, ("--out", None, "motion.html", kinds, "FILE"), ("--contacts", bool, False, shapes)
+    )
     parser.set_defaults(run=run)
 
 
@@ -31,8 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     folder = OutputFolder(out.parent)
     folder.check((out.name,))
-    solution = motion_of(arguments.solution)
-    for error in folder.write({out.name: lambda path: picture(solution, path)}).values():
+    solution, looks = motion_of(arguments.solution), not arguments.contacts
+    for error in folder.write({out.name: lambda path: picture(solution, path, looks)}).values():
         if isinstance(error, OctoError):
             raise error
         raise OutputError(f"{out} cannot be drawn: {type(error).__name__}: {error}")
@@ -40,12 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def picture(solution: Solution, path: Path) -> None:
+def picture(solution: Solution, path: Path, visuals: bool) -> None:
     from octo.plot import plot
     from octo.viewer import view
 
     writers: dict[str, Callable[[Solution, Path], object]] = {
-        ".html": view,
+        ".html": partial(view, visuals=visuals),
         ".csv": Solution.to_csv,
     }
     writers.get(path.suffix.lower(), plot)(solution, path)

@@ -26,7 +26,9 @@ from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import World, distance, distance_and_normal, normal
 
 TOLERANCE = 1e-6  # of mg and mg·ℓ
+UPRIGHT = 0.2  # rad of tilt up to which a pose is taken at once
 MOST_TILT = np.deg2rad(60.0)  # of the base against the pose that was asked for
+KEPT = 0.1  # of the steps of joints are those of a base that they balance
 NEWTON_ITERATIONS = 60
 SETTLING_STEPS = 150
 
@@ -47,12 +49,11 @@ class Balance:
         self.root, self.lift = self._vertical_slide()
         self.start = self._touching(self._along_the_ground(self.start))
         self.length = self._length()
-        kinds = [robot.joints[j].kind for j in self.free]
-        self.row_scale = np.array(
-            [1.0 / self.weight / (self.length if kind == "hinge" else 1.0) for kind in kinds]
+        # (nx,) rad, m
+        self.step_scale = np.array(
+            [1.0 if joint.kind == "hinge" else self.length for joint in robot.joints]
         )
-        # rad, m
-        self.step_scale = np.array([1.0 if kind == "hinge" else self.length for kind in kinds])
+        self.row_scale = self.step_scale[self.free] / self.weight / self.length
         self.still, self.drift = self._directions()
         self.clearance = self._base_clearance(self.start)
 
@@ -164,7 +165,7 @@ class Balance:
         robot, m = self.dynamics.character, len(self.free)
         zero = np.zeros(m)
         force, stiffness, _, _ = self.linearised(self.start, zero, zero)
-        felt = np.max(np.abs(stiffness * self.row_scale[:, None]), axis=0)
+        felt = np.max(np.abs(stiffness[:, self.free] * self.row_scale[:, None]), axis=0)
         felt += np.abs(force * self.row_scale)
         place = {int(j): k for k, j in enumerate(self.free)}
         body = robot.bodies[self.root]
@@ -188,16 +189,17 @@ class Balance:
         return np.setdiff1d(np.arange(m), list(columns)).astype(np.intp), drift
 
     def linearised(self, x: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-        """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives (free, free) to
-        x, v and a."""
+        """Rows (free,) of FD(x, x - dt v, x - 2 dt v + dt² a) and their derivatives to x (free, nx)
+        and to v and a (free, free)."""
         n, free, dt = self.dynamics.nx, self.free, self.dt
         nodes = np.repeat(x[None, None], 3, axis=1)
         nodes[0, 1, free] -= dt * v
         nodes[0, 0, free] += dt**2 * a - 2.0 * dt * v
         fd, jac, _ = self.dynamics.evaluate(nodes, self.p[None], order=1)
         assert jac is not None
-        newest, now, old = (jac[0, 0][np.ix_(free, free + k * n)] for k in range(3))
-        return fd[0, 0, free], newest + now + old, -dt * (now + 2.0 * old), dt**2 * old
+        newest, now, old = (jac[0, 0][free, k * n : (k + 1) * n] for k in range(3))
+        to_v, to_a = -dt * (now + 2.0 * old), dt**2 * old
+        return fd[0, 0, free], newest + now + old, to_v[:, free], to_a[:, free]
 
     # --- search -----------------------------------------------------------------------------------
 
@@ -225,12 +227,39 @@ class Balance:
             return min(unstable, key=self.tilt)
         raise StaticPoseError(reason)
 
-    def newton(self, x: Array, sliding: bool) -> tuple[Array, float]:
+    def nearest(self, lean: float) -> Array:
+        """The static pose nearest the start: that of the base alone where it is stable and tilted
+        by ``lean`` rad at most, else one for which the joints move, as little as it takes.
+
+        On soft ground a tall robot does not stand with its joints held, and where it begins to, the
+        pose of the base alone changes without bound.
+        """
+        for prepare in (lambda: self.start, self.settled):
+            found, residual = self.newton(prepare(), sliding=False)
+            near = residual <= TOLERANCE and self.tilt(found) <= lean
+            if near and self.stable(found):
+                return found
+        return self.by_joints()
+
+    def by_joints(self) -> Array:
+        """The static pose nearest the start for which the joints move too."""
+        found, residual = self.newton(self.start, sliding=False, joints=True)
+        if reason := self.objection(found, residual):
+            raise StaticPoseError(reason)
+        return found
+
+    def newton(self, x: Array, sliding: bool, joints: bool = False) -> tuple[Array, float]:
         """Levenberg's method on the scaled rows, over pose and steady drift (or, sliding, its
-        acceleration)."""
-        still, drift, k = self.still, self.drift, self.drift.shape[1]
+        acceleration); with ``joints`` over the actuated ones too, within their limits, and the base
+        turns only where these do not help."""
+        robot, drift, k = self.dynamics.character, self.drift, self.drift.shape[1]
+        sought = self.free[self.still]
+        if joints:
+            sought = np.concatenate([sought, robot.actuated])
         x, rate, damping = x.copy(), np.zeros(k), 0.0
-        unit = np.concatenate([self.step_scale[still], np.ones(k)])
+        unit = np.concatenate([self.step_scale[sought], np.ones(k)])
+        if joints:
+            unit[: len(self.still)] *= KEPT
 
         def rows(x: Array, rate: Array) -> tuple[Array, Array]:
             moved = drift @ rate
@@ -238,7 +267,7 @@ class Balance:
             force, stiffness, friction, inertia = self.linearised(
                 x, *((zero, moved) if sliding else (moved, zero))
             )
-            slopes = np.hstack([stiffness[:, still], (inertia if sliding else friction) @ drift])
+            slopes = np.hstack([stiffness[:, sought], (inertia if sliding else friction) @ drift])
             return self.row_scale * force, self.row_scale[:, None] * slopes * unit
 
         force, jac = rows(x, rate)
@@ -247,15 +276,17 @@ class Balance:
             if norm <= 1e-3 * TOLERANCE or damping > 1e6:
                 break
             change = _levenberg(jac, force, damping)
-            largest = float(np.max(np.abs(change[: len(still)]), initial=0.0))
+            largest = float(np.max(np.abs(change[: len(sought)]), initial=0.0))
             change *= min(1.0, 0.2 / max(largest, 1e-300))
             moved = unit * change
             trial = x.copy()
-            trial[self.free[still]] += moved[: len(still)]
-            tried, tried_jac = rows(trial, rate + moved[len(still) :])
+            trial[sought] += moved[: len(sought)]
+            if joints:
+                trial = np.clip(trial, robot.lower, robot.upper)
+            tried, tried_jac = rows(trial, rate + moved[len(sought) :])
             tried_norm = float(np.linalg.norm(tried))
             if tried_norm < norm:
-                x, rate = trial, rate + moved[len(still) :]
+                x, rate = trial, rate + moved[len(sought) :]
                 force, jac, norm = tried, tried_jac, tried_norm
                 damping = 0.0 if damping < 1e-4 else 0.2 * damping
             else:
@@ -280,7 +311,7 @@ class Balance:
                 if duration < 1e-4:
                     break
                 continue
-            change = (moved - x)[self.free][self.still] / self.step_scale[self.still]
+            change = ((moved - x) / self.step_scale)[self.free][self.still]
             x, duration = moved, min(1.5 * duration, 1.0)
             at_rest = duration >= 0.2 and float(np.max(np.abs(change), initial=0.0)) < 1e-4
             tips = self.lift is not None and self.tilt(x) > MOST_TILT
@@ -302,8 +333,9 @@ class Balance:
         """Whether the potential has a minimum at x: with the joints held the robot comes back when
         pushed."""
         zero = np.zeros(len(self.free))
-        stiffness = self.linearised(x, zero, zero)[1] * self.step_scale * self.step_scale[:, None]
-        square = stiffness[np.ix_(self.still, self.still)]
+        place = self.free[self.still]
+        scale = self.step_scale[place]
+        square = self.linearised(x, zero, zero)[1][self.still][:, place] * scale * scale[:, None]
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
         return bool(np.all(values >= -1e-9 * self.weight * self.length))
 

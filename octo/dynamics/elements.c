@@ -14,11 +14,11 @@ typedef struct {
   real C[2][2][9], S[9], S1[2][9], S2[9]; /* C of each node, of each point */
 } octo_element_state;
 
-typedef struct { real D[2][3], now[2][3], E[2][3], right[2][2][3], bend[2][2][3], own[2][3]; } octo_reach;
+typedef struct { real D[2][3], now[2][3], E[2][3], right[2][2][3], bend[2][2][3], own[2][3]; } octo_element_reach;
 
 typedef struct {
   octo_element_state element[NELEMENT];
-  octo_reach reach[SOME(NREACH)]; /* of the element at hand, a degree of freedom each */
+  octo_element_reach reach[SOME(NREACH)]; /* of the element at hand, a degree of freedom each */
 } octo_elements;
 
 /* Adds to an entry of J, and to entries (i, j) of H01, and (i, j) and (j, i) of H00 (block 0) or H11 (block 3). */
@@ -71,7 +71,7 @@ static inline void octo_couple_transposed(const real *block, const real *v, real
 }
 
 /* D, D' and E of degree of freedom j, zero of a point that it does not move. */
-static void octo_reach_motion(const octo_input *in, int e, int j, int moves, const real (*V)[6], const octo_element_state *k, octo_reach *q) {
+static void octo_reach_motion(const octo_input *in, int e, int j, int moves, const real (*V)[6], const octo_element_state *k, octo_element_reach *q) {
   const real *next = in->kin[0] + 12 * NB + 6 * j, *now = in->kin[1] + 12 * NB + 6 * j;
   real eta[6];
   if (in->order == 2) octo_turned(in, V[j], j, eta);
@@ -91,7 +91,7 @@ static void octo_reach_motion(const octo_input *in, int e, int j, int moves, con
 }
 
 /* What stands on the right of D_i, E_i and D'_i. */
-static void octo_reach_products(const octo_element_state *k, int order, octo_reach *q) {
+static void octo_reach_products(const octo_element_state *k, int order, octo_element_reach *q) {
   for (int side = 0; side < 2; ++side) {
     const int other = !side;
     for (int node = 0; node < 2; ++node)
@@ -122,7 +122,7 @@ static void octo_write_elements(const octo_input *in, octo_elements *s, const re
     }
     BARRIER;
     GRID(m, count, n, count) {
-      const octo_reach *a = &s->reach[m], *b = &s->reach[n];
+      const octo_element_reach *a = &s->reach[m], *b = &s->reach[n];
       for (int node = 0; node < 2; ++node) octo_element_jacobian(node, dof[m], dof[n], octo_of_both(a->D, b->right[node]), jac);
       if (in->order < 2) continue;
       octo_element_mixed(dof[m], dof[n], octo_of_both(a->D, b->bend[1]) + octo_of_both(a->E, b->right[1]), hess);

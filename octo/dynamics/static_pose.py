@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from octo.checks import numbers
-from octo.dynamics.balance import Balance
+from octo.dynamics.balance import UPRIGHT, Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.rest import at_rest
 from octo.errors import StaticPoseError
@@ -18,7 +19,7 @@ from octo.model.feet import low_contacts
 from octo.model.kinematics import center_of_mass, sphere_centers
 
 MARGIN = 0.05  # of a joint's range
-UPRIGHT = 0.2  # rad of tilt up to which a pose of octo's own choice is taken at once
+NUDGE = 0.05  # rad or m, that joints move where a pose that stands on hard ground tips over on soft
 
 
 def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) -> Array:
@@ -31,8 +32,9 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     pose: (nx,) rad and m, whose actuated joints, place (x, y) and heading are kept. By default the
         character's default pose or zero; where that leans or falls, the joints are moved a little
         so that the centre of mass comes over the feet; after that every limited joint starts at the
-        middle of its range. Objects of a scene are moved to where they rest, if that is within
-        5 cm.
+        middle of its range. Where the base finds no balance with the joints held, as on ground so
+        soft that a tall robot tips over, they are moved by up to 0.05 rad. Objects of a scene are
+        moved to where they rest, if that is within 5 cm.
 
     Raises
     ------
@@ -46,27 +48,45 @@ def _standing(dynamics: RobotDynamics, p: Array, pose: Array | None) -> Array:
     """The pose of the robot, with the objects held."""
     robot = dynamics.character
     if pose is not None:
-        candidates = iter([("the given pose", numbers("pose", pose, (robot.nx,)))])
+        given = numbers("pose", pose, (robot.nx,))
+        choices = iter([("the given pose", [given])])
     else:
-        candidates = _own_choice(robot)
+        choices = _own_choice(robot)
     reasons, leaning = [], []
-    for name, candidate in candidates:
-        start = inside_limits(robot, candidate)
-        if len(np.setdiff1d(robot.unactuated, robot.loose)) == 0:
-            return start
-        balance = Balance(dynamics, p, start)
-        try:
-            found = balance.solve()
-        except StaticPoseError as error:
-            reasons.append(f"{name.split(',')[0]} does not stand ({error})")
-            continue
-        if balance.tilt(found) <= UPRIGHT:
-            return found
-        leaning.append((balance.tilt(found), found))
+    for name, candidates in choices:
+        fallen = []
+        for candidate in candidates:
+            start = inside_limits(robot, candidate)
+            if len(np.setdiff1d(robot.unactuated, robot.loose)) == 0:
+                return start
+            balance = Balance(dynamics, p, start)
+            try:
+                found = balance.solve()
+            except StaticPoseError as error:
+                reasons.append(f"{name} does not stand ({error})")
+                fallen.append(balance)
+                continue
+            if balance.tilt(found) <= UPRIGHT:
+                return found
+            leaning.append((balance.tilt(found), found))
+        for balance in fallen:
+            balanced = _by_joints(balance)
+            if balanced is not None:
+                return balanced
     if leaning:
         return min(leaning, key=lambda pair: pair[0])[1]
     advice = lost_shapes(robot) or "give a pose that stands with --pose NAME|FILE"
     raise StaticPoseError(f"{robot.name}: {'; '.join(dict.fromkeys(reasons))}; {advice}")
+
+
+def _by_joints(balance: Balance) -> Array | None:
+    """The pose (nx,) in which the joints balance a robot that its joints, held, do not; None where
+    they would have to move far."""
+    with contextlib.suppress(StaticPoseError):
+        found, joints = balance.by_joints(), balance.dynamics.character.actuated
+        if np.abs(found - balance.start)[joints].max(initial=0.0) <= NUDGE:
+            return found
+    return None
 
 
 @lru_cache(maxsize=64)
@@ -82,14 +102,13 @@ def balanced_pose(robot: Character) -> Array:
     return pose
 
 
-def _own_choice(robot: Character) -> Iterator[tuple[str, Array]]:
-    """The poses that are tried when none is given."""
+def _own_choice(robot: Character) -> Iterator[tuple[str, list[Array]]]:
+    """The poses that are tried when none is given: as they are, and with the feet moved below."""
     default = robot.start_pose
     middle = _middle(robot, default)
     named = {"the default pose": default, "the middle of the joints' ranges": middle}
     for name, candidate in named.items():
-        yield name, candidate
-        yield f"{name}, feet moved below", over_the_feet(robot, inside_limits(robot, candidate))
+        yield name, [candidate, over_the_feet(robot, inside_limits(robot, candidate))]
 
 
 def inside_limits(robot: Character, pose: Array) -> Array:

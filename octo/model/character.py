@@ -44,6 +44,7 @@ class Character(Tree, Shown):
     touches: index pairs into ``contacts`` and ``solids`` that touch each other by the problem's
         contact law.
     objects: names of the bodies that begin a scene's objects (octo.Scene), which come last.
+    looks: what the robot's file draws its bodies with; a body without any is guessed.
     """
 
     def __post_init__(self) -> None:

@@ -15,10 +15,12 @@ from octo.model.body import Body, Joint, floating_base, joined
 from octo.model.character import Character
 from octo.model.chart import Chart, chart_angles, least_singular_chart
 from octo.model.contacts import Contacts, contact_spheres, self_collision_pairs
+from octo.model.looks import carried
 from octo.model.mass_matrix import check_mass_matrix
 from octo.model.quantities import LARGEST, Array
 from octo.model.quaternions import rotation_of
 from octo.model.robot_file import Carrier, Limit, RobotFile, import_mujoco, name_of, named
+from octo.model.solids import solids_of
 
 WORDS = {"pos": "position", "quat": "rotation", "ipos": "centre of mass"}
 # of the hinges of a ball joint; the body's own axes unless its motors pull about others
@@ -39,10 +41,10 @@ class Tree:
 
 
 def character_of(
-    source: RobotFile, dropped: Iterable[str] = (), contacts: Contacts = "few"
+    source: RobotFile, dropped: Iterable[str] = (), contacts: Contacts = "few", solid: bool = False
 ) -> Character:
     """The character of a compiled model: links welded together become one body, masses are kept
-    exactly."""
+    exactly. ``solid``: others may touch its bodies."""
     model, notes = source.model, list(dropped)
     _check_numbers(source)
     tree = Tree()
@@ -73,7 +75,14 @@ def character_of(
             name_of(model, "key", k): configuration(tree, source, model.key_qpos[k])
             for k in range(model.nkey)
         }
-        character = replace(plain, contacts=spheres, dropped=tuple(notes), poses=poses)
+        character = replace(
+            plain,
+            contacts=spheres,
+            dropped=tuple(notes),
+            poses=poses,
+            looks=carried(source.looks, tree.carriers),
+            solids=solids_of(source, tree.carriers, notes) if solid else (),
+        )
     return replace(character, pairs=self_collision_pairs(character))
 
 

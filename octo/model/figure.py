@@ -1,9 +1,9 @@
 """What a character looks like: one closed surface per body, guessed from its contact spheres, its
 inertia and its joints.
 
-A Character has no visual meshes. A body with two or more spheres is their convex hull; another one
-is the capsule or the rounded box of its mass and inertia (for a capsule of the gallery that is the
-capsule itself); rods join them to their joints.
+It is what is drawn of a robot whose file draws nothing. A body with two or more spheres is their
+convex hull; another one is the capsule or the rounded box of its mass and inertia (for a capsule of
+the gallery that is the capsule itself); rods join them to their joints.
 """
 
 from __future__ import annotations

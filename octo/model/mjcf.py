@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
-from octo.model import xml_file
+from octo.model import looks, xml_file
 from octo.model.actuators import drives_joint
 from octo.model.character import Character
 from octo.model.compiled import character_of
@@ -35,7 +35,7 @@ def load_mjcf(
     elif base == "floating" and free is None:
         free = _body_to_free(path.name, model, others)
     name = path.stem if spec.modelname in ("", UNNAMED) else spec.modelname
-    source = RobotFile(model, name, path.name, free, left_out=others)
+    source = RobotFile(model, name, path.name, free, left_out=others, looks=looks.of_mjcf(model))
     notes += left_out_features(model, others)
     return character_of(source, notes, contacts)
 
@@ -81,7 +81,6 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
     stands on the world itself such trees are kept, but count as the robot's mass only where they
     are driven. Nodes of deformable bodies and further floating trees are always left out.
     """
-    mujoco = import_mujoco()
     trees: dict[int, list[int]] = {}
     for b in range(1, model.nbody):
         trees.setdefault(int(model.body_rootid[b]), []).append(b)
@@ -89,10 +88,6 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
     driven = _driven(model)
     dofs = model.body_dofnum
     robot = max(trees, key=lambda root: (driven[trees[root]].sum(), dofs[trees[root]].sum(), -root))
-
-    def floats(root: int) -> bool:
-        first, free = model.body_jntadr[root], mujoco.mjtJoint.mjJNT_FREE
-        return bool(model.body_jntnum[root]) and model.jnt_type[first] == free
 
     others, standing, robot_bodies = set(soft), [], trees[robot]
     moves = {root: bool(model.body_dofnum[members].any()) for root, members in trees.items()}
@@ -102,14 +97,14 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
         which = f"{name_of(model, 'body', root)} ({mass:.3g} kg)"
         if root == robot or not moves[robot]:
             continue
-        if floats(root):
-            notes.append(f"free body {which}: octo models one floating tree")
+        if floats(model, root):
+            notes.append(f"free body {which}: octo.load_scene makes it an object")
         elif still and mass > 0.0:
             notes.append(f"body {which} is fixed to the world: it is world, not robot")
-        elif not still and floats(robot):
+        elif not still and floats(model, robot):
             notes.append(
-                f"body {which} hangs on the world by joints of its own: octo models the floating "
-                "tree alone"
+                f"body {which} hangs on the world by joints of its own: octo.load_scene makes it "
+                "an object"
             )
         elif not still and driven[robot_bodies].any() and not driven[members].any():
             notes.append(
@@ -118,14 +113,33 @@ def _robot_tree(path: Path, model: Any, notes: list[str]) -> tuple[int | None, f
             )
         elif not still:
             standing.append(which)
-        if still or floats(root) or floats(robot):
+        if still or floats(model, root) or floats(model, robot):
             others.update(members)
     if standing:
         notes.append(
             "several trees stand on the world and all are the robot's, also those of bodies "
             f"{', '.join(standing)}"
         )
-    return robot if floats(robot) else None, frozenset(others)
+    return robot if floats(model, robot) else None, frozenset(others)
+
+
+def floats(model: Any, root: int) -> bool:
+    """Whether the first body of a tree has a free joint."""
+    free = import_mujoco().mjtJoint.mjJNT_FREE
+    return bool(model.body_jntnum[root]) and model.jnt_type[model.body_jntadr[root]] == free
+
+
+def beside_robot(path: Path, model: Any) -> list[int]:
+    """First bodies of the trees that move and are left out of the robot, soft ones excepted."""
+    others = _robot_tree(path, model, [])[1]
+    roots = sorted({int(model.body_rootid[b]) for b in others})
+    found = []
+    for root in roots:
+        members = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+        nodes = all(_is_node(model, b) for b in members if model.body_dofnum[b])
+        if model.body_dofnum[members].any() and not nodes:
+            found.append(root)
+    return found
 
 
 def _driven(model: Any) -> NDArray[np.intp]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import importlib
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from octo.errors import MissingExtraError, ModelError, RobotFileError
+from octo.model.look import Look
 from octo.model.quantities import Array
 from octo.model.quaternions import rotation_of
 
@@ -49,6 +50,7 @@ class RobotFile:
     limits: by joint, where the file itself (a URDF) says them: then every joint is actuated.
         MuJoCo knows no half a range.
     left_out: MuJoCo's indices of bodies that are no part of the robot.
+    looks: by body, what is drawn on it.
     """
 
     model: Any
@@ -58,6 +60,7 @@ class RobotFile:
     inertials: Mapping[str, Inertial] | None = None
     limits: Mapping[str, Limit] | None = None
     left_out: frozenset[int] = frozenset()
+    looks: Mapping[int, Sequence[Look]] = field(default_factory=dict)
 
     def inertial(self, b: int) -> Inertial:
         """Mass properties of MuJoCo's body ``b``."""

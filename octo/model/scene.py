@@ -115,6 +115,7 @@ def _joined(whole: Character, thing: Character) -> Character:
         "solids": tuple(replace(s, body=s.body + bodies) for s in thing.solids),
         "pairs": tuple((a + spheres, b + spheres) for a, b in thing.pairs),
         "touches": tuple((c + spheres, s + solids) for c, s in thing.touches),
+        "looks": tuple(replace(look, body=look.body + bodies) for look in thing.looks),
         "elements": thing.elements,
         "dropped": thing.dropped,
         "objects": tuple(roots),

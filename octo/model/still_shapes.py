@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,25 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from octo.checks import Array
 from octo.errors import OctoError, RobotFileError
 from octo.model import mjcf, urdf, xml_file
 from octo.model.contacts import collidable, geom_kind
-from octo.model.figure import ball, hull_of
+from octo.model.figure import hull_of
+from octo.model.geom_shapes import SIMPLE
 from octo.model.robot_file import import_mujoco, name_of, quiet_compiler
 from octo.world.drawn import everywhere, triangles
-from octo.world.shapes import Box, Capsule, Cylinder, Ground, HeightField, Mesh, Shape, Sphere
+from octo.world.shapes import Ground, HeightField, Mesh, Shape
 from octo.world.world import World
 
-ROUNDING = 0.01  # m, of edges, or a quarter of the smallest half size where that is less
 BURIED, BASE = (
     1e-3,
     0.1,
 )  # m, of a map's edge over a plane, and of a solid map below its lowest sample
 SQUARE = 1e-3  # how far the sides of a cell of a map may differ, relative to the shorter one
-FINE = 3  # an ellipsoid is a ball of 10·4³ + 2 vertices, stretched
 Shapes = tuple[list[Shape], list[str]]
-Make = Callable[[Array, dict[str, Any]], Shape]  # of MuJoCo's size (3,), and of name and pose
 
 
 def of_mjcf(path: Path) -> Shapes:
@@ -98,30 +94,6 @@ def _shape(model: Any, g: int, own: dict[str, Any], lost: Counter[str]) -> list[
         return [_mesh(model, number, own, lost)]
     lost[f"geoms of kind {kind}, which octo has no shape for"] += 1
     return []
-
-
-def _box(size: Array, own: dict[str, Any]) -> Shape:
-    return Box(2.0 * size, rounding=min(ROUNDING, 0.25 * float(size.min())), **own)
-
-
-def _cylinder(size: Array, own: dict[str, Any]) -> Shape:
-    radius, half = float(size[0]), float(size[1])
-    return Cylinder(radius, 2.0 * half, rounding=min(ROUNDING, 0.25 * min(radius, half)), **own)
-
-
-def _ellipsoid(size: Array, own: dict[str, Any]) -> Shape:
-    sphere = ball(np.zeros(3), 1.0, FINE)
-    return Mesh(sphere.vertices * size, sphere.faces, **own)
-
-
-SIMPLE: dict[str, Make] = {  # by the kind of a geom
-    "plane": lambda size, own: Ground(**own),
-    "sphere": lambda size, own: Sphere(float(size[0]), **own),
-    "capsule": lambda size, own: Capsule(float(size[0]), 2.0 * float(size[1]), **own),
-    "cylinder": _cylinder,
-    "box": _box,
-    "ellipsoid": _ellipsoid,
-}
 
 
 def _heights(model: Any, h: int, own: dict[str, Any]) -> HeightField:

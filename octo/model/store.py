@@ -15,11 +15,12 @@ from octo.errors import RobotFileError, UnknownNameError, ValueRangeError, said
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.character import Character
 from octo.model.element import DryFriction, Element, SpringDamper
+from octo.model.look import Look
 from octo.model.solid import Solid
 from octo.world.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "inertia": (3, 3)}
-SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com"), (3,))
+SHAPES |= dict.fromkeys(("axis", "anchor", "position", "com", "size"), (3,))
 # elements that a file can give back: those of octo
 KINDS_OF_ELEMENTS: dict[str, type[Element]] = {
     kind.__name__: kind for kind in (SpringDamper, DryFriction)
@@ -70,6 +71,13 @@ def _solid(plain: dict[str, Any]) -> Solid:
     return Solid(
         str(plain.get("name")), whole("body of a solid", plain.get("body"), 0), kind(**values)
     )
+
+
+def _look(plain: dict[str, Any]) -> Look:
+    color = plain.get("color")
+    given = None if color is None else numbers("color", color, (4,))
+    look: Look = _make(Look, plain, color=given)
+    return look
 
 
 def _elements(plain: dict[str, Any]) -> tuple[tuple[Element, ...], list[str]]:
@@ -152,6 +160,7 @@ def from_plain(plain: dict[str, Any]) -> Character:
         solids=solids,
         touches=touches,
         objects=tuple(str(name) for name in plain.get("objects", ())),
+        looks=tuple(map(_look, _list("looks", plain) if "looks" in plain else ())),
     )
 
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from octo.checks import one_of
 from octo.model.body import Body, ContactSphere, Joint
 from octo.model.element import Element
+from octo.model.look import Look
 from octo.model.quantities import Array
 from octo.model.solid import Solid
 
@@ -47,6 +48,7 @@ class Tree:
     solids: tuple[Solid, ...] = ()
     touches: tuple[tuple[int, int], ...] = ()
     objects: tuple[str, ...] = ()
+    looks: tuple[Look, ...] = ()
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -15,11 +15,12 @@ import numpy as np
 
 from octo.errors import RobotFileError, UnsupportedFeatureError
 from octo.files import is_file
+from octo.model import looks, xml_file
 from octo.model import urdf_elements as elements
-from octo.model import xml_file
 from octo.model.character import Character
 from octo.model.compiled import character_of
 from octo.model.contacts import Contacts
+from octo.model.look import Look
 from octo.model.robot_file import (
     Inertial,
     Limit,
@@ -55,6 +56,7 @@ class Prepared:
     # (mesh as written, reason) -> links
     unusable: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
+    looks: dict[str, list[Look]] = field(default_factory=dict)  # by link
 
 
 def load_urdf(
@@ -66,7 +68,8 @@ def load_urdf(
         model = compile_prepared(prepared)
     free = None if base == "fixed" else model.body(prepared.root).id
     own = (prepared.inertials, prepared.limits)
-    source = RobotFile(model, prepared.name, path.name, free, *own)
+    drawn = {model.body(link).id: found for link, found in prepared.looks.items()}
+    source = RobotFile(model, prepared.name, path.name, free, *own, looks=drawn)
     meshes = [
         f"collision mesh {mesh} of links {', '.join(links)}: {reason}"
         for (mesh, reason), links in prepared.unusable.items()
@@ -96,6 +99,7 @@ def prepare(path: Path, world: bool = False) -> Prepared:
         elements.check_mass(file, tree, prepared.inertials)
     prepared.limits = elements.take_limits(file, tree, prepared.dropped)
     elements.drop_joint_features(file, tree, prepared.dropped)
+    prepared.looks = looks.of_urdf(tree, lambda written: find_mesh(written, path))
     for child in list(tree):
         if child.tag not in ("link", "joint"):
             tree.remove(child)
@@ -261,4 +265,5 @@ def _rename_world(prepared: Prepared) -> None:
         for element in prepared.tree.iter(tag):
             element.set(key, renamed(str(element.get(key))))
     prepared.inertials = {renamed(link): inertial for link, inertial in prepared.inertials.items()}
+    prepared.looks = {renamed(link): found for link, found in prepared.looks.items()}
     prepared.root = renamed(prepared.root)

@@ -71,6 +71,7 @@ def view(
     apart: float | None = None,
     labels: Sequence[str] | None = None,
     loop: bool | None = None,
+    visuals: bool = True,
 ) -> Page:
     """Draw the motion as one self-contained HTML page (about 1 MB) that plays without a network.
 
@@ -91,12 +92,13 @@ def view(
     labels: one for each solution; by default the names of the robots.
     loop: play without a pause at the end, each lap from where the last one ended; by default for a
         cycle (``solution.cycle``).
+    visuals: robots look as their files say; False: as the shapes that octo computes with.
 
     Raises
     ------
-    MissingExtraError: viser, or what it needs, is not installed. ModelError: user-written dynamics
-    have no bodies. ShapeError: no solution, or not a label for each. OutputError: the file cannot
-    be written, or its ending is not that of a page (a film in a video format is not made).
+    MissingExtraError: viser is not installed. ModelError: user-written dynamics have no bodies.
+    ShapeError: no solution, or not a label for each. OutputError: the file cannot be written, or
+    its ending is not that of a page (a film in a video format is not made).
     """
     target = None if path is None else ending("path", path, PAGES)
     viser = _viser()
@@ -108,7 +110,7 @@ def view(
         half = [s.cycle is not None and s.cycle.mirrored for s in solutions]
         solutions = [s.tile(1) if h else s for s, h in zip(solutions, half, strict=True)]
     times = frame_times(solutions)
-    actors = _side_by_side(solutions, times, apart)
+    actors = _side_by_side(solutions, times, apart, flag("visuals", visuals))
     with _server(viser) as server:
         nodes, grounds, scale = build(server, actors, forces)
         scene = str(server.get_scene_serializer().as_html())
@@ -139,13 +141,16 @@ def _motions(given: Any) -> list[Solution]:
     return motions
 
 
-def _side_by_side(solutions: Sequence[Solution], times: Array, apart: float | None) -> list[Actor]:
+def _side_by_side(
+    solutions: Sequence[Solution], times: Array, apart: float | None, visuals: bool
+) -> list[Actor]:
     """One actor each, ``apart`` m from the next; by default 1.5 times the larger one."""
     if apart is None:
         sizes = [size(s.character) for s in solutions if s.character is not None]
         apart = 1.5 * max(sizes, default=0.0)
     apart = number("apart", apart)
-    return [Actor.of(s, times, np.array([0.0, -k * apart, 0.0])) for k, s in enumerate(solutions)]
+    offsets = [np.array([0.0, -k * apart, 0.0]) for k in range(len(solutions))]
+    return [Actor.of(s, times, o, visuals) for s, o in zip(solutions, offsets, strict=True)]
 
 
 def _names(solutions: Sequence[Solution], labels: object) -> list[str]:

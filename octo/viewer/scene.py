@@ -13,10 +13,11 @@ from scipy.ndimage import gaussian_filter1d
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError
 from octo.model.character import Character
-from octo.model.figure import ARROW, ball, size, surfaces
+from octo.model.figure import ARROW, ball, size
 from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
 from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
+from octo.model.skins import Skin, skins
 from octo.result.solution import Solution
 from octo.viewer.ground import Ground, add_ground, is_level
 
@@ -59,9 +60,10 @@ class Actor:
     point: Array
     loaded: NDArray[np.bool_]
     touch: tuple[Array, Array]
+    skins: list[list[Skin]]  # of each body
 
     @staticmethod
-    def of(solution: Solution, times: Array, offset: Array) -> Actor:
+    def of(solution: Solution, times: Array, offset: Array, visuals: bool = True) -> Actor:
         character = solution.character
         if character is None:
             raise ModelError(
@@ -78,7 +80,8 @@ class Actor:
         com, rotation = center_of_mass(character, x) + offset, np.stack(turns, axis=1)
         push = np.where(solution.touched[..., None], solution.touch_force, 0.0)[step]
         touch = (push, solution.touch_point[step] + offset)
-        at = (rotation, origin + offset, com, force, point + offset, loaded, touch)
+        drawn = skins(character, visuals)
+        at = (rotation, origin + offset, com, force, point + offset, loaded, touch, drawn)
         return Actor(solution, character, offset, *at)
 
 
@@ -142,7 +145,7 @@ def build(
             grounds += add_ground(server, name, actor.solution, actor.offset, scale)
     names = [f"/world/{k}_{_plain(actor.solution.name)}" for k, actor in enumerate(actors)]
     nodes = [
-        _add_character(server, name, actor, color_of(k), forces)
+        _add_character(server, name, actor, color_of(k) if len(actors) > 1 else None, forces)
         for k, (name, actor) in enumerate(zip(names, actors, strict=True))
     ]
     return nodes, grounds, scale
@@ -157,9 +160,9 @@ def _extent(actor: Actor) -> float:
     """m, the largest of the bodies at the first frame: without contacts more than ``size``."""
     poses, origins = body_poses(actor.character, actor.solution.x[1:2])
     points = [
-        surface.vertices @ poses[0, b].T + origins[0, b]
-        for b, surface in enumerate(surfaces(actor.character))
-        if surface is not None
+        skin.surface.vertices @ poses[0, b].T + origins[0, b]
+        for b, own in enumerate(actor.skins)
+        for skin in own
     ]
     return float(np.ptp(np.concatenate(points), axis=0).max()) if points else 0.0
 
@@ -202,13 +205,19 @@ def camera_path(
     return np.asarray((straight + swing)[start : start + count])
 
 
-def _add_character(server: Any, name: str, actor: Actor, color: Color, forces: bool) -> Nodes:
+def _add_character(
+    server: Any, name: str, actor: Actor, color: Color | None, forces: bool
+) -> Nodes:
+    """``color``: of all of it, None where it stands alone and has its own."""
     nodes = Nodes()
     scene, character, scale = server.scene, actor.character, size(actor.character)
-    for b, (body, surface) in enumerate(zip(character.bodies, surfaces(character), strict=True)):
-        if surface is not None:
+    for b, (body, own) in enumerate(zip(character.bodies, actor.skins, strict=True)):
+        if own:
             nodes.bodies[b] = f"{name}/{b}_{_plain(body.name)}"
-            scene.add_mesh_simple(nodes.bodies[b], surface.vertices, surface.faces, color=color)
+        for k, skin in enumerate(own):  # the others move with the first
+            part = nodes.bodies[b] if k == 0 else f"{nodes.bodies[b]}/part_{k}"
+            tint = color or (COLORS[0] if skin.color is None else _shown(skin.color))
+            scene.add_mesh_simple(part, skin.surface.vertices, skin.surface.faces, color=tint)
     ever = np.asarray(actor.solution.loaded.any(axis=0))
     singles = singles_of(character)  # of the others the body's surface is drawn
     for c, k in enumerate(character.terrain_contacts):
@@ -237,6 +246,12 @@ def arrows_of(actor: Actor) -> Array:
     arrows = np.stack([point, point + length * force], axis=2)
     arrows[~shown] = [(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)]
     return np.asarray(arrows)
+
+
+def _shown(color: Array) -> Color:
+    """Of numbers from 0 to 1."""
+    red, green, blue = (round(255.0 * float(value)) for value in color)
+    return red, green, blue
 
 
 def _plain(name: str) -> str:

@@ -190,6 +190,19 @@ def test_a_fixed_base_keeps_its_pose_inside_the_limits():
     np.testing.assert_allclose(inside_limits(robot, vector(2.0)), [1.05])
 
 
+def test_joints_balance_a_robot_that_soft_ground_lets_tip_over():
+    """A humanoid whose feet sink by 2.6 cm: with its joints held it would lean without bound."""
+    robot = CHARACTERS["humanoid"]()
+    dynamics, depth = RobotDynamics(robot), 0.0259
+    w_perp = robot.mass * 9.81 / (4.0 * depth**2)
+    p = dynamics.layout.pack(**{"contact.w_perp": w_perp, "contact.onset": depth})
+    for pose in (None, robot.start_pose):
+        x = static_pose(dynamics, p, pose)
+        assert unactuated_force(dynamics, p, x) < 1e-6
+        assert np.abs(x[4:6]).max() < 0.02
+        assert 0.0 < np.abs((x - robot.start_pose)[robot.actuated]).max() < 0.05
+
+
 def test_on_a_slope_the_robot_turns_with_the_ground_and_creeps(gallery):
     """Normal force and moments balance; the force along the slope is what lets it creep."""
     flat, p = gallery("mammal")
