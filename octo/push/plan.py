@@ -13,7 +13,6 @@ from octo.model.character import Character
 from octo.model.element import SpringDamper
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import sphere_centers
-from octo.model.quantities import GRAVITY
 from octo.problem import presets
 from octo.problem.limits import StepLimit
 from octo.problem.problem import Problem
@@ -22,7 +21,7 @@ from octo.result.solution import Solution
 
 GAP = 0.02  # ℓ, between the foremost point of the walk and the object
 LEAP = 0.5  # rad and m, of a step
-ROD = 10.0  # mg/ℓ, stiffness of the rod at first …
+SHORTER = 0.02  # ℓ, by which the load of the object shortens the rod at first …
 DAMPING = 0.6  # √(ℓ/g), … and what its damping is in parts of that
 
 
@@ -124,7 +123,7 @@ class Plan:
             tie = SpringDamper(ends[0], (0.0, 0.0, 0.0), ends[1], (0.0, 0.0, 0.0))
             model = replace(model, elements=(*model.elements, tie))
             name = f"spring{len(model.elements) - 1}"
-            stiff = rod * ROD * task.robot.mass * GRAVITY / task.length
+            stiff = rod * task.load / (SHORTER * task.length)
             given[f"{name}.stiffness"] = stiff
             given[f"{name}.damping"] = stiff * DAMPING * task.length / task.speed
             given[f"{name}.rest_length"] = self._rod

@@ -18,7 +18,7 @@ from octo.motions.steady import go_to
 from octo.motions.transitions import JOINT, SUMS
 from octo.problem.cycle import TIME_STEP
 from octo.push.plan import FRICTION, STAGES, Plan, Stage
-from octo.push.task import Task
+from octo.push.task import SPEED, Task
 from octo.ranking import best_of
 from octo.result.solution import Solution
 from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, evaluated, solve
@@ -28,7 +28,6 @@ from octo.starts import smooth_noise
 
 LOG = logging.getLogger("octo")
 
-SPEED = 0.22  # √(gℓ), of the way: slow walks have short strides, which stay behind the object
 NEAR = 0.05  # ℓ and rad, of where the push begins: no walk leads there
 
 
@@ -66,7 +65,8 @@ def push(
     Returns
     -------
     The best converged of the starts, behind the way to the object; ``starts`` has a record of each.
-    The object ends there: at rest, but for a ball, which rolls through it.
+    The object ends there: at rest, but for a ball, which would roll through it (no start of a ball
+    is known to converge).
 
     Raises
     ------

@@ -21,6 +21,8 @@ from octo.model.quantities import GRAVITY
 from octo.model.scene import Scene
 from octo.problem import scales
 
+SPEED = 0.22  # √(gℓ), of the way: slow walks have short strides, which stay behind the object
+BEGUN = 5.0  # √(ℓ/g), in which it is got going
 TOES = 20  # steps of the joints in which the feet get to where they stand
 
 
@@ -113,13 +115,24 @@ class Task:
         middle, centers = pose[self.first : self.first + 3], sphere_centers(self.scene, pose)
         return max(float((centers[k] - middle) @ back) + one.radius for k, one in spheres)
 
+    @property
+    def mass(self) -> float:
+        """kg, of the object."""
+        return self.scene.bodies[self.scene.body_index(self.body)].mass
+
+    @property
+    def load(self) -> float:
+        """N, what it takes to push the object: its friction; of a ball what gets it going."""
+        if self.rolls:
+            return self.mass * SPEED * GRAVITY / BEGUN
+        return self.mu * self.mass * GRAVITY
+
     @cached_property
     def leaning(self) -> Array:
         """(nx,) the robot's balanced pose, its feet moved back by as much as the centre of pressure
         is moved by the force that the object's friction takes."""
         robot, pose = self.robot, balanced_pose(self.robot).copy()
-        mass = self.scene.bodies[self.scene.body_index(self.body)].mass
-        back = 0.0 if self.rolls else min(self.mu * mass / robot.mass, 0.5) * self.length
+        back = min(self.load / (robot.mass * GRAVITY), 0.5) * self.length
         feet = lowest_contacts(robot, pose)
         heading = body_poses(robot, pose)[0][robot.base_body, :, 0]
         targets = sphere_centers(robot, pose)[feet] - back * heading
